@@ -1,0 +1,52 @@
+"""Checked, frozen arrays: how a value enters a dataclass of this package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jointid.errors import JointIdError
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
+    """Return ``value`` as a read-only float64 array, or say what keeps it from being one.
+
+    Parameters
+    ----------
+    name : str
+        What the value is, with its unit; it opens the error message.
+    value : array_like
+        Numbers; copied, so that the caller's array stays the caller's.
+    ndim : int
+        Expected number of dimensions.
+    order : {"C", "F"}, optional
+        Memory layout of the copy.
+
+    Raises
+    ------
+    JointIdError
+        When the value is not numeric, has another number of dimensions or is not finite.
+    """
+    try:
+        array = np.array(value, dtype=np.float64, order=order)
+    except (TypeError, ValueError) as error:
+        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
+    if array.ndim != ndim:
+        expected = {0: "a number", 1: "a list of numbers", 2: "a table of numbers"}[ndim]
+        raise JointIdError(f"{name}: expected {expected}, got an array of shape {array.shape}.")
+    # A finite sum proves finite terms; only a suspicious sum is worth a look at every element.
+    with np.errstate(over="ignore", invalid="ignore"):
+        suspicious = not np.isfinite(array.sum())
+    if suspicious and not np.isfinite(array).all():
+        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise JointIdError(
+            f"{name}: the value at index {where if ndim > 1 else where[0]} is {array[where]}; "
+            "every value must be finite. Remove or repair these samples."
+        )
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,232 @@
+"""The model: two (or n) elastic joints with coupled inertia, equations (1), (5)-(7) and (16).
+
+Motor side throughout: every inertia, stiffness and damping is seen from the motor shaft.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Complexes, Floats, finite_array
+from jointid.errors import JointIdError
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Rigid-body inertia of n joints, equation (7), motor side.
+
+    Parameters
+    ----------
+    M : array_like, shape (n,)
+        Rotor inertias J_m1 ... J_mn, kg·m².
+    M2 : array_like, shape (n, n)
+        Arm inertia matrix with the coupling inertias J_12 = J_21 off its diagonal, kg·m².
+        A single joint may give a plain number.
+
+    Raises
+    ------
+    JointIdError
+        When a rotor inertia is not positive, or M2 is not symmetric and positive definite.
+    """
+
+    M: Floats
+    """Rotor inertias, shape (n,), kg·m²."""
+    M2: Floats
+    """Arm inertia matrix, shape (n, n), kg·m²."""
+
+    def __init__(self, M: ArrayLike, M2: ArrayLike) -> None:
+        rotor = finite_array("M (rotor inertias, kg·m²)", np.atleast_1d(_numbers("M", M)), ndim=1)
+        arm = finite_array("M2 (arm inertia, kg·m²)", np.atleast_2d(_numbers("M2", M2)), ndim=2)
+        n = rotor.size
+        if n == 0:
+            raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")
+        if arm.shape != (n, n):
+            raise JointIdError(
+                f"M2 has shape {arm.shape}; {n} rotor inertia(s) in M need M2 of shape ({n}, {n})."
+            )
+        _require_positive("M", rotor, "kg·m²")
+        scale = np.sqrt(np.outer(np.abs(np.diag(arm)), np.abs(np.diag(arm))))
+        if np.any(np.abs(arm - arm.T) > 1e-6 * scale):
+            i, j = np.unravel_index(np.argmax(np.abs(arm - arm.T)), arm.shape)
+            raise JointIdError(
+                f"M2 must be symmetric: J_{i + 1}{j + 1} = {arm[i, j]:g} kg·m² but "
+                f"J_{j + 1}{i + 1} = {arm[j, i]:g} kg·m². The coupling inertia is one number."
+            )
+        smallest = float(np.linalg.eigvalsh(arm)[0])
+        if smallest <= 0:
+            raise JointIdError(
+                f"M2 must be positive definite, but its smallest eigenvalue is {smallest:g} kg·m²: "
+                "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
+            )
+        object.__setattr__(self, "M", rotor)
+        object.__setattr__(self, "M2", arm)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.M.size)
+
+
+@dataclass(frozen=True, eq=False)
+class Elasticity:
+    """Stiffness and damping of n joints, equation (7), motor side.
+
+    Parameters
+    ----------
+    K : array_like, shape (n,)
+        Stiffness, N·m/rad, positive.
+    D : array_like, shape (n,)
+        Damping, N·m·s/rad, not negative.
+
+    Raises
+    ------
+    JointIdError
+        When the shapes differ, or a value is out of range.
+    """
+
+    K: Floats
+    """Stiffness, shape (n,), N·m/rad."""
+    D: Floats
+    """Damping, shape (n,), N·m·s/rad."""
+
+    def __init__(self, K: ArrayLike, D: ArrayLike) -> None:
+        stiffness = finite_array("K (stiffness, N·m/rad)", np.atleast_1d(_numbers("K", K)), ndim=1)
+        damping = finite_array("D (damping, N·m·s/rad)", np.atleast_1d(_numbers("D", D)), ndim=1)
+        if stiffness.shape != damping.shape or stiffness.size == 0:
+            raise JointIdError(
+                f"K has {stiffness.size} value(s) and D has {damping.size}: give one of each per joint."
+            )
+        _require_positive("K", stiffness, "N·m/rad")
+        if np.any(damping < 0):
+            j = int(np.argmin(damping))
+            raise JointIdError(
+                f"D{j + 1} = {damping[j]:g} N·m·s/rad: damping must not be negative "
+                "(a negative one would feed energy into the arm)."
+            )
+        object.__setattr__(self, "K", stiffness)
+        object.__setattr__(self, "D", damping)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.K.size)
+
+
+def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
+    """Transfer matrix from motor torque to motor acceleration, equation (16).
+
+    Written with the compliance seen by the motors, S = M2⁻¹ + s²(K + sD)⁻¹, equations (5) and (6)
+    become H = S (I + M S)⁻¹: no division vanishes at ω = 0, where H = (M + M2)⁻¹, nor at a zero of H.
+
+    Parameters
+    ----------
+    omega : array_like, shape (f,)
+        Angular frequencies, rad/s.
+    inertia, elasticity
+        The model, n joints.
+
+    Returns
+    -------
+    ndarray, shape (f, n, n), complex
+        H(iω), 1/(kg·m²).
+    """
+    S = _arm_compliance(omega, inertia, elasticity)
+    return np.asarray(S @ np.linalg.inv(np.eye(inertia.n) + inertia.M[:, None] * S))
+
+
+def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
+    """Arm acceleration over arm torque with every motor held still, (M2 s² + sD + K)⁻¹ s².
+
+    Parameters
+    ----------
+    omega : array_like, shape (f,)
+        Angular frequencies, rad/s.
+
+    Returns
+    -------
+    ndarray, shape (f, n, n), complex
+        Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
+    """
+    s2, spring = _laplace(omega, inertia, elasticity)
+    return np.asarray(
+        s2[:, None, None] * np.linalg.inv(inertia.M2 * s2[:, None, None] + _diagonal(spring))
+    )
+
+
+def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
+    """Undamped natural frequencies of motors and arm together, poles of H.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in Hz, ascending, without the n rigid-body zeros.
+    """
+    return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
+
+
+def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
+    """Undamped natural frequencies of the arm with every motor held still, shape (n,), Hz."""
+    return _natural_frequencies_hz(inertia, elasticity, moving=np.zeros(inertia.n, bool))
+
+
+def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
+    """Undamped zeros of each diagonal element H_jj: what resonates while motor j stands still.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Row j holds the n zeros of H_jj in Hz, ascending.
+    """
+    everyone = np.arange(inertia.n)
+    return np.array(
+        [_natural_frequencies_hz(inertia, elasticity, moving=everyone != j) for j in everyone]
+    )
+
+
+def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
+    """Frequencies of the spring deflections x: ẍ = −(M⁻¹ + M2⁻¹)K x, a held motor counting as M⁻¹ = 0."""
+    _require_same_joints(inertia, elasticity)
+    mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
+    root = np.sqrt(elasticity.K)
+    squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
+    return np.sqrt(squared) / (2 * np.pi)
+
+
+def _arm_compliance(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
+    s2, spring = _laplace(omega, inertia, elasticity)
+    return np.asarray(np.linalg.inv(inertia.M2) + _diagonal(s2[:, None] / spring))
+
+
+def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:
+    """s² (f,) and the spring constants K + sD (f, n) at s = iω."""
+    _require_same_joints(inertia, elasticity)
+    s = 1j * finite_array("omega (rad/s)", np.atleast_1d(_numbers("omega", omega)), ndim=1)
+    return s * s, elasticity.K + s[:, None] * elasticity.D
+
+
+def _diagonal(rows: Complexes) -> Complexes:
+    """Rows (f, n) as diagonal matrices (f, n, n)."""
+    return np.asarray(rows[:, :, None] * np.eye(rows.shape[1]))
+
+
+def _require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
+    if inertia.n != elasticity.n:
+        raise JointIdError(
+            f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
+        )
+
+
+def _require_positive(name: str, values: Floats, unit: str) -> None:
+    if np.any(values <= 0):
+        j = int(np.argmin(values))
+        raise JointIdError(f"{name}{j + 1} = {values[j]:g} {unit}: must be positive.")
+
+
+def _numbers(name: str, value: ArrayLike) -> Floats:
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error

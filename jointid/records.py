@@ -1,0 +1,157 @@
+"""One sine experiment, as it was logged: motor position and torque of n joints against time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, finite_array
+from jointid.errors import JointIdError
+
+
+@dataclass(frozen=True, eq=False)
+class SineRecord:
+    """A log of n joints that move in a sine of one known frequency under closed-loop control.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Excitation frequency, Hz.
+    time_s : array_like, shape (N,)
+        Sample times, strictly increasing, s. Jitter is allowed and measured.
+    theta_rad : array_like, shape (N, n)
+        Motor angles, motor side, rad. A single joint may give shape (N,).
+    tau_Nm : array_like, shape (N, n)
+        Motor torques, motor side, N·m.
+    torque_hold : bool, default False
+        The torque of a sample is held until the next one (zero-order hold), as a digital
+        controller does. False: the samples are the momentary torque.
+    torque_delay_s : float, default 0.0
+        The torque acts this much after its sample, s.
+    start_s : float, optional
+        Where the settled sine begins on the clock of ``time_s``; rows before it are kept but not used.
+    pose : str, optional
+        Name of the pose in which it was measured; M2 depends on the pose, K and D do not.
+    label : str, default ""
+        A name for messages and plots, for instance the file it came from.
+
+    Raises
+    ------
+    JointIdError
+        On shapes that disagree, values that are not finite, times that do not increase, less than
+        one period of data after ``start_s``, or a frequency at or above half the sample rate.
+    """
+
+    frequency_hz: float
+    """Excitation frequency, Hz."""
+    time_s: Floats
+    """Sample times, shape (N,), s."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), each joint contiguous in memory, rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), each joint contiguous in memory, N·m."""
+    torque_hold: bool = False
+    torque_delay_s: float = 0.0
+    start_s: float | None = None
+    pose: str | None = None
+    label: str = ""
+    start: int = field(init=False, repr=False)
+    """Index of the first sample that is used."""
+    interval_s: float = field(init=False)
+    """Mean sample interval of the samples used, s."""
+    jitter_s: float = field(init=False)
+    """Largest distance of a used sample time from its place on the uniform grid, s."""
+
+    def __post_init__(self) -> None:
+        frequency = float(finite_array("frequency_hz", self.frequency_hz, ndim=0))
+        delay = float(finite_array("torque_delay_s", self.torque_delay_s, ndim=0))
+        time = finite_array("time_s", self.time_s, ndim=1)
+        theta = _channels("theta_rad", self.theta_rad, time.size)
+        tau = _channels("tau_Nm", self.tau_Nm, time.size)
+        if theta.shape != tau.shape:
+            raise JointIdError(
+                f"theta_rad has {theta.shape[1]} joint(s) and tau_Nm {tau.shape[1]}: "
+                "give position and torque of the same joints."
+            )
+        if frequency <= 0:
+            raise JointIdError(f"frequency_hz = {frequency:g} Hz: must be positive.")
+        _require_increasing(time)
+        start = self._first_sample(time)
+        used = time[start:]
+        interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
+        if used.size * interval * frequency < 1 - 1e-9:
+            raise JointIdError(
+                f"{used.size} usable samples last {used.size * interval:.4g} s, less than one period "
+                f"of {frequency:g} Hz ({1 / frequency:.4g} s). Record longer, or check frequency_hz "
+                "and the unit of time_s (seconds)."
+            )
+        if frequency * interval >= 0.5:
+            raise JointIdError(
+                f"frequency_hz = {frequency:g} Hz is at or above half the sample rate of "
+                f"{1 / interval:.4g} Hz. Check frequency_hz and the unit of time_s (seconds)."
+            )
+        grid = used[0] + interval * np.arange(used.size)
+        values = dict(
+            frequency_hz=frequency,
+            time_s=time,
+            theta_rad=theta,
+            tau_Nm=tau,
+            torque_hold=bool(self.torque_hold),
+            torque_delay_s=delay,
+            start=start,
+            interval_s=interval,
+            jitter_s=float(np.abs(used - grid).max()),
+        )
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _first_sample(self, time: Floats) -> int:
+        if self.start_s is None:
+            return 0
+        start = int(np.searchsorted(time, float(self.start_s) - 1e-9))
+        if start >= time.size:
+            raise JointIdError(
+                f"start_s = {self.start_s:g} s lies after the last sample at {time[-1]:g} s."
+            )
+        return start
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.theta_rad.shape[1])
+
+    @property
+    def omega(self) -> float:
+        """Excitation frequency, rad/s."""
+        return 2 * np.pi * self.frequency_hz
+
+    @property
+    def periods(self) -> float:
+        """How many periods the used samples span; need not be whole."""
+        return (self.time_s.size - self.start) * self.interval_s * self.frequency_hz
+
+
+def _channels(name: str, value: ArrayLike, samples: int) -> Floats:
+    array = np.asarray(value)
+    array = finite_array(name, array[:, None] if array.ndim == 1 else array, ndim=2, order="F")
+    if array.shape[0] != samples or array.shape[1] == 0:
+        raise JointIdError(
+            f"{name} has shape {array.shape}; expected one row for each of the {samples} samples of "
+            "time_s and one column per joint."
+        )
+    return array
+
+
+def _require_increasing(time: Floats) -> None:
+    if time.size < 2:
+        raise JointIdError(f"time_s has {time.size} sample(s): a record needs at least one period.")
+    steps = np.diff(time)
+    if steps.min() <= 0:
+        row = int(np.argmax(steps <= 0)) + 1
+        fault = "repeats" if steps[row - 1] == 0 else "goes back from"
+        raise JointIdError(
+            f"time_s {fault} {time[row - 1]:.9g} s at row {row} (value {time[row]:.9g} s): times must "
+            "increase. Sort the rows, remove duplicates, and keep one experiment per file."
+        )
