@@ -1,4 +1,4 @@
-"""Stiffness and damping of the elastic joints of industrial robots, and what they are worth in millimetres."""
+"""Stiffness and damping of elastic robot joints, and what knowing them is worth in millimetres."""
 
 from jointid.errors import JointIdError
 from jointid.joints import (

@@ -187,7 +187,7 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
 
 
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
-    """Frequencies of the spring deflections x: ẍ = −(M⁻¹ + M2⁻¹)K x, a held motor counting as M⁻¹ = 0."""
+    """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
     _require_same_joints(inertia, elasticity)
     mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
     root = np.sqrt(elasticity.K)

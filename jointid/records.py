@@ -93,17 +93,17 @@ class SineRecord:
                 f"{1 / interval:.4g} Hz. Check frequency_hz and the unit of time_s (seconds)."
             )
         grid = used[0] + interval * np.arange(used.size)
-        values = dict(
-            frequency_hz=frequency,
-            time_s=time,
-            theta_rad=theta,
-            tau_Nm=tau,
-            torque_hold=bool(self.torque_hold),
-            torque_delay_s=delay,
-            start=start,
-            interval_s=interval,
-            jitter_s=float(np.abs(used - grid).max()),
-        )
+        values = {
+            "frequency_hz": frequency,
+            "time_s": time,
+            "theta_rad": theta,
+            "tau_Nm": tau,
+            "torque_hold": bool(self.torque_hold),
+            "torque_delay_s": delay,
+            "start": start,
+            "interval_s": interval,
+            "jitter_s": float(np.abs(used - grid).max()),
+        }
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
