@@ -1,0 +1,136 @@
+"""From phasors to the transfer matrix of the motors, equations (16)-(18), free of the controllers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.phasors import Phasors
+
+_SINGULAR = 1e-8  # relative to the largest singular value: no two records are more alike by chance
+_NOISE_MARGIN = 3.0  # the smallest independent part of the torques must stand this far above noise
+
+
+@dataclass(frozen=True, eq=False)
+class TransferMatrix:
+    """Acceleration over torque, H(iω) = Y T⁻¹, at f frequencies of n joints."""
+
+    omega: Floats
+    """Frequencies, ascending, shape (f,), rad/s."""
+    H: Complexes
+    """Transfer matrix, shape (f, n, n), 1/(kg·m²)."""
+    covariance: Complexes
+    """Covariance E[δh δhᴴ] of the elements h = (H11, H12, ..., Hnn), shape (f, n², n²)."""
+    condition: Floats
+    """Condition number of the torque matrix T with rows of unit length, shape (f,)."""
+    reciprocity_error: Floats
+    """Largest |H_ij − H_ji| over the largest |H_ij|, shape (f,); noise and unequal inertias make it."""
+    rejected: tuple[str, ...]
+    """Frequencies that were not inverted, each with the reason and the remedy."""
+
+    @property
+    def standard_deviation(self) -> Floats:
+        """Root of the variance of each complex element of H, shape (f, n, n)."""
+        variance = np.abs(np.einsum("fhh->fh", self.covariance))
+        return np.asarray(np.sqrt(variance).reshape(self.H.shape))
+
+
+def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
+    """Solve equation (17) at every frequency; with more than n records by least squares.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        At least n records per frequency, of one pose.
+
+    Returns
+    -------
+    TransferMatrix
+        Frequencies whose torques are not independent are left out and named in ``rejected``.
+
+    Raises
+    ------
+    JointIdError
+        When no frequency can be inverted.
+    """
+    n = phasors.n
+    kept, rejected = [], []
+    for omega, group in _by_frequency(phasors.omega):
+        try:
+            kept.append((omega, *_solve(phasors, omega, group)))
+        except JointIdError as error:
+            rejected.append(str(error))
+    if not kept:
+        raise JointIdError(
+            f"The transfer matrix of {n} joint(s) cannot be found at any frequency. {rejected[0]}"
+        )
+    omegas, matrices, covariances, conditions = zip(*kept, strict=True)
+    H = np.array(matrices)
+    largest = np.abs(H).max(axis=(1, 2))
+    return TransferMatrix(
+        omega=np.array(omegas),
+        H=H,
+        covariance=np.array(covariances),
+        condition=np.array(conditions),
+        reciprocity_error=np.abs(H - H.swapaxes(1, 2)).max(axis=(1, 2)) / largest,
+        rejected=tuple(rejected),
+    )
+
+
+def single_record_response(phasors: Phasors) -> Complexes:
+    """Acceleration over torque of each joint from one record alone, the dotted curve of Figure 3.
+
+    For two joints this is H11 + H12 τ2/τ1: the controller of the other joint, which makes τ2, is in it.
+
+    Returns
+    -------
+    ndarray, shape (r, n), complex
+        1/(kg·m²); NaN where a joint has no torque.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        response = -(phasors.omega[:, None] ** 2) * phasors.q / phasors.tau
+    return np.where(phasors.tau == 0, np.nan, response)
+
+
+def _by_frequency(omega: Floats) -> list[tuple[float, np.ndarray]]:
+    """Records of the same frequency, to nine digits, in ascending order of frequency."""
+    order = np.argsort(omega, kind="stable")
+    gaps = np.flatnonzero(np.diff(omega[order]) > 1e-9 * omega[order][:-1]) + 1
+    return [(float(omega[group[0]]), group) for group in np.split(order, gaps)]
+
+
+def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes, Complexes, float]:
+    n = phasors.n
+    names = ", ".join(phasors.labels[i] for i in group)
+    at = f"At {omega / (2 * np.pi):.4g} Hz"
+    if group.size < n:
+        raise JointIdError(
+            f"{at} there are {group.size} record(s) ({names}), {n} joints need {n}: measure another "
+            "in which the joints move with other relative amplitudes or phases."
+        )
+    T, Y = phasors.tau[group].T, -(omega**2) * phasors.q[group].T  # records as columns
+    scale = np.linalg.norm(T, axis=1)
+    if not np.all(scale > 0):
+        j = int(np.argmin(scale)) + 1
+        raise JointIdError(
+            f"{at} the torque of joint {j} (column tau_m{j}_Nm) is zero in every record ({names}): "
+            "excite that joint in at least one of them."
+        )
+    singular = np.linalg.svd(T / scale[:, None], compute_uv=False)
+    noise = np.sqrt(np.abs(np.einsum("rjj->rj", phasors.covariance[group])[:, n:]).max(axis=0)) / scale
+    if singular[-1] <= max(_SINGULAR * singular[0], _NOISE_MARGIN * noise.max()):
+        raise JointIdError(
+            f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent: the "
+            "records are the same experiment. Measure one in which the joints move with other relative "
+            "amplitudes or phases, for instance one joint reversed."
+        )
+    inverse = np.linalg.pinv(T)
+    H = Y @ inverse
+    # δH = Σ_r (δY_r − H δT_r) w_r: the error of each record's equation, spread by row r of T⁻¹.
+    E = np.hstack([-(omega**2) * np.eye(n), -H])
+    error = np.einsum("ia,rab,jb->rij", E, phasors.covariance[group], E.conj())
+    covariance = np.einsum("rik,rj,rl->ijkl", error, inverse, inverse.conj()).reshape(n * n, n * n)
+    return H, covariance, float(singular[0] / singular[-1])
