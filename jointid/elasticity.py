@@ -89,6 +89,16 @@ class SpringEquations:
 
 
 @dataclass(frozen=True, eq=False)
+class Friction:
+    """Friction at the motors, τ_effective = τ − coulomb · sign(θ̇) − viscous · θ̇."""
+
+    coulomb: Floats
+    """Shape (n,), N·m."""
+    viscous: Floats
+    """Shape (n,), N·m·s/rad."""
+
+
+@dataclass(frozen=True, eq=False)
 class ElasticityFit:
     """Stiffness and damping of n joints as found from r records."""
 
@@ -110,8 +120,10 @@ class ElasticityFit:
     """What ``cost`` is on average when the model is right and the noise as stated: n(r − 1)."""
     equations: SpringEquations
     """The equations that were solved."""
-    friction: None = None
-    delay: None = None
+    friction: Friction | None = None
+    """Friction that was fitted together with K and D, if it was."""
+    delay: float | None = None
+    """Seconds by which the torque was found to lag beyond what the records state, if it was fitted."""
 
     @property
     def n(self) -> int:

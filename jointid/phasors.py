@@ -29,6 +29,8 @@ class Phasors:
     covariance: Complexes
     """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n); a diagonal entry is the variance
     of a complex number, twice that of its real part."""
+    freedom: Floats
+    """Degrees of freedom of each covariance, shape (r,); few periods make few."""
     harmonics: Complexes
     """Phasors of z at ω, 2ω, 3ω ..., shape (r, H, 2n); row 0 repeats q and tau."""
     settling: Floats
@@ -76,6 +78,7 @@ class Phasors:
             q=self.q[index],
             tau=self.tau[index],
             covariance=self.covariance[index],
+            freedom=self.freedom[index],
             harmonics=self.harmonics[index],
             settling=self.settling[index],
             settling_noise=self.settling_noise[index],
@@ -133,6 +136,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int = 1) -> Pha
         q=z[:, 0, :n],
         tau=z[:, 0, n:],
         covariance=covariance,
+        freedom=np.array([float(fit.freedom) for fit in fits]),
         harmonics=z,
         settling=settling,
         settling_noise=noise,

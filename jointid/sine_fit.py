@@ -41,6 +41,8 @@ class SineFit:
     """What each block adds to the error of the fundamental, shape (blocks, 2n); they sum to about 0."""
     covariance: Complexes
     """Covariance E[δy δyᴴ] of the fundamental's phasors, shape (2n, 2n)."""
+    freedom: int
+    """Degrees of freedom of ``covariance``: how many independent complex errors it is the mean of."""
 
     def at(self, time_s: Floats, omega: float) -> Floats:
         """Value of the fitted curve, shape (N, 2n)."""
@@ -170,6 +172,7 @@ def _fit_blocks(record: SineRecord, orders: np.ndarray, harmonics: int) -> SineF
         middle_s=middle_s,
         deviations=deviations,
         covariance=_scatter(deviations) * (samples / (block * blocks)),
+        freedom=blocks - 1,
     )
 
 
@@ -236,6 +239,7 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
     clock = np.exp(-1j * record.omega * middle_s * orders)
     phasors = (solution[count:-2] + 1j * solution[:count]) * clock[:, None]
     deviations = deviations * clock[0]
+    scattered = blocks >= FEWEST_BLOCKS
     white = 4 * power / (samples * max(samples - size, 1))
     return SineFit(
         harmonics=_padded(phasors, harmonics),
@@ -243,7 +247,8 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
         drift=solution[-1] / span,
         middle_s=middle_s,
         deviations=deviations,
-        covariance=_scatter(deviations) if blocks >= FEWEST_BLOCKS else white.astype(complex),
+        covariance=_scatter(deviations) if scattered else white.astype(complex),
+        freedom=blocks - 1 if scattered else max(samples - size, 1),
     )
 
 

@@ -6,9 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+import numpy as np
+
+from jointid.elasticity import METHODS, ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
+from jointid.phasors import Phasors, extract_phasors
 from jointid.records import SineRecord
+from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
+from jointid.verdict import Finding, findings
+
+HARMONICS = 7
+"""Highest harmonic that an analysis fits; those of Coulomb friction fall as 1/h."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,3 +84,63 @@ class Study:
     def inertias(self) -> Sequence[Inertia]:
         """The inertia that each record was measured with, by its pose."""
         return [self.inertia if r.pose is None else self.poses[r.pose] for r in self.records]
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """Everything the method says about a study."""
+
+    study: Study
+    phasors: Phasors
+    """Equations (2)-(4), in the order of the study's records."""
+    transfer_matrices: Mapping[str, TransferMatrix]
+    """Equations (16)-(18) by pose, "" being records without one; a pose that allows none is missing."""
+    transfer_problem: str
+    """Why a pose has no transfer matrix, with the remedy; empty when every pose has one."""
+    fit: ElasticityFit
+    """The chosen estimate of K and D, equations (8)-(15)."""
+    fits: Mapping[str, ElasticityFit]
+    """Every estimator's answer, for comparison."""
+    findings: tuple[Finding, ...]
+    """What to know before the answer is trusted, most important first."""
+
+
+def analyse(study: Study, *, method: str = "weighted") -> Analysis:
+    """Run the whole method on a study: phasors, transfer matrix, elasticity, verdict.
+
+    Parameters
+    ----------
+    study : Study
+    method : str, default "weighted"
+        The estimator whose answer is ``Analysis.fit``; see ``jointid.elasticity.METHODS``.
+
+    Raises
+    ------
+    JointIdError
+        When no estimate is possible.
+    """
+    phasors = extract_phasors(study.records, harmonics=HARMONICS)
+    transfer_matrices, problem = _transfer_matrices(study, phasors)
+    fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in METHODS}
+    if method not in fits:
+        raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(fits)}.')
+    return Analysis(
+        study=study,
+        phasors=phasors,
+        transfer_matrices=MappingProxyType(transfer_matrices),
+        transfer_problem=problem,
+        fit=fits[method],
+        fits=MappingProxyType(fits),
+        findings=findings(phasors, fits[method], transfer_matrices),
+    )
+
+
+def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
+    matrices, problem = {}, ""
+    pose_of = np.array([record.pose or "" for record in study.records])
+    for pose in dict.fromkeys(pose_of.tolist()):
+        try:
+            matrices[pose] = estimate_transfer_matrix(phasors.select(pose_of == pose))
+        except JointIdError as error:  # K and D may well be found without H
+            problem = str(error)
+    return matrices, problem

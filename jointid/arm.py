@@ -1,0 +1,261 @@
+"""The planar arm: two links in a horizontal plane, their gears and rotors.
+
+Arm side throughout, except :meth:`PlanarArm.inertia`: joint angles, rates and torques are those of the
+links. A motor shaft turns ``gear_ratio`` times its joint, so θ_motor = N q, τ_arm = N τ_motor,
+K_arm = N² K and a rotor weighs N² J_m on the arm side.
+
+Meaning of the joint angle ``q``, by drive:
+
+- *parallelogram*: both motors sit on the base, q1 and q2 are the absolute angles of the links.
+- *serial*: motor 2 sits on link 1, q2 is the angle of link 2 relative to link 1.
+
+With φ the absolute link angles, φ = L q holds for both, L = I or [[1, 0], [1, 1]]. In φ the equations
+of motion have one form (Spong, Hutchinson and Vidyasagar, Robot Modeling and Control, chapter 7),
+and virtual work carries them to q: M_q = Lᵀ M_φ L, c_q = Lᵀ c_φ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.joints import Inertia
+
+Drive = Literal["parallelogram", "serial"]
+Elbow = Literal["positive", "negative"]
+
+_LINKS = {"parallelogram": ((1.0, 0.0), (0.0, 1.0)), "serial": ((1.0, 0.0), (1.0, 1.0))}
+_SIGN = {"positive": 1.0, "negative": -1.0}
+_SMALLEST_SINE = 0.01
+"""Below this sine of the elbow angle (0.6°) the arm counts as singular: joint rates exceed 100 times
+what the tool's speed asks for in a well-bent arm."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarArm:
+    """Two links in a horizontal plane, without gravity.
+
+    Parameters
+    ----------
+    length_m : array_like, shape (2,)
+        Link lengths, m; the second one reaches to the tool.
+    mass_kg : array_like, shape (2,)
+        Link masses, kg; the second one includes the tool.
+    centre_m : array_like, shape (2,)
+        Distance of each centre of mass from the link's own joint, along the link, m.
+    inertia_kgm2 : array_like, shape (2,)
+        Inertia of each link about its centre of mass, kg·m².
+    gear_ratio : array_like, shape (2,)
+        Motor turns per joint turn; negative where the motor turns the other way.
+    rotor_inertia_kgm2 : array_like, shape (2,)
+        Rotor inertias J_m on the motor side, kg·m².
+    drive : {"parallelogram", "serial"}
+        Where motor 2 sits, and so what q2 means; see the module's text.
+
+    Raises
+    ------
+    JointIdError
+        When a value is missing, not finite or out of range.
+    """
+
+    length_m: Floats
+    mass_kg: Floats
+    centre_m: Floats
+    inertia_kgm2: Floats
+    gear_ratio: Floats
+    rotor_inertia_kgm2: Floats
+    drive: Drive = "parallelogram"
+
+    def __post_init__(self) -> None:
+        if self.drive not in _LINKS:
+            raise JointIdError(f'drive = "{self.drive}": expected "parallelogram" or "serial".')
+        for name, unit in _UNITS.items():
+            label = f"{name} ({unit})" if unit else name
+            value = finite_array(label, getattr(self, name), ndim=1)
+            if value.shape != (2,):
+                raise JointIdError(f"{label} has {value.size} value(s): give one for each of the two links.")
+            bad = value == 0 if name == "gear_ratio" else value < 0 if name == "centre_m" else value <= 0
+            if bad.any():
+                j = int(np.argmax(bad))
+                rule = {"gear_ratio": "not be zero", "centre_m": "not be negative"}.get(name, "be positive")
+                raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def example(cls, drive: Drive = "parallelogram") -> Self:
+        """Return an arm of the size of a 10 kg to 16 kg industrial robot; its gear ratios differ on purpose.
+
+        The paper prints neither inertias nor geometry: these values are this software's own choice.
+        At the tool point (1.15, 0) m with a positive elbow, where it cuts, the paper's K and D give
+        free resonances at 17 Hz and 27 Hz.
+        """
+        return cls(
+            length_m=np.array([0.705, 0.755]),
+            mass_kg=np.array([45.0, 70.0]),
+            centre_m=np.array([0.30, 0.30]),
+            inertia_kgm2=np.array([2.2, 9.0]),
+            gear_ratio=np.array([100.0, 90.0]),
+            rotor_inertia_kgm2=np.array([0.0025, 0.0010]),
+            drive=drive,
+        )
+
+    @property
+    def moments(self) -> tuple[float, float, float]:
+        """The three inertias of the planar equations, kg·m².
+
+        a = I1 + m1 r1² + m2 l1², b = I2 + m2 r2², c = m2 l1 r2.
+        """
+        (m1, m2), (r1, r2), (i1, i2) = self.mass_kg, self.centre_m, self.inertia_kgm2
+        l1 = self.length_m[0]
+        return (
+            float(i1 + m1 * r1**2 + m2 * l1**2),
+            float(i2 + m2 * r2**2),
+            float(m2 * l1 * r2),
+        )
+
+    @property
+    def links_from_joints(self) -> Floats:
+        """Matrix L of φ = L q, shape (2, 2)."""
+        return np.array(_LINKS[self.drive])
+
+    @property
+    def rotor_inertia_arm_kgm2(self) -> Floats:
+        """Rotor inertias reflected to the arm side, n² J_m, shape (2,), kg·m²."""
+        return self.gear_ratio**2 * self.rotor_inertia_kgm2
+
+    def link_angles(self, joint_angle_rad: ArrayLike) -> Floats:
+        """Absolute link angles φ = L q, shape (..., 2), rad; works for rates too."""
+        return np.asarray(_pairs("joint_angle_rad", joint_angle_rad) @ self.links_from_joints.T)
+
+    def joint_angles(self, link_angle_rad: ArrayLike) -> Floats:
+        """Joint angles q = L⁻¹ φ, shape (..., 2), rad; works for rates too."""
+        inverse = np.linalg.inv(self.links_from_joints)
+        return np.asarray(_pairs("link_angle_rad", link_angle_rad) @ inverse.T)
+
+    def mass_matrix(self, joint_angle_rad: ArrayLike) -> Floats:
+        """Mass matrix M(q) of the links, arm side, shape (..., 2, 2), kg·m².
+
+        Parallelogram: [[a, c cos(q2−q1)], [·, b]]; serial: [[a+b+2c cos q2, b+c cos q2], [·, b]].
+        """
+        a, b, c = self.moments
+        phi = self.link_angles(joint_angle_rad)
+        coupling = c * np.cos(phi[..., 1] - phi[..., 0])
+        links = np.empty((*coupling.shape, 2, 2))
+        links[..., 0, 0], links[..., 1, 1] = a, b
+        links[..., 0, 1] = links[..., 1, 0] = coupling
+        L = self.links_from_joints
+        return np.asarray(L.T @ links @ L)
+
+    def coriolis(self, joint_angle_rad: ArrayLike, joint_rate_rad_s: ArrayLike) -> Floats:
+        """Coriolis and centrifugal torques c(q, q̇), arm side, shape (..., 2), N·m.
+
+        Parallelogram: (−h q̇2², h q̇1²), h = c sin(q2−q1); serial: (−h(2 q̇1 q̇2 + q̇2²), h q̇1²), h = c sin q2.
+        """
+        phi, rate = self.link_angles(joint_angle_rad), self.link_angles(joint_rate_rad_s)
+        h = self.moments[2] * np.sin(phi[..., 1] - phi[..., 0])
+        links = np.stack([-h * rate[..., 1] ** 2, h * rate[..., 0] ** 2], axis=-1)
+        return np.asarray(links @ self.links_from_joints)
+
+    def joint_torque(self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike) -> Floats:
+        """Torque u = M(q) q̈ + c(q, q̇) that the springs must deliver, arm side, shape (..., 2), N·m."""
+        acceleration = _pairs("acceleration (rad/s²)", acceleration)
+        inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
+        return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))
+
+    def joint_acceleration(self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike) -> Floats:
+        """Acceleration q̈ = M(q)⁻¹ (u − c(q, q̇)) under spring torques u, shape (..., 2), rad/s²."""
+        net = _pairs("torque_Nm", torque_Nm) - self.coriolis(angle_rad, rate_rad_s)
+        return np.asarray(np.linalg.solve(self.mass_matrix(angle_rad), net[..., None])[..., 0])
+
+    def inertia(self, joint_angle_rad: ArrayLike) -> Inertia:
+        """Motor-side inertia at one pose: M the rotor inertias, M2 = N⁻¹ M(q) N⁻¹."""
+        q = finite_array("joint_angle_rad", joint_angle_rad, ndim=1)
+        n = self.gear_ratio
+        return Inertia(M=self.rotor_inertia_kgm2, M2=self.mass_matrix(q) / np.outer(n, n))
+
+    def tool(self, joint_angle_rad: ArrayLike) -> Floats:
+        """Forward kinematics: tool position, shape (..., 2), m; the base is the origin."""
+        phi = self.link_angles(joint_angle_rad)
+        return np.stack([np.cos(phi) @ self.length_m, np.sin(phi) @ self.length_m], axis=-1)
+
+    def jacobian(self, joint_angle_rad: ArrayLike) -> Floats:
+        """Derivative of the tool position by the joint angles, shape (..., 2, 2), m/rad."""
+        phi = self.link_angles(joint_angle_rad)
+        links = np.stack([-np.sin(phi) * self.length_m, np.cos(phi) * self.length_m], axis=-2)
+        return np.asarray(links @ self.links_from_joints)
+
+    def inverse(self, tool_m: ArrayLike, elbow: Elbow = "positive") -> Floats:
+        """Inverse kinematics: joint angles that bring the tool to each point.
+
+        Parameters
+        ----------
+        tool_m : array_like, shape (..., 2)
+            Tool positions, m.
+        elbow : {"positive", "negative"}
+            Sign of the angle of link 2 relative to link 1.
+
+        Returns
+        -------
+        ndarray, shape (..., 2)
+            Joint angles q, rad; link 1 between −π and π.
+
+        Raises
+        ------
+        JointIdError
+            When a point is out of reach, or so near the edge of the workspace that the arm is singular.
+        """
+        if elbow not in _SIGN:
+            raise JointIdError(f'elbow = "{elbow}": expected "positive" or "negative".')
+        point = _pairs("tool_m", tool_m)
+        l1, l2 = self.length_m
+        distance = np.hypot(point[..., 0], point[..., 1])
+        cosine = (distance**2 - l1**2 - l2**2) / (2 * l1 * l2)
+        self._require_reach(point, distance, cosine)
+        bend = _SIGN[elbow] * np.arccos(cosine)
+        phi1 = np.arctan2(point[..., 1], point[..., 0]) - np.arctan2(
+            l2 * np.sin(bend), l1 + l2 * np.cos(bend)
+        )
+        phi1 = (phi1 + np.pi) % (2 * np.pi) - np.pi
+        return self.joint_angles(np.stack([phi1, phi1 + bend], axis=-1))
+
+    def _require_reach(self, point: Floats, distance: Floats, cosine: Floats) -> None:
+        edge = np.sqrt(1 - _SMALLEST_SINE**2)
+        worst = np.unravel_index(int(np.argmax(np.abs(cosine))), cosine.shape)
+        if abs(cosine[worst]) <= edge:
+            return
+        l1, l2 = self.length_m
+        inner, outer = (np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * x) for x in (-edge, edge))
+        x, y = point[worst]
+        fault = "is out of reach" if abs(cosine[worst]) > 1 else "makes the arm singular (straight or folded)"
+        raise JointIdError(
+            f"Tool point ({x:.4g}, {y:.4g}) m {fault}: it lies {distance[worst]:.4g} m from the base, and "
+            f"the arm works between {inner:.4g} m and {outer:.4g} m. Move the path or change the links."
+        )
+
+
+_UNITS = {
+    "length_m": "m",
+    "mass_kg": "kg",
+    "centre_m": "m",
+    "inertia_kgm2": "kg·m²",
+    "gear_ratio": "",
+    "rotor_inertia_kgm2": "kg·m²",
+}
+
+
+def _pairs(name: str, value: ArrayLike) -> Floats:
+    """The value as floats with a last axis of two."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
+    if array.ndim == 0 or array.shape[-1] != 2:
+        raise JointIdError(f"{name} has shape {array.shape}: the last axis must hold two values.")
+    if not np.isfinite(array).all():
+        raise JointIdError(f"{name}: every value must be finite.")
+    return array
