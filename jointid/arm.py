@@ -78,17 +78,21 @@ class PlanarArm:
             label = f"{name} ({unit})" if unit else name
             value = finite_array(label, getattr(self, name), ndim=1)
             if value.shape != (2,):
-                raise JointIdError(f"{label} has {value.size} value(s): give one for each of the two links.")
+                raise JointIdError(
+                    f"{label} has {value.size} value(s): give one for each of the two links."
+                )
             bad = value == 0 if name == "gear_ratio" else value < 0 if name == "centre_m" else value <= 0
             if bad.any():
                 j = int(np.argmax(bad))
-                rule = {"gear_ratio": "not be zero", "centre_m": "not be negative"}.get(name, "be positive")
+                rule = {"gear_ratio": "not be zero", "centre_m": "not be negative"}.get(
+                    name, "be positive"
+                )
                 raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
             object.__setattr__(self, name, value)
 
     @classmethod
     def example(cls, drive: Drive = "parallelogram") -> Self:
-        """Return an arm of the size of a 10 kg to 16 kg industrial robot; its gear ratios differ on purpose.
+        """Return an arm of the size of a common industrial robot; its gear ratios differ on purpose.
 
         The paper prints neither inertias nor geometry: these values are this software's own choice.
         At the tool point (1.15, 0) m with a positive elbow, where it cuts, the paper's K and D give
@@ -154,20 +158,25 @@ class PlanarArm:
     def coriolis(self, joint_angle_rad: ArrayLike, joint_rate_rad_s: ArrayLike) -> Floats:
         """Coriolis and centrifugal torques c(q, q̇), arm side, shape (..., 2), N·m.
 
-        Parallelogram: (−h q̇2², h q̇1²), h = c sin(q2−q1); serial: (−h(2 q̇1 q̇2 + q̇2²), h q̇1²), h = c sin q2.
+        Parallelogram: (−h q̇2², h q̇1²) with h = c sin(q2−q1);
+        serial: (−h(2 q̇1 q̇2 + q̇2²), h q̇1²) with h = c sin q2.
         """
         phi, rate = self.link_angles(joint_angle_rad), self.link_angles(joint_rate_rad_s)
         h = self.moments[2] * np.sin(phi[..., 1] - phi[..., 0])
         links = np.stack([-h * rate[..., 1] ** 2, h * rate[..., 0] ** 2], axis=-1)
         return np.asarray(links @ self.links_from_joints)
 
-    def joint_torque(self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike) -> Floats:
+    def joint_torque(
+        self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike
+    ) -> Floats:
         """Torque u = M(q) q̈ + c(q, q̇) that the springs must deliver, arm side, shape (..., 2), N·m."""
         acceleration = _pairs("acceleration (rad/s²)", acceleration)
         inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
         return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))
 
-    def joint_acceleration(self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike) -> Floats:
+    def joint_acceleration(
+        self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike
+    ) -> Floats:
         """Acceleration q̈ = M(q)⁻¹ (u − c(q, q̇)) under spring torques u, shape (..., 2), rad/s²."""
         net = _pairs("torque_Nm", torque_Nm) - self.coriolis(angle_rad, rate_rad_s)
         return np.asarray(np.linalg.solve(self.mass_matrix(angle_rad), net[..., None])[..., 0])
@@ -231,10 +240,14 @@ class PlanarArm:
         l1, l2 = self.length_m
         inner, outer = (np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * x) for x in (-edge, edge))
         x, y = point[worst]
-        fault = "is out of reach" if abs(cosine[worst]) > 1 else "makes the arm singular (straight or folded)"
+        fault = (
+            "is out of reach"
+            if abs(cosine[worst]) > 1
+            else "makes the arm singular (straight or folded)"
+        )
         raise JointIdError(
-            f"Tool point ({x:.4g}, {y:.4g}) m {fault}: it lies {distance[worst]:.4g} m from the base, and "
-            f"the arm works between {inner:.4g} m and {outer:.4g} m. Move the path or change the links."
+            f"Tool point ({x:.4g}, {y:.4g}) m {fault}: it lies {distance[worst]:.4g} m from the base, "
+            f"and the arm works between {inner:.4g} m and {outer:.4g} m. Move the path or change the links."
         )
 
 

@@ -70,10 +70,15 @@ class ArmSimulation:
         viscous_Nms: ArrayLike = (0.0, 0.0),
     ) -> None:
         q = finite_array("joint_angle_rad", joint_angle_rad, ndim=1)
-        theta = q if motor_angle_rad is None else finite_array("motor_angle_rad", motor_angle_rad, ndim=1)
+        theta = (
+            q if motor_angle_rad is None else finite_array("motor_angle_rad", motor_angle_rad, ndim=1)
+        )
         q_rate = finite_array("joint_rate_rad_s", joint_rate_rad_s, ndim=1)
         theta_rate = finite_array("motor_rate_rad_s", motor_rate_rad_s, ndim=1)
-        require_step(arm, elasticity, dt, q)
+        require_step(dt)
+        if elasticity.n != 2:
+            raise JointIdError(f"The elasticity has {elasticity.n} joint(s); the planar arm has 2.")
+        require_resolved(arm, elasticity.K, elasticity.D, dt, q)
         n2 = arm.gear_ratio**2
         self._dt = float(dt)
         self._serial = arm.drive == "serial"
@@ -95,7 +100,7 @@ class ArmSimulation:
 
         self._space = pymunk.Space()
         self._space.iterations = _ITERATIONS
-        self._links = _build_links(self._space, arm, start[:2], before[:2])
+        self._links, self._pivots = _build_links(self._space, arm, start[:2], before[:2])
         self._rotors = _build_rotors(self._space, rotor, coulomb, start[2:], before[2:])
         self.link1, self.link2, self.motor1, self.motor2 = angle.tolist()
         self.motor1_rate, self.motor2_rate = theta_rate.tolist()
@@ -138,6 +143,11 @@ class ArmSimulation:
         self._before = (v1, v2, v3, v4)
 
     @property
+    def angles(self) -> tuple[float, float, float, float]:
+        """Absolute link angles and reflected motor angles at the present instant, rad."""
+        return self.link1, self.link2, self.motor1, self.motor2
+
+    @property
     def link_rates(self) -> tuple[float, float]:
         """Absolute link rates at the present instant, rad/s."""
         return self._link1_rate, self._link2_rate
@@ -145,10 +155,8 @@ class ArmSimulation:
     @property
     def pivot_gaps_m(self) -> tuple[float, float]:
         """How far base and elbow pivot have come apart in pymunk, m; a check on its solver."""
-        base, elbow = self._space.constraints[:2]
         gaps = []
-        for joint in (base, elbow):
-            assert isinstance(joint, pymunk.PivotJoint)
+        for joint in self._pivots:
             apart = joint.a.local_to_world(joint.anchor_a) - joint.b.local_to_world(joint.anchor_b)
             gaps.append(float(abs(apart)))
         return gaps[0], gaps[1]
@@ -158,38 +166,46 @@ _ITERATIONS = 30
 """Chipmunk solves the two pivots in turns; warm-started, this many turns leave rounding only."""
 
 
-def require_step(arm: PlanarArm, elasticity: Elasticity, dt: float, joint_angle_rad: Floats) -> None:
-    """Refuse a step that cannot resolve this arm, and an elasticity that is not one of two joints.
+def require_step(dt: float) -> None:
+    """Refuse a step above 1 ms.
 
-    The explicit scheme is stable up to ω dt = 2 and exact to a percent of a cycle well below that.
+    Raises
+    ------
+    JointIdError
+        Also when the step is not a positive number.
+    """
+    if not (np.isfinite(dt) and 0 < dt <= LONGEST_STEP_S):
+        raise JointIdError(
+            f"dt = {dt:g} s: the step must be positive and at most {LONGEST_STEP_S:g} s (1 ms), or the "
+            "simulation is not worth its name. The default of 0.00025 s follows a cut within 1 µm."
+        )
+
+
+def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angle_rad: Floats) -> None:
+    """Refuse a step that is too long for the springs; K and D (2,), motor side.
+
+    The explicit scheme is stable up to ω dt = 2; a quarter of that keeps it accurate.
 
     Raises
     ------
     JointIdError
         Naming the longest step that will do.
     """
-    if elasticity.n != 2:
-        raise JointIdError(f"The elasticity has {elasticity.n} joint(s); the planar arm has 2.")
-    if not (np.isfinite(dt) and 0 < dt <= LONGEST_STEP_S):
-        raise JointIdError(
-            f"dt = {dt:g} s: the step must lie above 0 and not exceed {LONGEST_STEP_S:g} s (1 ms). "
-            "The default of 0.00025 s follows a cut within 1 µm."
-        )
     inertia = arm.inertia(joint_angle_rad)
     mobility = np.linalg.inv(inertia.M2) + np.diag(1 / inertia.M)
-    fastest = np.sqrt(np.linalg.eigvals(mobility * elasticity.K).real.max())
-    decay = np.linalg.eigvals(mobility * elasticity.D).real.max()
-    longest = 0.5 / max(fastest, decay)
-    if dt > longest:
+    frequency = np.sqrt(np.linalg.eigvals(mobility * K).real.max())
+    decay = np.linalg.eigvals(mobility * D).real.max()
+    fastest = float(max(frequency, decay))
+    if dt * fastest > 0.5:
         raise JointIdError(
-            f"dt = {dt:g} s is too long for this arm: its springs move at up to {max(fastest, decay):.4g} "
-            f"rad/s. Use a step of at most {longest:.2g} s, or check K (N·m/rad) and D (N·m·s/rad)."
+            f"A step of {dt:g} s is too long for this arm, whose springs answer at {fastest:.4g} rad/s. "
+            f"Use a dt of at most {0.5 / fastest:.2g} s, or check K (N·m/rad) and D (N·m·s/rad)."
         )
 
 
 def _build_links(
     space: pymunk.Space, arm: PlanarArm, angle: Floats, rate: Floats
-) -> tuple[pymunk.Body, pymunk.Body]:
+) -> tuple[tuple[pymunk.Body, pymunk.Body], tuple[pymunk.PivotJoint, pymunk.PivotJoint]]:
     """Links on their pivots, each body at its centre of mass and moving with its rate."""
     l1 = float(arm.length_m[0])
     r1, r2 = arm.centre_m.tolist()
@@ -208,13 +224,13 @@ def _build_links(
     # No bias left over: each step closes the gap that the straight step of a turning body opens.
     base.error_bias = elbow.error_bias = 0.0
     space.add(link1, link2, base, elbow)
-    return link1, link2
+    return (link1, link2), (base, elbow)
 
 
 def _build_rotors(
     space: pymunk.Space, inertia: Floats, coulomb: Floats, angle: Floats, rate: Floats
 ) -> tuple[pymunk.Body, pymunk.Body]:
-    """Rotors as free bodies with their reflected inertia; Coulomb friction as a brake of limited torque."""
+    """Rotors as free bodies; Coulomb friction is a brake of limited torque."""
     rotors = []
     for value, friction, a, w in zip(
         inertia.tolist(), coulomb.tolist(), angle.tolist(), rate.tolist(), strict=True
