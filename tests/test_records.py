@@ -1,0 +1,168 @@
+"""A record is checked where it enters: shapes, times, timing, and at least one period below Nyquist."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jointid import JointIdError, SineRecord
+
+TIME = np.arange(1000) / 1000.0
+SINE = np.sin(2 * np.pi * 5.0 * TIME)
+
+
+def record(**changes: Any) -> SineRecord:
+    settings_: dict[str, Any] = {"frequency_hz": 5.0, "time_s": TIME, "theta_rad": SINE, "tau_Nm": SINE}
+    return SineRecord(**{**settings_, **changes})
+
+
+def test_a_single_joint_may_be_a_plain_list() -> None:
+    assert record().theta_rad.shape == (1000, 1)
+    assert record().n == 1
+    assert record(theta_rad=np.c_[SINE, SINE], tau_Nm=np.c_[SINE, SINE]).n == 2
+
+
+def test_interval_periods_and_jitter_are_measured() -> None:
+    assert record().interval_s == pytest.approx(1e-3, rel=1e-12)
+    assert record().periods == pytest.approx(5.0)
+    assert record().omega == pytest.approx(10 * np.pi)
+    assert record().jitter_s < 1e-12
+    bent = TIME.copy()
+    bent[500] += 4e-4
+    assert record(time_s=bent).jitter_s == pytest.approx(4e-4, rel=1e-9)
+
+
+def test_start_counts_from_the_clock_of_the_record() -> None:
+    late = record(time_s=TIME + 100.0, start_s=100.5)
+    assert late.start == 500
+    assert late.periods == pytest.approx(2.5)
+    assert record(start_s=-3.0).start == 0
+
+
+def test_clock_of_the_year_2026_keeps_its_sample_rate() -> None:
+    """Seconds since 1970 leave a quarter of a microsecond of resolution."""
+    unix = record(time_s=TIME + 1.79e9)
+    assert unix.interval_s == pytest.approx(1e-3, rel=1e-6)
+    assert unix.jitter_s < 1e-6
+
+
+def test_signals_are_copied_and_cannot_change() -> None:
+    theta = SINE.copy()
+    made = record(theta_rad=theta)
+    theta[0] = 9.0
+    assert made.theta_rad[0, 0] == 0.0
+    for array in (made.time_s, made.theta_rad, made.tau_Nm):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+BROKEN = SINE.copy()
+BROKEN[17] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"theta_rad": SINE[:-1]}, r"theta_rad has shape \(999, 1\).*1000 samples"),
+        ({"tau_Nm": np.zeros((1000, 0))}, "tau_Nm has shape.*one column per joint"),
+        ({"tau_Nm": np.c_[SINE, SINE]}, "theta_rad has 1 joint.*tau_Nm 2"),
+        ({"theta_rad": BROKEN}, r"theta_rad: the value at index \(17, 0\) is nan.*[Rr]emove"),
+        ({"time_s": TIME[::-1]}, r"time_s goes back from 0.999 s at row 1.*Sort"),
+        ({"time_s": np.minimum(TIME, 0.5)}, r"time_s repeats 0.5 s at row 501.*duplicates"),
+        ({"time_s": 1000 * TIME}, r"half the sample rate of 1 Hz.*unit of time_s"),
+        ({"time_s": TIME / 1000}, r"less than one period of 5 Hz \(0.2 s\).*unit of time_s"),
+        ({"frequency_hz": 500.0}, "at or above half the sample rate"),
+        ({"frequency_hz": 0.9}, "less than one period of 0.9 Hz"),
+        ({"frequency_hz": 0.0}, "frequency_hz = 0 Hz: must be positive"),
+        ({"frequency_hz": -5.0}, "must be positive"),
+        ({"frequency_hz": np.nan}, "frequency_hz.*nan"),
+        ({"torque_delay_s": np.inf}, "torque_delay_s.*inf"),
+        ({"start_s": 2.0}, "start_s = 2 s lies after the last sample at 0.999 s"),
+        ({"start_s": 0.9}, "less than one period"),
+        ({"time_s": [0.0], "theta_rad": [0.0], "tau_Nm": [0.0]}, "1 sample"),
+        ({"time_s": [], "theta_rad": [], "tau_Nm": []}, "0 sample"),
+        ({"start_s": "late"}, "start_s.*late"),
+        ({"start_s": [1.0]}, "start_s"),
+        ({"start_s": np.nan}, "start_s.*nan"),
+        ({"theta_rad": [[1, 2], [3]]}, "theta_rad: expected numbers"),
+        ({"theta_rad": SINE + 1j}, "theta_rad"),
+        ({"torque_hold": "false"}, "torque_hold"),
+        ({"torque_hold": np.array([1, 2])}, "torque_hold"),
+        ({"label": 5}, "label"),
+        ({"pose": ["stretched"]}, "pose"),
+    ],
+)
+def test_wrong_record_says_what_where_and_remedy(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        record(**changes)
+
+
+@pytest.mark.parametrize(("count", "frequency"), [(3, 0.4), (4, 0.3), (5, 0.25)])
+def test_fewer_samples_than_unknowns_are_refused(count: int, frequency: float) -> None:
+    """Sine, cosine, offset and drift are four unknowns; the noise needs a few more samples."""
+    rng = np.random.default_rng(1)
+    with pytest.raises(JointIdError, match="samples"):
+        SineRecord(frequency, np.arange(count), rng.standard_normal(count), rng.standard_normal(count))
+
+
+WILD = st.one_of(
+    st.none(),
+    st.text(max_size=4),
+    st.booleans(),
+    st.integers(-(10**400), 10**400),
+    st.floats(),
+    st.complex_numbers(),
+    st.lists(st.floats(), max_size=12),
+    st.lists(st.lists(st.floats(), max_size=3), max_size=12),
+    st.lists(st.one_of(st.none(), st.text(max_size=2), st.lists(st.integers())), max_size=5),
+    st.sampled_from(
+        [
+            TIME,
+            SINE,
+            SINE + 1j,
+            TIME * 1e308,
+            np.linspace(-1e308, 1e308, 1000),
+            np.zeros((1000, 2, 2)),
+            np.zeros((0, 0)),
+            np.full(1000, "x"),
+            np.array([None] * 1000),
+            np.array([object()] * 1000),
+            np.arange(1000).astype("datetime64[s]"),
+            {},
+            object(),
+        ]
+    ),
+)
+FIELDS = ["frequency_hz", "time_s", "theta_rad", "tau_Nm", "torque_hold", "torque_delay_s", "start_s"]
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.dictionaries(st.sampled_from(FIELDS), WILD, min_size=1, max_size=3))
+def test_wild_input_never_raises_anything_else(changes: dict[str, Any]) -> None:
+    try:
+        made = record(**changes)
+    except JointIdError:
+        return
+    assert made.periods >= 1 - 1e-9
+    assert np.isfinite(made.theta_rad).all()
+    assert np.isfinite([made.frequency_hz, made.interval_s, made.jitter_s, made.torque_delay_s]).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.floats(1e-6, 1e3), min_size=8, max_size=60),
+    st.floats(1e-3, 1e3),
+)
+def test_any_increasing_times_give_a_record_or_a_reason(steps: list[float], frequency: float) -> None:
+    time = np.cumsum(steps)
+    signal = np.sin(time)
+    try:
+        made = SineRecord(frequency, time, signal, signal)
+    except JointIdError as error:
+        assert "Hz" in str(error) or "time" in str(error) or "samples" in str(error)
+        return
+    assert made.frequency_hz * made.interval_s < 0.5
