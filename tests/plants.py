@@ -1,4 +1,4 @@
-"""Robots with known parameters, and the records and phasors they would give, written from equation (1)."""
+"""Robots with known parameters, and the records and phasors that equation (1) gives for them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,10 @@ def orthogonal(count: int, n: int) -> np.ndarray:
 
 
 def campaign(
-    frequencies_hz: Sequence[float] | np.ndarray, n: int, count: int | None = None, amplitude: float = 1.0
+    frequencies_hz: Sequence[float] | np.ndarray,
+    n: int,
+    count: int | None = None,
+    amplitude: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (r,) in Hz and acting torque phasors (r, n), ``count`` records per frequency."""
     frequencies = np.asarray(frequencies_hz, float)

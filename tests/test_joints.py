@@ -204,7 +204,7 @@ def test_wrong_elasticity_says_what_and_where(K: object, D: object, message: str
 
 
 def test_model_of_different_joints_is_refused() -> None:
-    with pytest.raises(JointIdError, match="inertia has 2 joint.*elasticity 1"):
+    with pytest.raises(JointIdError, match=r"inertia has 2 joint.*elasticity 1"):
         motor_response([1.0], SERIAL, Elasticity(K=[1.0], D=[0.0]))
 
 
@@ -217,7 +217,7 @@ WILD = st.one_of(
     st.floats(),
     st.lists(st.floats(), max_size=4),
     st.lists(st.lists(st.floats(), max_size=3), max_size=3),
-    st.lists(st.one_of(st.none(), st.text(max_size=2), st.floats(), st.lists(st.integers())), max_size=4),
+    st.lists(st.one_of(st.none(), st.text(max_size=2), st.lists(st.integers())), max_size=4),
     st.sampled_from(
         [
             np.zeros((2, 2, 2)),

