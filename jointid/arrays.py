@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointid.errors import JointIdError
 
+_LARGEST = 1e100  # its square is still a number; no physical quantity comes near
+
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
@@ -33,20 +35,23 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
         When the value is not numeric, has another number of dimensions or is not finite.
     """
     try:
+        if np.asarray(value).dtype.kind not in "iufO":  # text, dates, truth values, complex numbers
+            raise TypeError
         array = np.array(value, dtype=np.float64, order=order)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise JointIdError(f"{name}: expected real numbers, got {value!r:.80}.") from error
+    if array.ndim == 0:
+        array = array.reshape((1,) * ndim)  # a single joint may give a plain number
     if array.ndim != ndim:
         expected = {0: "a number", 1: "a list of numbers", 2: "a table of numbers"}[ndim]
         raise JointIdError(f"{name}: expected {expected}, got an array of shape {array.shape}.")
-    # A finite sum proves finite terms; only a suspicious sum is worth a look at every element.
-    with np.errstate(over="ignore", invalid="ignore"):
-        suspicious = not np.isfinite(array.sum())
-    if suspicious and not np.isfinite(array).all():
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+    usable = np.abs(array) < _LARGEST  # false for NaN as well
+    if not usable.all():
+        where = tuple(int(i) for i in np.argwhere(~usable)[0])
+        place = f" at index {where if ndim > 1 else where[0]}" if where else ""
         raise JointIdError(
-            f"{name}: the value at index {where if ndim > 1 else where[0]} is {array[where]}; "
-            "every value must be finite. Remove or repair these samples."
+            f"{name}: the value{place} is {array[where]:g}; every value must be finite. "
+            "Remove or repair it."
         )
     array.setflags(write=False)
     return array

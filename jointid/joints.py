@@ -38,8 +38,8 @@ class Inertia:
     """Arm inertia matrix, shape (n, n), kg·m²."""
 
     def __init__(self, M: ArrayLike, M2: ArrayLike) -> None:
-        rotor = finite_array("M (rotor inertias, kg·m²)", np.atleast_1d(_numbers("M", M)), ndim=1)
-        arm = finite_array("M2 (arm inertia, kg·m²)", np.atleast_2d(_numbers("M2", M2)), ndim=2)
+        rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
+        arm = finite_array("M2 (arm inertia, kg·m²)", M2, ndim=2)
         n = rotor.size
         if n == 0:
             raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")
@@ -93,8 +93,8 @@ class Elasticity:
     """Damping, shape (n,), N·m·s/rad."""
 
     def __init__(self, K: ArrayLike, D: ArrayLike) -> None:
-        stiffness = finite_array("K (stiffness, N·m/rad)", np.atleast_1d(_numbers("K", K)), ndim=1)
-        damping = finite_array("D (damping, N·m·s/rad)", np.atleast_1d(_numbers("D", D)), ndim=1)
+        stiffness = finite_array("K (stiffness, N·m/rad)", K, ndim=1)
+        damping = finite_array("D (damping, N·m·s/rad)", D, ndim=1)
         if stiffness.shape != damping.shape or stiffness.size == 0:
             raise JointIdError(
                 f"K has {stiffness.size} value(s) and D has {damping.size}: give one of each per joint."
@@ -203,7 +203,7 @@ def _arm_compliance(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) 
 def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:
     """s² (f,) and the spring constants K + sD (f, n) at s = iω."""
     _require_same_joints(inertia, elasticity)
-    s = 1j * finite_array("omega (rad/s)", np.atleast_1d(_numbers("omega", omega)), ndim=1)
+    s = 1j * finite_array("omega (rad/s)", omega, ndim=1)
     return s * s, elasticity.K + s[:, None] * elasticity.D
 
 
@@ -213,6 +213,8 @@ def _diagonal(rows: Complexes) -> Complexes:
 
 
 def _require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
+    if not isinstance(inertia, Inertia) or not isinstance(elasticity, Elasticity):
+        raise JointIdError("Expected an Inertia and an Elasticity, in this order.")
     if inertia.n != elasticity.n:
         raise JointIdError(
             f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
@@ -223,10 +225,3 @@ def _require_positive(name: str, values: Floats, unit: str) -> None:
     if np.any(values <= 0):
         j = int(np.argmin(values))
         raise JointIdError(f"{name}{j + 1} = {values[j]:g} {unit}: must be positive.")
-
-
-def _numbers(name: str, value: ArrayLike) -> Floats:
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from error

@@ -6,7 +6,7 @@ Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a der
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.records import SineRecord
 from jointid.sine_fit import SineFit, fit_sines
+
+MANY_HARMONICS = 31
+"""Harmonics of Coulomb friction fall as 1/h; so many resolve a stick of a thirtieth of a period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,10 @@ class Phasors:
     freedom: Floats
     """Degrees of freedom of each covariance, shape (r,); few periods make few."""
     harmonics: Complexes
-    """Phasors of z at ω, 2ω, 3ω ..., shape (r, H, 2n); row 0 repeats q and tau."""
+    """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without the leakage
+    of harmonics over a broken period. Zero where the samples cannot tell."""
+    harmonic_covariance: Complexes
+    """Noise covariance of each harmonic, shape (r, H, 2n, 2n); row 0 is ``covariance``."""
     settling: Floats
     """How far z of the first quarter of a record is from z of its second half, relative to z,
     shape (r, 2n); NaN when there are too few periods to tell."""
@@ -66,37 +72,29 @@ class Phasors:
 
     @property
     def total_harmonic_distortion(self) -> Floats:
-        """Amplitude of all harmonics above the first over that of the first, shape (r, 2n)."""
+        """Amplitude of the harmonics above the first over that of the first, (r, 2n); NaN if unknown."""
+        if self.harmonics.shape[1] == 1:
+            return np.full(self.z.shape, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.linalg.norm(self.harmonics[:, 1:], axis=1) / np.abs(self.z))
 
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
-        return Phasors(
-            omega=self.omega[index],
-            q=self.q[index],
-            tau=self.tau[index],
-            covariance=self.covariance[index],
-            freedom=self.freedom[index],
-            harmonics=self.harmonics[index],
-            settling=self.settling[index],
-            settling_noise=self.settling_noise[index],
-            frequency_found_hz=self.frequency_found_hz[index],
-            labels=tuple(self.labels[i] for i in index),
-        )
+        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "labels"}
+        return Phasors(**arrays, labels=tuple(self.labels[i] for i in index))
 
 
-def extract_phasors(records: Sequence[SineRecord], *, harmonics: int = 1) -> Phasors:
+def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = None) -> Phasors:
     """Fit sine, cosine, offset and drift to every signal; equation (2) is the case of whole periods.
 
     Parameters
     ----------
     records : sequence of SineRecord
         Of the same joints. The window need not span whole periods.
-    harmonics : int, default 1
-        Fit the harmonics up to this one together with the fundamental. More than 1 tells the
-        distortion, and keeps harmonics from leaking into the fundamental of a broken period.
+    harmonics : int, optional
+        Highest harmonic to fit as well, in a second fit with the fundamental. By default 3, and
+        ``MANY_HARMONICS`` when these stand out of the noise: then friction is to be seen in them.
 
     Returns
     -------
@@ -107,37 +105,30 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int = 1) -> Pha
     Raises
     ------
     JointIdError
-        When there is no record, or the records differ in their number of joints.
+        When there is no record, the records differ in their number of joints, or one is too short.
     """
-    records = tuple(records)
-    if not records:
-        raise JointIdError("There are no records to extract phasors from: give at least one.")
-    if harmonics < 1:
-        raise JointIdError(f"harmonics = {harmonics}: must be 1 (the fundamental) or more.")
-    n = records[0].n
-    for number, record in enumerate(records, start=1):
-        if record.n != n:
-            raise JointIdError(
-                f"{record.label or f'record {number}'} has {record.n} joint(s), the first record {n}: "
-                "records that are analysed together must have the same joints."
-            )
-    fits = fit_sines(records, harmonics)
+    records = _checked(records)
+    if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
+        raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
+    fits = fit_sines(records, harmonics or 3)
+    if harmonics is None and any(_distorted(fit) for fit in fits):
+        fits = fit_sines(records, MANY_HARMONICS)
+    n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
-    timing = _torque_timing(records, omega[:, None] * np.arange(1, harmonics + 1))
-    factor = np.ones((len(records), harmonics, 2 * n), complex)
-    factor[:, :, n:] = timing[:, :, None]
-    z = np.array([fit.harmonics for fit in fits]) * factor
-    first = factor[:, 0]
+    timing = np.ones((len(records), count, 2 * n), complex)
+    timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
+    z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance = np.array([fit.covariance for fit in fits])
-    covariance *= first[:, :, None] * first[:, None, :].conj()
+    covariance *= timing[..., :, None] * timing[..., None, :].conj()
     settling, noise = _settling(fits)
     return Phasors(
         omega=omega,
-        q=z[:, 0, :n],
-        tau=z[:, 0, n:],
-        covariance=covariance,
+        q=z[:, :n],
+        tau=z[:, n:],
+        covariance=covariance[:, 0],
         freedom=np.array([float(fit.freedom) for fit in fits]),
-        harmonics=z,
+        harmonics=np.array([fit.harmonics for fit in fits]) * timing,
+        harmonic_covariance=covariance,
         settling=settling,
         settling_noise=noise,
         frequency_found_hz=np.array(
@@ -145,6 +136,30 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int = 1) -> Pha
         ),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
     )
+
+
+def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
+    if isinstance(records, SineRecord):
+        return (records,)
+    if not isinstance(records, Sequence) or not all(isinstance(r, SineRecord) for r in records):
+        raise JointIdError(f"records: expected a list of SineRecord, got {records!r:.80}.")
+    if not records:
+        raise JointIdError("There are no records to extract phasors from: give at least one.")
+    for number, record in enumerate(records, start=1):
+        if record.n != records[0].n:
+            raise JointIdError(
+                f"{record.label or f'record {number}'} has {record.n} joint(s), the first record "
+                f"{records[0].n}: records that are analysed together must have the same joints."
+            )
+    return tuple(records)
+
+
+def _distorted(fit: SineFit) -> bool:
+    """Whether a harmonic stands six standard deviations above noise and above 1e-5 of its signal."""
+    overtones = np.abs(fit.harmonics[1:]) ** 2
+    noise = np.abs(np.einsum("hjj->hj", fit.covariance[1:]))
+    visible = overtones > (1e-5 * np.abs(fit.harmonics[0])) ** 2
+    return bool(np.any(visible & (overtones > 36 * noise)))
 
 
 def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
@@ -166,7 +181,7 @@ def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
         local = blocks * fit.deviations  # from the phasor of the whole record
         early, late = local[: blocks // 4], local[blocks // 2 :]
         with np.errstate(divide="ignore", invalid="ignore"):
-            amplitude = np.abs(fit.harmonics[0])
+            amplitude = np.abs(fit.fundamental)
             change[row] = np.abs(early.mean(axis=0) - late.mean(axis=0)) / amplitude
             variance = (np.abs(late - late.mean(axis=0)) ** 2).sum(axis=0) / (len(late) - 1)
             noise[row] = np.sqrt(variance * (1 / len(early) + 1 / len(late))) / amplitude
@@ -175,9 +190,11 @@ def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
 
 def _frequency_found(record: SineRecord, fit: SineFit) -> float:
     """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
-    largest = int(np.argmax(np.abs(fit.harmonics[0, : record.n])))
-    phasor, local = fit.harmonics[0, largest], len(fit.deviations) * fit.deviations[:, largest]
+    largest = int(np.argmax(np.abs(fit.fundamental[: record.n])))
+    phasor, local = fit.fundamental[largest], len(fit.deviations) * fit.deviations[:, largest]
     scatter = np.sqrt(np.mean(np.abs(local) ** 2))
+    if np.ptp(record.theta_rad[record.start :, largest]) == 0:
+        return record.frequency_hz  # nothing moves, so nothing contradicts
     if abs(phasor) == 0 or scatter > 0.5 * abs(phasor):
         return _spectral_peak_hz(record, largest)
     if len(local) < 3:

@@ -78,6 +78,10 @@ class SineRecord:
         if frequency <= 0:
             raise JointIdError(f"frequency_hz = {frequency:g} Hz: must be positive.")
         _require_increasing(time)
+        if not isinstance(self.torque_hold, bool | np.bool_):
+            raise JointIdError(f"torque_hold = {self.torque_hold!r}: expected true or false.")
+        if not isinstance(self.label, str) or not isinstance(self.pose, str | None):
+            raise JointIdError(f"label and pose must be text, got {self.label!r} and {self.pose!r}.")
         start = self._first_sample(time)
         used = time[start:]
         interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
@@ -110,11 +114,10 @@ class SineRecord:
     def _first_sample(self, time: Floats) -> int:
         if self.start_s is None:
             return 0
-        start = int(np.searchsorted(time, float(self.start_s) - 1e-9))
+        begin = float(finite_array("start_s", self.start_s, ndim=0))
+        start = int(np.searchsorted(time, begin - 1e-9))
         if start >= time.size:
-            raise JointIdError(
-                f"start_s = {self.start_s:g} s lies after the last sample at {time[-1]:g} s."
-            )
+            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
         return start
 
     @property
@@ -134,8 +137,11 @@ class SineRecord:
 
 
 def _channels(name: str, value: ArrayLike, samples: int) -> Floats:
-    array = np.asarray(value)
-    array = finite_array(name, array[:, None] if array.ndim == 1 else array, ndim=2, order="F")
+    try:
+        column = np.ndim(value) == 1
+    except ValueError:  # ragged rows; finite_array says so
+        column = False
+    array = finite_array(name, np.asarray(value)[:, None] if column else value, ndim=2, order="F")
     if array.shape[0] != samples or array.shape[1] == 0:
         raise JointIdError(
             f"{name} has shape {array.shape}; expected one row for each of the {samples} samples of "

@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
 from jointid.records import SineRecord
 
 FEWEST_BLOCKS = 8
@@ -25,12 +26,19 @@ _NEGLIGIBLE_PHASE = 1e-6  # rad; jitter below it cannot be seen in a phasor
 _CHUNK = 65_536  # samples of a jittered record whose sines stand in memory at a time
 
 
+FEWEST_SAMPLES = 8
+"""Four unknowns per signal, and as many again to tell the noise."""
+
+
 @dataclass(frozen=True, eq=False)
 class SineFit:
     """The fit of one record: Σ_h Im(y_h e^{ihωt}) + offset + drift · t, for 2n channels (q, then τ)."""
 
+    fundamental: Complexes
+    """Phasors of the fit without harmonics (sine, cosine, offset, drift only), shape (2n,)."""
     harmonics: Complexes
-    """Phasors y_h on the record's clock, shape (H, 2n); row 0 is the fundamental."""
+    """Phasors y_h of the fit with harmonics, on the record's clock, shape (H, 2n); those that the
+    samples cannot carry are zero."""
     offset: Floats
     """Mean level at the middle of the window, shape (2n,)."""
     drift: Floats
@@ -40,7 +48,7 @@ class SineFit:
     deviations: Complexes
     """What each block adds to the error of the fundamental, shape (blocks, 2n); they sum to about 0."""
     covariance: Complexes
-    """Covariance E[δy δyᴴ] of the fundamental's phasors, shape (2n, 2n)."""
+    """Covariance E[δy δyᴴ] of each harmonic's phasors, shape (H, 2n, 2n)."""
     freedom: int
     """Degrees of freedom of ``covariance``: how many independent complex errors it is the mean of."""
 
@@ -58,29 +66,39 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     ----------
     records : sequence of SineRecord
     harmonics : int, default 1
-        Highest harmonic in the fit; those at or above 0.45 of the sample rate are left out (phasor 0).
+        Highest harmonic in the fit. Those at or above 0.45 of the sample rate, or more than a quarter
+        of the samples can tell, are left out.
 
     Returns
     -------
     list of SineFit
         In the order of ``records``.
+
+    Raises
+    ------
+    JointIdError
+        When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
-    return [
-        _fit_blocks(record, _orders(record, harmonics), harmonics)
-        if is_uniform(record) and _block_layout(record)[1] >= FEWEST_BLOCKS
-        else _fit_directly(record, _orders(record, harmonics), harmonics)
-        for record in records
-    ]
+    return [_fit_one(record, harmonics) for record in records]
+
+
+def _fit_one(record: SineRecord, harmonics: int) -> SineFit:
+    samples = record.time_s.size - record.start
+    if samples < FEWEST_SAMPLES:
+        raise JointIdError(
+            f"{record.label or 'A record'} has {samples} usable samples; a sine with offset and drift "
+            f"needs {FEWEST_SAMPLES}. Sample faster, or record longer."
+        )
+    highest = min(0.45 / (record.frequency_hz * record.interval_s), samples / 8 - 1, harmonics)
+    orders = np.arange(1, max(1, int(highest)) + 1)
+    if is_uniform(record) and _block_layout(record)[1] >= FEWEST_BLOCKS:
+        return _fit_blocks(record, orders, harmonics)
+    return _fit_directly(record, orders, harmonics)
 
 
 def is_uniform(record: SineRecord) -> bool:
     """Whether the jitter is too small to be seen in the record's phasors."""
     return record.jitter_s * record.omega < _NEGLIGIBLE_PHASE
-
-
-def _orders(record: SineRecord, harmonics: int) -> np.ndarray:
-    highest = max(1, int(0.45 / (record.frequency_hz * record.interval_s)))
-    return np.arange(1, min(harmonics, highest) + 1)
 
 
 def _block_layout(record: SineRecord) -> tuple[int, int]:
@@ -99,11 +117,13 @@ class _Plan:
     """All that records of one frequency, sample rate and length share."""
 
     columns: Floats  # cosines, sines, one and ramp within a block, (block, 2H + 2)
-    products: Floats  # of the columns with the fundamental's cosine and sine, (2H + 2, 2)
+    products: Floats  # of all columns with the cosines and sines, (2H + 2, 2H)
     begin: Floats  # first sample of every block and of the rest, from the middle of the window
     turn: Complexes  # e^{-ihxm} there, (blocks + 1, H)
     even: Floats  # inverse Gram matrix of cosines and one
     odd: Floats  # inverse Gram matrix of sines and ramp
+    even_alone: Floats  # the same without harmonics, (2, 2)
+    odd_alone: Floats
 
 
 @lru_cache(maxsize=128)
@@ -119,11 +139,13 @@ def _plan(x: float, samples: int, block: int, count: int) -> _Plan:
     even, odd = _gram(samples, x, orders)
     return _Plan(
         columns=columns,
-        products=columns.T @ columns[:, [0, count]],
+        products=columns.T @ columns[:, :-2],
         begin=begin,
         turn=np.exp(-1j * x * np.outer(begin, orders)),
         even=np.asarray(np.linalg.inv(even), float),
         odd=np.asarray(np.linalg.inv(odd), float),
+        even_alone=np.asarray(np.linalg.inv(even[np.ix_([0, -1], [0, -1])]), float),
+        odd_alone=np.asarray(np.linalg.inv(odd[np.ix_([0, -1], [0, -1])]), float),
     )
 
 
@@ -152,6 +174,8 @@ def _fit_blocks(record: SineRecord, orders: np.ndarray, harmonics: int) -> SineF
     cosine = plan.even @ np.vstack([waves.real.T, level])
     sine = plan.odd @ np.vstack([-waves.imag.T, ramp])
     phasors = sine[:-1] + 1j * cosine[:-1]
+    alone = 1j * (plan.even_alone @ np.vstack([waves[:, 0].real, level]))[0]
+    alone += (plan.odd_alone @ np.vstack([-waves[:, 0].imag, ramp]))[0]
 
     # The fitted curve in each block's own coordinates, taken from the block's sums, leaves its residual.
     local = phasors.T[:, None] / plan.turn[:-1]
@@ -160,18 +184,19 @@ def _fit_blocks(record: SineRecord, orders: np.ndarray, harmonics: int) -> SineF
     fitted[..., count:-2] = local.real
     fitted[..., -2] = cosine[-1][:, None] + np.outer(sine[-1], plan.begin[:-1])
     fitted[..., -1] = sine[-1][:, None]
-    residual = whole[..., [0, count]] - fitted @ plan.products
-    deviations = ((residual[..., 0] - 1j * residual[..., 1]) * plan.turn[:-1, 0]).T
+    residual = whole[..., :-2] - fitted @ plan.products
     middle_s = float(record.time_s[record.start]) + (samples - 1) / 2 * record.interval_s
     clock = np.exp(-1j * record.omega * middle_s * orders)
-    deviations *= 2j / samples * clock[0]
+    deviations = (residual[..., :count] - 1j * residual[..., count:]) * plan.turn[:-1]
+    deviations = (2j / samples * clock * deviations).transpose(2, 1, 0)
     return SineFit(
+        fundamental=alone * clock[0],
         harmonics=_padded(phasors * clock[:, None], harmonics),
         offset=cosine[-1],
         drift=sine[-1] / record.interval_s,
         middle_s=middle_s,
-        deviations=deviations,
-        covariance=_scatter(deviations) * (samples / (block * blocks)),
+        deviations=deviations[0],
+        covariance=_padded(_scatter(deviations) * (samples / (block * blocks)), harmonics),
         freedom=blocks - 1,
     )
 
@@ -215,40 +240,49 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
     used = record.time_s[record.start :]
     middle_s = float(used[0] + used[-1]) / 2
     span = float(used[-1] - used[0])
-    count, size = orders.size, 2 * orders.size + 2
+    samples, count, size = used.size, orders.size, 2 * orders.size + 2
     gram, right = np.zeros((size, size)), np.zeros((size, 2 * record.n))
     for columns, data in _chunks(record, orders, middle_s, span):
         gram += columns.T @ columns
         right += columns.T @ data
-    # A hair above one period some columns are nearly dependent; lstsq stays finite where solve does not.
-    solution = np.linalg.lstsq(gram, right, rcond=None)[0]
+    # Near one period some columns are nearly dependent: a pseudo-inverse stays finite.
+    inverse = np.linalg.pinv(gram, hermitian=True)
+    solution = inverse @ right
+    simple = [0, count, size - 2, size - 1]
+    alone = np.linalg.lstsq(gram[np.ix_(simple, simple)], right[simple], rcond=None)[0]
 
-    samples = used.size
     block, blocks = _block_layout(record)
-    edges = np.minimum(np.arange(samples) // block, max(blocks, 1) - 1)
-    deviations = np.zeros((max(blocks, 1), 2 * record.n), complex)
+    blocks = max(blocks, 1)
+    owner = np.minimum(np.arange(samples) // block, blocks - 1)
+    deviations = np.zeros((blocks, count, 2 * record.n), complex)
     power = np.zeros((2 * record.n, 2 * record.n))
     done = 0
     for columns, data in _chunks(record, orders, middle_s, span):
         residual = data - columns @ solution
         power += residual.T @ residual
-        wave = (columns[:, 0] - 1j * columns[:, count])[:, None] * residual
-        np.add.at(deviations, edges[done : done + len(data)], wave)
+        waves = columns[:, :count] - 1j * columns[:, count:-2]
+        for each in np.unique(owner[done : done + len(data)]):
+            inside = owner[done : done + len(data)] == each
+            deviations[each] += waves[inside].T @ residual[inside]
         done += len(data)
-    deviations *= 2j / samples
     clock = np.exp(-1j * record.omega * middle_s * orders)
-    phasors = (solution[count:-2] + 1j * solution[:count]) * clock[:, None]
-    deviations = deviations * clock[0]
-    scattered = blocks >= FEWEST_BLOCKS
-    white = 4 * power / (samples * max(samples - size, 1))
+    deviations = (2j / samples * clock[:, None] * deviations).swapaxes(0, 1)
+    if blocks >= FEWEST_BLOCKS:
+        covariance, freedom = _scatter(deviations), blocks - 1
+    else:
+        # White noise of covariance R: a coefficient's variance is R times the inverse Gram's diagonal.
+        freedom = samples - size
+        spread = np.diag(inverse)[:count] + np.diag(inverse)[count:-2]
+        covariance = (spread[:, None, None] * power / freedom).astype(complex)
     return SineFit(
-        harmonics=_padded(phasors, harmonics),
+        fundamental=(alone[1] + 1j * alone[0]) * clock[0],
+        harmonics=_padded((solution[count:-2] + 1j * solution[:count]) * clock[:, None], harmonics),
         offset=solution[-2],
         drift=solution[-1] / span,
         middle_s=middle_s,
-        deviations=deviations,
-        covariance=_scatter(deviations) if scattered else white.astype(complex),
-        freedom=blocks - 1 if scattered else max(samples - size, 1),
+        deviations=deviations[0],
+        covariance=_padded(covariance, harmonics),
+        freedom=freedom,
     )
 
 
@@ -265,13 +299,13 @@ def _chunks(
 
 
 def _scatter(deviations: Complexes) -> Complexes:
-    """Covariance of the sum of independent block contributions whose mean the fit has removed."""
-    blocks = len(deviations)
-    return np.asarray(blocks / (blocks - 1) * deviations.T @ deviations.conj())
+    """Covariance (H, 2n, 2n) of sums over independent blocks whose mean the fit has removed."""
+    blocks = deviations.shape[1]
+    return np.asarray(blocks / (blocks - 1) * deviations.swapaxes(1, 2) @ deviations.conj())
 
 
-def _padded(phasors: Complexes, harmonics: int) -> Complexes:
-    """Harmonics beyond the sample rate's reach are reported as zero."""
-    padded = np.zeros((harmonics, phasors.shape[1]), complex)
-    padded[: len(phasors)] = phasors
+def _padded(rows: Complexes, harmonics: int) -> Complexes:
+    """Fill up with zeros what the samples cannot carry."""
+    padded = np.zeros((harmonics, *rows.shape[1:]), complex)
+    padded[: len(rows)] = rows
     return padded

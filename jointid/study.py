@@ -16,9 +16,6 @@ from jointid.records import SineRecord
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.verdict import Finding, findings
 
-HARMONICS = 7
-"""Highest harmonic that an analysis fits; those of Coulomb friction fall as 1/h."""
-
 
 @dataclass(frozen=True, eq=False)
 class Study:
@@ -55,10 +52,14 @@ class Study:
     poses: Mapping[str, Inertia] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.inertia, Inertia):
+            raise JointIdError(f"inertia: expected an Inertia, got {self.inertia!r:.80}.")
+        if not isinstance(self.records, Sequence) or not self.records:
+            raise JointIdError("The study holds no records: add at least one sine experiment.")
+        if not all(isinstance(record, SineRecord) for record in self.records):
+            raise JointIdError("records: expected SineRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "poses", MappingProxyType(dict(self.poses)))
-        if not self.records:
-            raise JointIdError("The study holds no records: add at least one sine experiment.")
         if self.origin not in ("", "simulated", "measured"):
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'
@@ -119,7 +120,7 @@ def analyse(study: Study, *, method: str = "weighted") -> Analysis:
     JointIdError
         When no estimate is possible.
     """
-    phasors = extract_phasors(study.records, harmonics=HARMONICS)
+    phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in METHODS}
     if method not in fits:
