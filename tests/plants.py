@@ -132,13 +132,16 @@ def exact_phasors(
 ) -> Phasors:
     """Phasors as given, as if they had been extracted."""
     r, n = q.shape
+    if covariance is None:
+        covariance = np.zeros((r, 2 * n, 2 * n), complex)
     return Phasors(
         omega=2 * np.pi * np.asarray(frequencies_hz, float),
         q=q,
         tau=tau,
-        covariance=np.zeros((r, 2 * n, 2 * n), complex) if covariance is None else covariance,
+        covariance=covariance,
         freedom=np.full(r, float(freedom)),
         harmonics=np.hstack([q, tau])[:, None],
+        harmonic_covariance=covariance[:, None],
         settling=np.full((r, 2 * n), np.nan),
         settling_noise=np.full((r, 2 * n), np.nan),
         frequency_found_hz=np.asarray(frequencies_hz, float),

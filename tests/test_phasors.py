@@ -1,0 +1,284 @@
+"""Equations (2)-(4), the timing of the torque, the noise, and what a record says about its quality."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
+
+from jointid import JointIdError, SineRecord, extract_phasors
+
+
+def sine(
+    frequency: float,
+    time: np.ndarray,
+    *,
+    stated: float | None = None,
+    noise: float = 0.0,
+    seed: int = 0,
+    torque_hold: bool = False,
+    torque_delay_s: float = 0.0,
+) -> SineRecord:
+    """One joint whose angle is 1 at -40 degrees and whose torque is 2 at 25 degrees."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * frequency * time
+    return SineRecord(
+        stated or frequency,
+        time,
+        np.sin(angle - np.radians(40)) + noise * rng.standard_normal(time.size),
+        2 * np.sin(angle + np.radians(25)) + noise * rng.standard_normal(time.size),
+        torque_hold=torque_hold,
+        torque_delay_s=torque_delay_s,
+    )
+
+
+def test_convention() -> None:
+    """f = a sin ωt + b cos ωt gives y = a + ib, and its derivative is iω y."""
+    time = np.arange(2000) / 1000.0
+    omega = 2 * np.pi * 4.5
+    wave = 3 * np.sin(omega * time) + 5 * np.cos(omega * time)
+    rate = omega * (3 * np.cos(omega * time) - 5 * np.sin(omega * time))
+    phasors = extract_phasors([SineRecord(4.5, time, np.c_[wave, rate], np.c_[rate, wave])])
+    assert phasors.q[0, 0] == pytest.approx(3 + 5j, rel=1e-12)
+    assert phasors.q[0, 1] == pytest.approx(1j * omega * (3 + 5j), rel=1e-12)
+    assert phasors.tau[0, 1] == pytest.approx(3 + 5j, rel=1e-12)
+
+
+@pytest.mark.parametrize("periods", [1.0, 1.37, 5.5, 10.0, 23.81])
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_exact_records_give_exact_phasors(periods: float, jitter: float) -> None:
+    frequencies, torques = campaign(BAND_HZ, 2)
+    records = steady_records(
+        SERIAL, PAPER, frequencies, torques,
+        periods=periods, jitter=jitter, offset=100.0, drift=-20.0, begin_s=11.3,
+    )  # fmt: skip
+    phasors = extract_phasors(records)
+    q = motion(SERIAL, PAPER, frequencies, torques)
+    assert np.allclose(phasors.tau, torques, rtol=0, atol=1e-8)
+    assert np.allclose(phasors.q / q, 1, rtol=0, atol=1e-6)
+    assert np.allclose(phasors.omega, 2 * np.pi * frequencies)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    frequency=st.floats(0.8, 3.0),
+    wobble=st.floats(0.0, 0.02),
+)
+def test_jittered_log_is_fitted_at_its_actual_times(seed: int, frequency: float, wobble: float) -> None:
+    """A 100 Hz log whose clock wanders, as operating systems make them."""
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(0.01 + np.abs(wobble * rng.standard_normal(600)) * 0.5)
+    signals = rng.standard_normal((2, 600)) + 4 * np.sin(2 * np.pi * frequency * time)
+    record = SineRecord(frequency, time, *signals, start_s=float(time[40]))
+    used = time[40:]
+    angle = 2 * np.pi * frequency * used
+    columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(used), used])
+    a, b = np.linalg.lstsq(columns, signals[:, 40:].T, rcond=None)[0][:2]
+    phasors = extract_phasors([record])
+    assert np.allclose([phasors.q[0, 0], phasors.tau[0, 0]], a + 1j * b, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize(("hold", "delay"), [(True, 0.0), (False, 0.0021), (True, 0.0037)])
+@pytest.mark.parametrize("frequency", [3.0, 29.0, 120.0])
+def test_hold_and_delay_against_the_staircase_itself(hold: bool, delay: float, frequency: float) -> None:
+    """The acting torque drawn at 400 times the sample rate, and its sine coefficient by equation (2)."""
+    rate, fine = 500, 400
+    time = np.arange(rate) / rate  # one second: whole periods
+    record = sine(frequency, time, torque_hold=hold, torque_delay_s=delay)
+    dense = (np.arange(rate * fine) + 0.5) / (rate * fine)
+    past = dense - delay
+    if hold:
+        acting = record.tau_Nm[np.floor(past * rate).astype(int) % rate, 0]
+    else:
+        acting = 2 * np.sin(2 * np.pi * frequency * past + np.radians(25))
+    expected = 2j * np.mean(acting * np.exp(-2j * np.pi * frequency * dense))
+    phasors = extract_phasors([record], harmonics=1)
+    assert phasors.tau[0, 0] == pytest.approx(expected, rel=2e-3 if hold else 1e-9)
+    assert phasors.q[0, 0] == pytest.approx(np.exp(-1j * np.radians(40)), rel=1e-9)  # not touched
+
+
+def test_each_harmonic_is_delayed_at_its_own_frequency() -> None:
+    time = np.arange(4000) / 1000.0
+    angle = 2 * np.pi * 5 * time
+    wave = np.sin(angle) + 0.2 * np.sin(3 * angle)
+    told = SineRecord(5.0, time, wave, wave, torque_delay_s=0.004)
+    phasors = extract_phasors([told], harmonics=3)
+    assert phasors.harmonics[0, 2, 0] == pytest.approx(0.2, rel=1e-9)
+    assert phasors.harmonics[0, 2, 1] == pytest.approx(
+        0.2 * np.exp(-2j * np.pi * 15 * 0.004), rel=1e-9
+    )
+
+
+def test_noise_of_a_delayed_torque_turns_with_it() -> None:
+    """Variances stay, the correlation of q with τ turns by the phase of the delay."""
+    time = np.arange(6000) / 1000.0
+    shared = np.random.default_rng(3).standard_normal(time.size)
+    plain, late = (
+        extract_phasors(
+            [SineRecord(5.0, time, np.sin(31 * time) + shared, shared, torque_delay_s=delay)]
+        ).covariance[0]
+        for delay in (0.0, 0.01)
+    )
+    assert np.allclose(np.diag(late), np.diag(plain))
+    turn = np.exp(-2j * np.pi * 5 * 0.01)
+    assert late[1, 0] == pytest.approx(plain[1, 0] * turn, rel=1e-9)
+    assert late[0, 1] == pytest.approx(np.conj(late[1, 0]), rel=1e-9)
+
+
+def test_hold_attenuates_the_noise_as_well() -> None:
+    time = np.arange(2000) / 100.0
+    held, plain = (
+        extract_phasors([sine(20.0, time, noise=0.1, torque_hold=hold)], harmonics=1)
+        for hold in (True, False)
+    )
+    ratio = held.standard_deviation[0, 1] / plain.standard_deviation[0, 1]
+    assert ratio == pytest.approx(np.sinc(0.2), rel=1e-9)
+    assert np.allclose(held.signal_to_noise, plain.signal_to_noise)
+
+
+@pytest.mark.parametrize("periods", [5.3, 31.3])
+def test_signal_to_noise_is_as_put_in(periods: float) -> None:
+    """White noise of deviation σ gives a phasor a complex deviation of 2σ/√N."""
+    found = []
+    for seed in range(40):
+        time = np.arange(int(periods * 100)) / 500.0
+        found.append(extract_phasors([sine(5.0, time, noise=0.05, seed=seed)]).signal_to_noise[0])
+    expected = np.array([1, 2]) / (0.05 * 2 / np.sqrt(time.size))
+    assert np.allclose(np.mean(found, axis=0) / expected, 1, atol=0.15)
+
+
+def test_signal_to_noise_without_noise_is_immense() -> None:
+    phasors = extract_phasors([sine(5.0, np.arange(4000) / 1000)])
+    assert phasors.signal_to_noise.min() > 1e10
+
+
+@pytest.mark.parametrize("periods", [6.4, 20.0, 33.3])
+def test_distortion_is_as_put_in(periods: float) -> None:
+    time = np.arange(int(periods * 200)) / 1000.0
+    angle = 2 * np.pi * 5 * time
+    theta = np.sin(angle) + 0.03 * np.cos(3 * angle) + 0.04 * np.sin(5 * angle + 1)
+    record = SineRecord(5.0, time, theta, 0.5 * np.sin(angle))
+    phasors = extract_phasors([record], harmonics=7)
+    assert phasors.total_harmonic_distortion[0] == pytest.approx([0.05, 0.0], abs=1e-9)
+    assert np.abs(phasors.harmonics[0, :, 0]) == pytest.approx([1, 0, 0.03, 0, 0.04, 0, 0], abs=1e-9)
+
+
+def test_distortion_that_was_not_looked_for_is_not_claimed_to_be_zero() -> None:
+    time = np.arange(2000) / 1000.0
+    record = SineRecord(5.0, time, np.sin(2 * np.pi * 5 * time) ** 3, np.cos(2 * np.pi * 5 * time))
+    assert np.isnan(extract_phasors([record], harmonics=1).total_harmonic_distortion).all()
+
+
+def test_distortion_is_found_without_being_asked_for() -> None:
+    """The default fit looks for harmonics and goes up far enough when it sees some."""
+    time = np.arange(8000) / 2000.0
+    angle = 2 * np.pi * 5 * time
+    rubbed = np.sin(angle) + np.sign(np.cos(angle))
+    phasors = extract_phasors([SineRecord(5.0, time, np.sin(angle), rubbed)])
+    assert phasors.harmonics.shape[1] >= 15
+    fifth = phasors.harmonics[0, 4, 1]
+    assert np.abs(fifth) == pytest.approx(4 / (5 * np.pi), rel=0.02)
+
+
+@pytest.mark.parametrize("periods", [8.3, 20.37, 64.0])
+def test_decaying_transient_is_seen_and_noise_is_not(periods: float) -> None:
+    time = np.arange(int(periods * 100)) / 500.0
+    clean = sine(5.0, time)
+    transient = 0.3 * np.exp(-time * 8 / time[-1])[:, None] * np.sin(2 * np.pi * 5.2 * time)[:, None]
+    rng = np.random.default_rng(4)
+    noise = 0.01 * rng.standard_normal((2, time.size, 1))
+    shaking = SineRecord(
+        5.0, time, clean.theta_rad + transient + noise[0], clean.tau_Nm + noise[1]
+    )
+    phasors = extract_phasors([shaking])
+    assert phasors.settling[0, 0] > 0.03
+    assert phasors.settling[0, 0] > 5 * phasors.settling_noise[0, 0]
+    assert phasors.settling[0, 1] < 0.02
+
+    quiet = extract_phasors([sine(5.0, time, noise=0.05, seed=s) for s in range(300)])
+    assert (quiet.settling > 5 * quiet.settling_noise).mean() < 0.02
+    ratio = np.mean(quiet.settling**2) / np.mean(quiet.settling_noise**2)
+    assert 0.8 < ratio < 1.25
+
+
+def test_settling_is_unknown_with_too_few_periods() -> None:
+    assert np.isnan(extract_phasors([sine(5.0, np.arange(600) / 1000.0)]).settling).all()
+
+
+@pytest.mark.parametrize("periods", [3.6, 9.2, 20.3, 64.7])
+@pytest.mark.parametrize("error", [1.0, 1.005, 0.995, 2.0, 0.5])
+@pytest.mark.parametrize("jitter", [0.0, 0.2])
+def test_frequency_of_the_data_is_found(periods: float, error: float, jitter: float) -> None:
+    rng = np.random.default_rng(6)
+    count = int(periods * 100)
+    time = (np.arange(count) + jitter * rng.uniform(-1, 1, count)) / 500.0
+    record = sine(5.0, time, stated=5.0 * error, noise=0.002)
+    found = extract_phasors([record]).frequency_found_hz[0]
+    # Half the resolution of the window when the stated frequency is far off, much better when near.
+    near = abs(error - 1) < 0.01
+    tolerance = 1.5e-3 if near else 0.3 / periods
+    if near and error != 1.0:
+        tolerance = 0.3 * abs(error - 1) + 5e-4
+    assert found == pytest.approx(5.0, rel=tolerance)
+
+
+def test_frequency_is_found_under_travel() -> None:
+    """A joint that turns on while it swings."""
+    time = np.arange(8000) / 1000.0
+    swing = 10.0 * time + 0.2 * np.sin(2 * np.pi * 5 * time)
+    record = SineRecord(10.0, time, swing, np.cos(2 * np.pi * 5 * time))
+    assert extract_phasors([record]).frequency_found_hz[0] == pytest.approx(5.0, rel=0.01)
+
+
+def test_motors_that_stand_still_do_not_contradict_their_frequency() -> None:
+    time = np.arange(2000) / 1000.0
+    locked = SineRecord(5.0, time, np.full(2000, 0.7), np.sin(2 * np.pi * 5 * time))
+    assert extract_phasors([locked]).frequency_found_hz[0] == pytest.approx(5.0)
+
+
+def test_order_labels_and_selection_are_kept() -> None:
+    time = np.arange(4000) / 1000.0
+    records = [sine(f, time) for f in (7.0, 3.0, 5.0)]
+    records[1] = SineRecord(3.0, time, 2 * records[1].theta_rad, records[1].tau_Nm, label="two.csv")
+    phasors = extract_phasors(records)
+    assert phasors.labels == ("record 1", "two.csv", "record 3")
+    assert np.allclose(np.abs(phasors.q[:, 0]), [1, 2, 1])
+    for chosen in (phasors.select([1]), phasors.select(np.array([False, True, False]))):
+        assert chosen.labels == ("two.csv",)
+        assert chosen.omega == pytest.approx([6 * np.pi])
+        assert chosen.covariance.shape == (1, 2, 2)
+
+
+def test_records_do_not_influence_each_other() -> None:
+    frequencies, torques = campaign(BAND_HZ, 2)
+    records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-4, 1e-2), seed=5)
+    together = extract_phasors(records, harmonics=3)
+    for i in (0, 7, 13):
+        alone = extract_phasors([records[i]], harmonics=3)
+        assert np.array_equal(alone.z[0], together.z[i])
+        assert np.array_equal(alone.covariance[0], together.covariance[i])
+
+
+def test_two_hundred_records_at_once() -> None:
+    frequencies, torques = campaign(np.linspace(3, 30, 100), 2)
+    records = steady_records(SERIAL, PAPER, frequencies, torques, sample_rate_hz=400, periods=9.1)
+    assert np.allclose(extract_phasors(records).tau, torques, atol=1e-9)
+
+
+def test_wrong_records_are_refused() -> None:
+    time = np.arange(2000) / 1000.0
+    one = sine(5.0, time)
+    two = SineRecord(5.0, time, np.zeros((2000, 2)), np.zeros((2000, 2)), label="b.csv")
+    with pytest.raises(JointIdError, match="no records"):
+        extract_phasors([])
+    with pytest.raises(JointIdError, match=r"b.csv has 2 joint.*first record 1"):
+        extract_phasors([one, two])
+    for wrong in (None, 3, ["a"], [None]):
+        with pytest.raises(JointIdError):
+            extract_phasors(wrong)  # type: ignore[arg-type]
+    for harmonics in (0, -1, 2.5, "three"):
+        with pytest.raises(JointIdError, match="harmonics"):
+            extract_phasors([one], harmonics=harmonics)  # type: ignore[arg-type]
