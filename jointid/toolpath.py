@@ -24,6 +24,8 @@ _STEEPEST = 35 / 16
 """Largest slope of the smoothstep, at its middle."""
 _REACHED = 0.9
 """Share of the cutting speed that the tool must reach on some side."""
+_SMALLEST_ZONE_M = 1e-9
+_REST_M_S = 1e-12
 _CHORDS = 400
 """Chords of the outline in a corner; in a zone of 10 mm they stay within 0.1 µm of the curve."""
 
@@ -192,7 +194,7 @@ class Toolpath:
         before, after = self.velocity_m_s[:-1], self.velocity_m_s[1:]
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
-        return np.asarray(np.abs(cross) > 1e-6 * size)
+        return np.asarray((np.abs(cross) > 1e-6 * size) & (size > _REST_M_S**2))
 
 
 def rectangle(
@@ -269,6 +271,7 @@ def rectangle(
             f"{min(width_m, height_m):g} m. Use a zone of at most {min(width_m, height_m) / 2:g} m or a "
             "longer side."
         )
+    zone_m = zone_m if zone_m > _SMALLEST_ZONE_M else 0.0
     limits = _Limits(speed_m_s, acceleration_m_s2, shortest_ramp_s)
     corner = limits.corner_speed(zone_m)
     # Counter-clockwise from the longer side, where the lead-in has more room.
@@ -279,7 +282,7 @@ def rectangle(
         raise JointIdError(
             f"speed_m_s = {speed_m_s:g} m/s is not reached: zones of {zone_m:g} m are passed at "
             f"{corner:.3g} m/s, and {acceleration_m_s2:g} m/s² and ramps of {shortest_ramp_s:g} s allow "
-            f"{max(peaks):.3g} m/s on the longest straight of {max(straights):.3g} m. Lower speed_m_s to "
+            f"{max(peaks):.3g} m/s on the longest straight, {max(straights):.3g} m. Lower speed_m_s to "
             f"{np.floor(max(peaks) * 1e4) / 1e4:g} m/s, or enlarge the sides or acceleration_m_s2."
         )
     turn = angle + (first + np.arange(5)) * np.pi / 2

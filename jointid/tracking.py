@@ -11,8 +11,9 @@ from jointid.arm import Elbow, PlanarArm
 from jointid.arm_simulation import ArmSimulation, require_step
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.feedforward import plan_servo
 from jointid.joints import Elasticity
-from jointid.servo import MotorFrictionLike, Servo, friction_values, plan_servo, run_servo
+from jointid.servo import MotorFrictionLike, Servo, friction_values, run_servo
 from jointid.toolpath import Toolpath
 
 
@@ -131,7 +132,6 @@ def track(
     angles = np.array([*simulation.log, simulation.angles])
     time: Floats = step * np.arange(len(angles), dtype=np.float64)
     torque = np.concatenate([np.repeat(held, substeps, axis=0), held[-1:]])
-    require_bounded(angles, plan.start_angle)
     q = arm.joint_angles(angles[:, :2])
     tool, wanted = arm.tool(q), toolpath.position(time)
     return TrackingRun(
@@ -152,21 +152,6 @@ def substeps_per_sample(servo: Servo, dt: float) -> int:
     """Number of equal steps, none longer than ``dt``, in a control interval."""
     require_step(dt)
     return max(1, int(np.ceil(servo.interval_s / dt - 1e-9)))
-
-
-def require_bounded(angles: Floats, start_angle: Floats) -> None:
-    """Refuse a run whose control loop is unstable: an angle that leaves any cut behind.
-
-    Raises
-    ------
-    JointIdError
-        Saying what tames it.
-    """
-    if not np.isfinite(angles).all() or np.abs(angles).max() > np.abs(start_angle).max() + 20:
-        raise JointIdError(
-            "The arm ran away: the control loop is unstable. Lower bandwidth_hz or delay_samples, or "
-            "raise sample_rate_hz."
-        )
 
 
 def corner_overshoot(toolpath: Toolpath, time_s: Floats, tool_m: Floats) -> float:
