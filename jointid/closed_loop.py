@@ -8,10 +8,9 @@ the linear dynamics advance exactly, by a matrix exponential. All records advanc
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,231 +18,13 @@ from scipy.linalg import expm
 
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.experiment import Controller, Excitation, Measurement, MotorFriction, per_joint
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
-
-PerJoint: TypeAlias = float | Sequence[float] | Floats
-"""One number for all joints, or one per joint."""
 
 _CHUNKS = 64
 _LARGEST_LOG_BYTES = 2e9
 _SETTLED = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class Controller:
-    """Sampled position and velocity control of every joint by itself, with torque feedforward.
-
-    With the reference r, the encoder position y and the control interval T, sample k commands
-    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the sample before.
-    The defaults kp = J ω², kv = 2ζ J ω belong to the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
-
-    Parameters
-    ----------
-    bandwidth_hz : float or (n,)
-        Natural frequency of the controlled rigid joint, Hz.
-    damping_ratio : float or (n,)
-        Its damping ratio ζ.
-    position_gain, velocity_gain : float or (n,), optional
-        kp in N·m/rad and kv in N·m·s/rad, in place of those from bandwidth and damping ratio.
-    feedforward : bool
-        Whether the rigid-body torque of the reference acceleration is added.
-    sample_rate_hz : float
-        Control rate, which is also the rate of the log, Hz.
-    torque_delay_s : float
-        The torque acts this much after the sample that it was computed from, s. Need not be a
-        whole number of samples.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range.
-    """
-
-    bandwidth_hz: PerJoint = 10.0
-    damping_ratio: PerJoint = 0.5
-    position_gain: PerJoint | None = None
-    velocity_gain: PerJoint | None = None
-    feedforward: bool = True
-    sample_rate_hz: float = 4000.0
-    torque_delay_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        _store(self, "bandwidth_hz", "Hz", positive=True)
-        _store(self, "damping_ratio", "", positive=True)
-        _store(self, "position_gain", "N·m/rad", positive=True)
-        _store(self, "velocity_gain", "N·m·s/rad", positive=True)
-        _store(self, "sample_rate_hz", "Hz", positive=True, single=True)
-        _store(self, "torque_delay_s", "s", single=True)
-        if self.torque_delay_s > 0.1:
-            raise JointIdError(
-                f"torque_delay_s = {self.torque_delay_s:g} s: more than 0.1 s cannot be simulated. "
-                "Check the unit (seconds)."
-            )
-
-
-@dataclass(frozen=True, eq=False)
-class Excitation:
-    """The sine that every joint is asked to follow, and for how long.
-
-    The reference of joint j in record r is Im(A_fj W_rj e^{iωt}) + v_j t, with t = 0 at the first
-    logged sample. The amplitude A = min(velocity/ω, acceleration/ω²) bounds speed and rigid-body torque.
-
-    Parameters
-    ----------
-    pattern : {"orthogonal", "one-at-a-time"} or array_like, shape (R, n), complex
-        The weights W. "orthogonal": e^{2πi rj/R}, so all joints move in every record, each time with
-        another relative phase. "one-at-a-time": record r moves joint r, the controllers hold the others.
-    records_per_frequency : int, optional
-        R; by default n, or the rows of ``pattern``.
-    velocity_rad_s, acceleration_rad_s2 : float or (n,)
-        Largest velocity and acceleration amplitude of the reference, motor side.
-    position_rad : float, (f,) or (f, n), optional
-        Position amplitude at each frequency, in place of the two limits, rad.
-    constant_velocity_rad_s : float or (n,)
-        Superposed constant velocity v, rad/s. A joint that has one must never reverse.
-    duration_s : float
-        Length of each record, s.
-    periods : float, optional
-        Length of each record in periods of its frequency, in place of ``duration_s``.
-    settle_s : float, optional
-        Time before the log begins, s. The run starts in the steady state of the robot without Coulomb
-        friction. The default lets what Coulomb friction changes decay to 1e-5 by the slowest mode of the
-        closed loop, and is zero where there is no Coulomb friction.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range, or the pattern is unknown.
-    """
-
-    pattern: str | ArrayLike = "orthogonal"
-    records_per_frequency: int | None = None
-    velocity_rad_s: PerJoint = 10.0
-    acceleration_rad_s2: PerJoint = 300.0
-    position_rad: ArrayLike | None = None
-    constant_velocity_rad_s: PerJoint = 0.0
-    duration_s: float = 4.0
-    periods: float | None = None
-    settle_s: float | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.pattern, str):
-            object.__setattr__(self, "pattern", _weights_table(self.pattern))
-        elif self.pattern not in ("orthogonal", "one-at-a-time"):
-            raise JointIdError(
-                f'pattern = "{self.pattern}": expected "orthogonal", "one-at-a-time" or a table of '
-                "complex weights, one row per record and one column per joint."
-            )
-        count = self.records_per_frequency
-        if count is not None and (not isinstance(count, int | np.integer) or not 1 <= count <= 1000):
-            raise JointIdError(
-                f"records_per_frequency = {count!r}: expected a whole number from 1 to 1000."
-            )
-        _store(self, "velocity_rad_s", "rad/s", positive=True)
-        _store(self, "acceleration_rad_s2", "rad/s²", positive=True)
-        _store(self, "constant_velocity_rad_s", "rad/s", signed=True)
-        _store(self, "duration_s", "s", positive=True, single=True)
-        _store(self, "periods", "", positive=True, single=True)
-        _store(self, "settle_s", "s", single=True)
-
-    def weights(self, n: int) -> Complexes:
-        """Weights W of the joints' sines, shape (R, n)."""
-        count = self.records_per_frequency
-        if isinstance(self.pattern, str):
-            record, joint = np.ogrid[: count or n, :n]
-            if self.pattern == "one-at-a-time":
-                return np.where(record % n == joint, 1.0 + 0j, 0j)
-            return np.asarray(np.exp(2j * np.pi * record * joint / record.size))
-        table = np.asarray(self.pattern, dtype=np.complex128)
-        if table.shape[1] != n or count not in (None, table.shape[0]):
-            raise JointIdError(
-                f"pattern has shape {table.shape}; expected {count or 'R'} rows, one per record, "
-                f"and {n} column(s), one per joint."
-            )
-        return table
-
-    def amplitudes(self, omega: Floats, n: int) -> Floats:
-        """Position amplitudes A of the joints' sines, shape (f, n), rad."""
-        if self.position_rad is None:
-            velocity = _per_joint("velocity_rad_s", self.velocity_rad_s, n)
-            acceleration = _per_joint("acceleration_rad_s2", self.acceleration_rad_s2, n)
-            return np.minimum(velocity / omega[:, None], acceleration / omega[:, None] ** 2)
-        name = "position_rad (amplitude, rad)"
-        try:
-            given = np.atleast_1d(np.asarray(self.position_rad, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise JointIdError(f"{name}: expected numbers, got {self.position_rad!r:.80}.") from error
-        given = finite_array(name, given, ndim=min(given.ndim, 2))
-        table = given[:, None] if given.ndim == 1 else given
-        if table.shape[0] not in (1, omega.size) or table.shape[1] not in (1, n) or np.any(table <= 0):
-            raise JointIdError(
-                f"{name}: expected positive values, one for each of the {omega.size} frequencies, or "
-                f"one row per frequency and one column for each of the {n} joint(s); "
-                f"got shape {given.shape} and smallest value {table.min(initial=np.inf):g} rad."
-            )
-        return np.array(np.broadcast_to(table, (omega.size, n)))
-
-
-@dataclass(frozen=True, eq=False)
-class MotorFriction:
-    """Friction at each motor, τ_friction = F_c sign(θ̇) + F_v θ̇.
-
-    A motor at rest stays there until the other torques on it exceed F_c.
-
-    Parameters
-    ----------
-    coulomb : float or (n,)
-        F_c, N·m.
-    viscous : float or (n,)
-        F_v, N·m·s/rad.
-    step_s : float
-        Longest step in which Coulomb friction is resolved, s. A reversal is located inside its step, so
-        the error is of second order: about 1e-4 of the friction phasor up to 30 Hz with the default.
-
-    Raises
-    ------
-    JointIdError
-        When a value is negative or the step is not positive.
-    """
-
-    coulomb: PerJoint = 0.0
-    viscous: PerJoint = 0.0
-    step_s: float = 1.25e-4
-
-    def __post_init__(self) -> None:
-        _store(self, "coulomb", "N·m")
-        _store(self, "viscous", "N·m·s/rad")
-        _store(self, "step_s", "s", positive=True, single=True)
-
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """What the log shows of position and torque; the controller sees the same position.
-
-    Parameters
-    ----------
-    encoder_counts : int, optional
-        Encoder counts per motor revolution; None is an ideal encoder.
-    position_noise_rad : float or (n,)
-        Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
-    torque_noise_Nm : float or (n,)
-        Standard deviation of white noise on the logged torque, N·m. The motor is spared.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range.
-    """
-
-    encoder_counts: int | None = None
-    position_noise_rad: PerJoint = 0.0
-    torque_noise_Nm: PerJoint = 0.0
-
-    def __post_init__(self) -> None:
-        _store(self, "encoder_counts", "per revolution", positive=True, single=True)
-        _store(self, "position_noise_rad", "rad")
-        _store(self, "torque_noise_Nm", "N·m")
 
 
 def simulate_records(
@@ -308,7 +89,7 @@ def simulate_records(
     reference = _Reference(
         omega=np.repeat(2 * np.pi * frequencies, len(weights)),
         A=A.reshape(-1, robot.n).T,
-        velocity=_per_joint("constant_velocity_rad_s", excitation.constant_velocity_rad_s, robot.n),
+        velocity=per_joint("constant_velocity_rad_s", excitation.constant_velocity_rad_s, robot.n),
     )
     samples = _record_lengths(excitation, controller, reference.omega / (2 * np.pi))
     settle = excitation.settle_s
@@ -368,8 +149,8 @@ class _Robot:
         n = self.n = inertia.n
         self.T = 1 / controller.sample_rate_hz
         self.inertia, self.elasticity = inertia, elasticity
-        self.coulomb = _per_joint("coulomb", friction.coulomb, n)[:, None]
-        self.viscous = _per_joint("viscous", friction.viscous, n)
+        self.coulomb = per_joint("coulomb", friction.coulomb, n)[:, None]
+        self.viscous = per_joint("viscous", friction.viscous, n)
         self.kp, self.kv = _gains(controller, inertia)
         self.feedforward = controller.feedforward * (np.diag(inertia.M) + inertia.M2)
         whole = int(controller.torque_delay_s / self.T + 1e-9)
@@ -404,7 +185,7 @@ class _Robot:
         theta, tau = np.empty(shape), np.empty(shape)
         Z, y_before, torques = self._steady_state(reference, -before)
         position_noise, torque_noise = (
-            (np.random.default_rng(s), _per_joint(name, std, n)[:, None])
+            (np.random.default_rng(s), per_joint(name, std, n)[:, None])
             for s, name, std in zip(
                 np.random.SeedSequence(seed).spawn(2),
                 ("position_noise_rad", "torque_noise_Nm"),
@@ -575,13 +356,13 @@ def _stretch(A: Floats, B: Floats, duration: float, older: bool) -> _Stretch:
 def _gains(controller: Controller, inertia: Inertia) -> tuple[Floats, Floats]:
     """Gains kp (n,) in N·m/rad and kv (n,) in N·m·s/rad."""
     n, J = inertia.n, inertia.M + np.diag(inertia.M2)
-    omega = 2 * np.pi * _per_joint("bandwidth_hz", controller.bandwidth_hz, n)
-    zeta = _per_joint("damping_ratio", controller.damping_ratio, n)
+    omega = 2 * np.pi * per_joint("bandwidth_hz", controller.bandwidth_hz, n)
+    zeta = per_joint("damping_ratio", controller.damping_ratio, n)
     kp, kv = J * omega**2, 2 * zeta * J * omega
     if controller.position_gain is not None:
-        kp = _per_joint("position_gain", controller.position_gain, n)
+        kp = per_joint("position_gain", controller.position_gain, n)
     if controller.velocity_gain is not None:
-        kv = _per_joint("velocity_gain", controller.velocity_gain, n)
+        kv = per_joint("velocity_gain", controller.velocity_gain, n)
     return kp, kv
 
 
@@ -639,56 +420,3 @@ def _require_one_direction(velocity: Floats, amplitude: Floats) -> None:
             f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine reaches "
             f"{amplitude[j].max():.3g} rad/s: the joint would reverse. Superpose more, or move less."
         )
-
-
-def _per_joint(name: str, value: object, n: int) -> Floats:
-    """A checked setting as (n,)."""
-    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    if array.size not in (1, n):
-        raise JointIdError(
-            f"{name} has {array.size} values: give one, or one for each of the {n} joint(s)."
-        )
-    return np.array(np.broadcast_to(array, (n,)))
-
-
-def _store(
-    settings: object,
-    name: str,
-    unit: str,
-    *,
-    positive: bool = False,
-    signed: bool = False,
-    single: bool = False,
-) -> None:
-    """Check one setting of a frozen dataclass and keep a copy; None means not given."""
-    value = getattr(settings, name)
-    if value is None and getattr(type(settings), name, 0.0) is None:
-        return
-    scalar = np.isscalar(value) or getattr(value, "ndim", None) == 0 or value is None
-    what = f"{name} ({unit})" if unit else name
-    array = finite_array(what, [value] if scalar else value, ndim=1)
-    if single and not scalar:
-        raise JointIdError(f"{what}: expected one number, got {array.size}.")
-    wrong = np.zeros(array.shape, bool) if signed else array <= 0 if positive else array < 0
-    if array.size == 0 or wrong.any():
-        shown = f"{array[wrong][0]:g}" if array.size else "empty"
-        rule = "be positive" if positive else "not be negative"
-        raise JointIdError(f"{what} is {shown}: must {rule}.")
-    object.__setattr__(settings, name, float(array[0]) if scalar else array)
-
-
-def _weights_table(value: ArrayLike) -> Complexes:
-    try:
-        table = np.array(value, dtype=np.complex128)
-    except (TypeError, ValueError) as error:
-        raise JointIdError(f"pattern: expected complex weights, got {value!r:.80}.") from error
-    if table.ndim != 2 or table.size == 0 or not np.isfinite(table).all():
-        raise JointIdError(
-            "pattern: expected finite complex weights, one row per record and one column per joint; "
-            f"got shape {table.shape}."
-        )
-    if not table.any(axis=1).all():
-        row = int(np.argmin(table.any(axis=1))) + 1
-        raise JointIdError(f"pattern: row {row} is zero: no joint moves in this record.")
-    table.setflags(write=False)
-    return table

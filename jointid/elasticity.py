@@ -1,91 +1,33 @@
-"""From phasors to stiffness and damping, equations (8)-(15): a linear problem, one line per joint.
-
-With the motors' phasors q and τ and s = iω, the spring deflections have the second derivative
-
-    a = (I + M2⁻¹M) s²q − M2⁻¹τ          (9)
-
-and the springs' torques b = s²τ − M s⁴q (11), again as second derivatives. K and D are diagonal, so that
-equation (8) falls into one complex equation per joint and record, (K_j + iωD_j) a_j = b_j.
-
-Erratum. The pseudo-inverse (13)-(14) gives K = Σ Re(a*b) / Σ|a|² and D = Σ ω Im(a*b) / Σ ω²|a|². The
-paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: the same for one frequency,
-another weighting for several, exact as well when there is no noise. Both are offered.
-"""
+"""From phasors to stiffness and damping, equations (8)-(15) and beyond: one call, several estimators."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.friction import friction_waveforms
 from jointid.joints import Elasticity, Inertia
+from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.linear_fit import Estimate, explicit, least_squares, weighted
 from jointid.phasors import Phasors
+from jointid.spring_equations import SpringEquations, spring_equations
 
 METHODS = {
-    "least-squares": "pseudo-inverse, equations (13)-(14)",
-    "explicit": "explicit solution, equation (15) as printed",
+    "auto": "maximum likelihood, with the simplest model that the noise allows",
+    "maximum-likelihood": "errors in variables; friction and delay on demand",
     "weighted": "weighted least squares, weights from the noise of each record",
+    "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
+    "explicit": "the paper's explicit solution, equation (15) as printed",
 }
 """Estimators by name, with a line that says what each is."""
 
-_NOISE_FLOOR = 1e-9  # of the largest phasor of a signal: rounding is never taken for information
-
-
-@dataclass(frozen=True, eq=False)
-class SpringEquations:
-    """The n equations (K_j + iωD_j) a_j = b_j of each of r records, and the noise of a and b."""
-
-    omega: Floats
-    """Frequencies, shape (r,), rad/s."""
-    a: Complexes
-    """Second derivative of the deflections, equation (9), shape (r, n), rad/s²."""
-    b: Complexes
-    """Second derivative of the spring torques, equation (11), shape (r, n), N·m/s²."""
-    of_a: Complexes
-    """Matrix with a = of_a z, z = [q; τ], shape (r, n, 2n)."""
-    of_b: Complexes
-    """Matrix with b = of_b z, shape (r, n, 2n)."""
-    noise: Complexes
-    """Covariance of z, shape (r, 2n, 2n)."""
-
-    @property
-    def deflection(self) -> Complexes:
-        """Spring deflections q − q_a = a/s², shape (r, n), rad."""
-        return np.asarray(-self.a / self.omega[:, None] ** 2)
-
-    @property
-    def spring_torque(self) -> Complexes:
-        """Spring torques b/s², shape (r, n), N·m."""
-        return np.asarray(-self.b / self.omega[:, None] ** 2)
-
-    @property
-    def stiffness(self) -> Complexes:
-        """Dynamic stiffness b/a of each record alone, K + iωD if the model holds, (r, n), N·m/rad."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(self.b / self.a)
-
-    def residual(self, K: Floats, D: Floats) -> Complexes:
-        """Equation error b − (K + iωD) a, shape (r, n), N·m/s²."""
-        return np.asarray(self.b - (K + 1j * self.omega[:, None] * D) * self.a)
-
-    def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
-        """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
-        spring = K + 1j * self.omega[:, None] * D
-        E = self.of_b - spring[:, :, None] * self.of_a
-        return np.asarray(E @ self.noise @ E.conj().swapaxes(1, 2))
-
-    def matrix(self) -> tuple[Floats, Floats]:
-        """A (2nr, 2n) and b (2nr,) of equation (12), in the paper's order D1, K1, D2, K2, ..."""
-        r, n = self.a.shape
-        A = np.zeros((r, n, 2, n, 2))
-        for j in range(n):
-            columns = np.stack([1j * self.omega * self.a[:, j], self.a[:, j]], axis=1)
-            A[:, j, 0, j], A[:, j, 1, j] = columns.real, columns.imag
-        b = np.stack([self.b.real, self.b.imag], axis=2)
-        return A.reshape(2 * n * r, 2 * n), b.reshape(2 * n * r)
+_LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}
+_REVERSALS = (0.0, 0.03, 0.1)
+"""Shares of the largest velocity below which friction is left free: from a sharp to a blunt reversal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +38,28 @@ class Friction:
     """Shape (n,), N·m."""
     viscous: Floats
     """Shape (n,), N·m·s/rad."""
+    standard_error: Floats
+    """Of coulomb (n), then viscous (n), shape (2n,); 0 where nothing shows it."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model that the automatic choice looked at."""
+
+    name: str
+    friction: bool
+    delay: bool
+    reversal: float
+    """Share of the largest velocity below which friction was left free."""
+    problem: str = ""
+    """Why it could not be fitted; empty when it could."""
+    cost: float = np.inf
+    expected_cost: float = 0.0
+    parameters: int = 0
+    """Real numbers fitted, the free shapes of friction included."""
+    criterion: float = np.inf
+    """Schwarz's information criterion, cost over the best model's misfit."""
+    chosen: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,19 +75,23 @@ class ElasticityFit:
     """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n): the noise of the phasors carried through
     the estimator, times ``misfit`` where that is above 1."""
     residual: Complexes
-    """Torque that the model leaves unexplained, by record and joint, shape (r, n), N·m."""
+    """Spring torque that K and D leave unexplained, by record and joint, shape (r, n), N·m."""
     residual_noise: Floats
     """What noise alone would leave there (root of the complex variance), shape (r, n), N·m."""
     cost: float
-    """Sum over records of eᴴV⁻¹e, the residual measured by its noise."""
+    """Sum of the squared residual in units of its noise, over all that was fitted."""
     expected_cost: float
-    """What ``cost`` is on average when the model is right and the noise as stated: n(r − 1)."""
+    """What ``cost`` is on average when the model is right and the noise as stated; 0 for one record."""
     equations: SpringEquations
-    """The equations that were solved."""
+    """The springs' equations, their torque freed from friction and delay where these were fitted."""
     friction: Friction | None = None
     """Friction that was fitted together with K and D, if it was."""
     delay: float | None = None
     """Seconds by which the torque was found to lag beyond what the records state, if it was fitted."""
+    delay_error: float | None = None
+    """Standard error of ``delay``, s."""
+    candidates: tuple[Candidate, ...] = ()
+    """The models that were compared, where there was a choice."""
 
     @property
     def n(self) -> int:
@@ -148,10 +116,8 @@ class ElasticityFit:
 
     @property
     def condition(self) -> float:
-        """Condition number of A in equation (12) with columns of unit length."""
-        A, _ = self.equations.matrix()
-        singular = np.linalg.svd(A / np.linalg.norm(A, axis=0), compute_uv=False)
-        return float(singular[0] / singular[-1])
+        """Condition number of the matrix A of equation (12), as it stands."""
+        return float(np.linalg.cond(self.equations.matrix()[0]))
 
     @property
     def elasticity(self) -> Elasticity:
@@ -177,43 +143,13 @@ class ElasticityFit:
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))
 
 
-def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> SpringEquations:
-    """Form equations (9) and (11) for every record.
-
-    Parameters
-    ----------
-    phasors : Phasors
-        r records of n joints.
-    inertia : Inertia or sequence of Inertia
-        One for all records, or one per record when they come from several poses.
-    """
-    r, n = phasors.q.shape
-    inertias = [inertia] * r if isinstance(inertia, Inertia) else list(inertia)
-    if len(inertias) != r:
-        raise JointIdError(f"{len(inertias)} inertias for {r} records: give one, or one per record.")
-    for each in inertias:
-        if each.n != n:
-            raise JointIdError(f"The records have {n} joint(s), the inertia has {each.n}.")
-    s2 = -(phasors.omega[:, None, None] ** 2)
-    M = np.array([np.diag(each.M) for each in inertias])
-    arm = np.linalg.inv(np.array([each.M2 for each in inertias]))
-    eye = np.broadcast_to(np.eye(n), (r, n, n))
-    of_a = np.concatenate([(eye + arm @ M) * s2, -arm], axis=2).astype(complex)
-    of_b = np.concatenate([-M * s2**2, eye * s2], axis=2).astype(complex)
-    z = phasors.z
-    floor = np.diag((_NOISE_FLOOR * np.abs(z).max(axis=0)) ** 2)
-    return SpringEquations(
-        omega=phasors.omega,
-        a=np.einsum("rij,rj->ri", of_a, z),
-        b=np.einsum("rij,rj->ri", of_b, z),
-        of_a=of_a,
-        of_b=of_b,
-        noise=phasors.covariance + floor,
-    )
-
-
 def identify_elasticity(
-    phasors: Phasors, inertia: Inertia | Sequence[Inertia], *, method: str = "weighted"
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    *,
+    method: str = "auto",
+    friction: bool = False,
+    delay: bool = False,
 ) -> ElasticityFit:
     """Find K and D of every joint; one record suffices in principle.
 
@@ -223,91 +159,124 @@ def identify_elasticity(
         r records of n joints.
     inertia : Inertia or sequence of Inertia
         Known rigid-body inertia, motor side; one per record when they come from several poses.
-    method : {"weighted", "least-squares", "explicit"}
-        See ``METHODS``. "weighted" starts from least squares and weights each record's equations
-        by the inverse covariance of their error.
+    method : {"auto", "maximum-likelihood", "weighted", "least-squares", "explicit"}
+        See ``METHODS``. "auto" compares models with and without friction and delay and takes the one
+        of the smallest information criterion.
+    friction : bool, default False
+        Fit Coulomb and viscous friction at the motors together with K and D ("auto": always, rather
+        than when the data ask for it).
+    delay : bool, default False
+        Fit a lag of the torque likewise.
 
     Raises
     ------
     JointIdError
-        When a joint's spring is not deflected in any record, or the method is not known.
+        When a joint's spring is not deflected in any record, the method is not known, or the records
+        cannot tell the parameters apart.
     """
     if method not in METHODS:
         raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
     equations = spring_equations(phasors, inertia)
-    n = phasors.n
-    still = ~(np.abs(equations.a).max(axis=0) > 0)
-    if still.any():
-        j = int(np.argmax(still)) + 1
-        raise JointIdError(
-            f"Joint {j} is not excited: its spring is not deflected in any record, so K{j} and D{j} "
-            f"cannot be found. Move joint {j}, and check the columns theta_m{j}_rad and tau_m{j}_Nm."
+    if method in _LINEAR:
+        if friction or delay:
+            raise JointIdError(
+                f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
+            )
+        return _fit(method, _LINEAR[method](equations), equations)
+    start = weighted(equations).p
+    choices = [
+        (reversal, lag)
+        for reversal in (None, *_REVERSALS)
+        for lag in (False, True)
+        if (reversal is not None or not friction) and (lag or not delay)
+        if method == "auto" or ((reversal is not None) == friction and lag == delay)
+    ]
+    estimates: list[LikelihoodEstimate | JointIdError] = []
+    for reversal, lag in choices:
+        waveforms = None if reversal is None else friction_waveforms(phasors, reversal)
+        try:
+            estimates.append(maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=lag))
+        except JointIdError as error:
+            estimates.append(error)
+    candidates = _compare(choices, estimates, 2 * phasors.n * phasors.omega.size)
+    chosen = estimates[[candidate.chosen for candidate in candidates].index(True)]
+    if isinstance(chosen, JointIdError):
+        raise chosen
+    return _likelihood_fit(method, chosen, spring_equations(chosen.phasors, inertia), candidates)
+
+
+def _compare(
+    choices: Sequence[tuple[float | None, bool]],
+    estimates: Sequence[LikelihoodEstimate | JointIdError],
+    rows: int,
+) -> tuple[Candidate, ...]:
+    """Schwarz's criterion, 2·cost + parameters · ln(rows), cost over the best model's misfit."""
+    fitted = [e for e in estimates if isinstance(e, LikelihoodEstimate)]
+    misfit = min((e.cost / e.expected_cost for e in fitted if e.expected_cost > 0), default=1.0)
+    candidates = []
+    for (reversal, lag), estimate in zip(choices, estimates, strict=True):
+        parts = ["elasticity"] + ["friction"] * (reversal is not None) + ["delay"] * lag
+        candidate = Candidate(
+            name=" + ".join(parts) + (f", reversals free below {reversal:.0%}" if reversal else ""),
+            friction=reversal is not None,
+            delay=lag,
+            reversal=reversal or 0.0,
+            problem=str(estimate) if isinstance(estimate, JointIdError) else "",
         )
-    gain = _explicit(equations) if method == "explicit" else _least_squares(equations)
-    if method == "weighted":
-        for _ in range(3):  # the weights hang on K and D only weakly: measured, the second pass is final
-            p = _apply(gain, equations.b)
-            gain = _weighted(equations, equations.residual_covariance(p[:n], p[n:]))
-    return _fit(method, equations, gain)
+        if isinstance(estimate, LikelihoodEstimate):
+            scaled = 2 * estimate.cost / max(1.0, misfit)
+            candidate = replace(
+                candidate,
+                cost=estimate.cost,
+                expected_cost=estimate.expected_cost,
+                parameters=estimate.parameters,
+                criterion=float(scaled + estimate.parameters * np.log(rows)),
+            )
+        candidates.append(candidate)
+    best = min(range(len(candidates)), key=lambda i: candidates[i].criterion)
+    candidates[best] = replace(candidates[best], chosen=True)
+    return tuple(candidates)
 
 
-def _least_squares(equations: SpringEquations) -> Complexes:
-    """Equations (13)-(14): p = Σ_r Re(G_r b_r) with p = (K, D), G of shape (r, 2n, n)."""
-    a, omega = equations.a, equations.omega[:, None]
-    stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
-    damping = -1j * omega * a.conj() / ((omega * np.abs(a)) ** 2).sum(axis=0)
-    return _diagonals(stiffness, damping)
+def _likelihood_fit(
+    method: str,
+    estimate: LikelihoodEstimate,
+    equations: SpringEquations,
+    candidates: tuple[Candidate, ...],
+) -> ElasticityFit:
+    candidate = next(c for c in candidates if c.chosen)
+    n, p = equations.a.shape[1], estimate.p
+    fit = _fit(method, estimate, equations)
+    inflation = max(1.0, fit.misfit)
+    error = np.sqrt(np.diag(estimate.covariance) * inflation)
+    friction = (
+        Friction(p[2 * n : 3 * n], p[3 * n : 4 * n], error[2 * n : 4 * n])
+        if candidate.friction
+        else None
+    )
+    return replace(
+        fit,
+        friction=friction,
+        delay=float(p[-1]) if candidate.delay else None,
+        delay_error=float(error[-1]) if candidate.delay else None,
+        candidates=candidates,
+    )
 
 
-def _explicit(equations: SpringEquations) -> Complexes:
-    """Equation (15) as printed."""
-    a, omega = equations.a, equations.omega[:, None]
-    stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
-    damping = -1j * a.conj() / (omega * np.abs(a) ** 2).sum(axis=0)
-    return _diagonals(stiffness, damping)
-
-
-def _weighted(equations: SpringEquations, V: Complexes) -> Complexes:
-    """Generalised least squares: the error of joint i may be correlated with that of joint j."""
-    R = _diagonals(equations.a, 1j * equations.omega[:, None] * equations.a).swapaxes(1, 2)
-    weighted = np.linalg.solve(V, R).conj().swapaxes(1, 2)  # RᴴV⁻¹
-    normal = (weighted @ R).sum(axis=0).real
-    scale = 1 / np.sqrt(np.diag(normal))  # K and D differ by orders of magnitude
-    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
-    return np.asarray(inverse @ weighted)
-
-
-def _diagonals(first: Complexes, second: Complexes) -> Complexes:
-    """Rows (r, n) and (r, n) as two stacked diagonal matrices, (r, 2n, n)."""
-    eye = np.eye(first.shape[1])
-    return np.concatenate([first[:, :, None] * eye, second[:, :, None] * eye], axis=1)
-
-
-def _apply(gain: Complexes, b: Complexes) -> Floats:
-    return np.asarray(np.einsum("rpj,rj->p", gain, b).real)
-
-
-def _fit(method: str, equations: SpringEquations, gain: Complexes) -> ElasticityFit:
-    r, n = equations.a.shape
-    p = _apply(gain, equations.b)
-    K, D = p[:n], p[n:]
-    e = equations.residual(K, D)
-    V = equations.residual_covariance(K, D)
-    cost = float(np.einsum("ri,ri->", e.conj(), np.linalg.solve(V, e[..., None])[..., 0]).real)
-    expected = float(n * (r - 1))
-    # Re(G e) of a circular complex e has half the covariance of the complex number.
-    covariance = 0.5 * np.einsum("rpi,rij,rqj->pq", gain, V, gain.conj()).real
-    inflation = max(1.0, cost / expected) if expected > 0 else 1.0
-    noise = np.sqrt(np.abs(np.einsum("rjj->rj", V)))
+def _fit(method: str, estimate: Estimate, equations: SpringEquations) -> ElasticityFit:
+    n = equations.a.shape[1]
+    K, D = estimate.p[:n], estimate.p[n : 2 * n]
     squared = equations.omega[:, None] ** 2
+    noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
+    inflation = max(1.0, estimate.cost / estimate.expected_cost) if estimate.expected_cost > 0 else 1.0
     return ElasticityFit(
         method=method,
         K=K,
         D=D,
-        covariance=covariance * inflation,
-        residual=-e / squared,
+        covariance=estimate.covariance[: 2 * n, : 2 * n] * inflation,
+        residual=-equations.residual(K, D) / squared,
         residual_noise=noise / squared,
-        cost=cost,
-        expected_cost=expected,
+        cost=estimate.cost,
+        expected_cost=estimate.expected_cost,
         equations=equations,
     )

@@ -34,11 +34,15 @@ class Phasors:
     of a complex number, twice that of its real part."""
     freedom: Floats
     """Degrees of freedom of each covariance, shape (r,); few periods make few."""
+    duration_s: Floats
+    """How long each record is, shape (r,), s; noise variances fall as its inverse."""
     harmonics: Complexes
     """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without the leakage
     of harmonics over a broken period. Zero where the samples cannot tell."""
     harmonic_covariance: Complexes
     """Noise covariance of each harmonic, shape (r, H, 2n, 2n); row 0 is ``covariance``."""
+    drift: Floats
+    """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
     settling: Floats
     """How far z of the first quarter of a record is from z of its second half, relative to z,
     shape (r, 2n); NaN when there are too few periods to tell."""
@@ -77,6 +81,13 @@ class Phasors:
             return np.full(self.z.shape, np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(np.linalg.norm(self.harmonics[:, 1:], axis=1) / np.abs(self.z))
+
+    def by_frequency(self) -> list[tuple[float, np.ndarray]]:
+        """Angular frequencies in ascending order, each with the indices of its records."""
+        order = np.argsort(self.omega, kind="stable")
+        ordered = self.omega[order]
+        gaps = np.flatnonzero(np.diff(ordered) > 1e-9 * ordered[:-1]) + 1
+        return [(float(self.omega[group[0]]), group) for group in np.split(order, gaps)]
 
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
@@ -118,7 +129,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     timing = np.ones((len(records), count, 2 * n), complex)
     timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
-    covariance = np.array([fit.covariance for fit in fits])
+    covariance = np.array([fit.covariance + _rounding(fit) for fit in fits])
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     settling, noise = _settling(fits)
     return Phasors(
@@ -127,8 +138,10 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         tau=z[:, n:],
         covariance=covariance[:, 0],
         freedom=np.array([float(fit.freedom) for fit in fits]),
+        duration_s=np.array([record.periods / record.frequency_hz for record in records]),
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
         harmonic_covariance=covariance,
+        drift=np.array([fit.drift[:n] for fit in fits]),
         settling=settling,
         settling_noise=noise,
         frequency_found_hz=np.array(
@@ -152,6 +165,12 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
                 f"{records[0].n}: records that are analysed together must have the same joints."
             )
     return tuple(records)
+
+
+def _rounding(fit: SineFit) -> Complexes:
+    """Variance that floating-point numbers of this size leave, diagonal (2n, 2n)."""
+    size = np.abs(fit.offset) + np.abs(fit.fundamental)
+    return np.diag((1e-14 * size) ** 2).astype(complex)
 
 
 def _distorted(fit: SineFit) -> bool:

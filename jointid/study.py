@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jointid.elasticity import METHODS, ElasticityFit, identify_elasticity
+from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors import Phasors, extract_phasors
@@ -101,18 +101,18 @@ class Analysis:
     fit: ElasticityFit
     """The chosen estimate of K and D, equations (8)-(15)."""
     fits: Mapping[str, ElasticityFit]
-    """Every estimator's answer, for comparison."""
+    """The chosen estimator's answer and those of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
     """What to know before the answer is trusted, most important first."""
 
 
-def analyse(study: Study, *, method: str = "weighted") -> Analysis:
+def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """Run the whole method on a study: phasors, transfer matrix, elasticity, verdict.
 
     Parameters
     ----------
     study : Study
-    method : str, default "weighted"
+    method : str, default "auto"
         The estimator whose answer is ``Analysis.fit``; see ``jointid.elasticity.METHODS``.
 
     Raises
@@ -122,9 +122,8 @@ def analyse(study: Study, *, method: str = "weighted") -> Analysis:
     """
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
-    fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in METHODS}
-    if method not in fits:
-        raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(fits)}.')
+    names = dict.fromkeys([method, "weighted", "least-squares", "explicit"])
+    fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in names}
     return Analysis(
         study=study,
         phasors=phasors,

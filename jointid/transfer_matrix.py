@@ -58,7 +58,7 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     """
     n = phasors.n
     kept, rejected = [], []
-    for omega, group in _by_frequency(phasors.omega):
+    for omega, group in phasors.by_frequency():
         try:
             kept.append((omega, *_solve(phasors, omega, group)))
         except JointIdError as error:
@@ -95,13 +95,6 @@ def single_record_response(phasors: Phasors) -> Complexes:
     return np.where(phasors.tau == 0, np.nan, response)
 
 
-def _by_frequency(omega: Floats) -> list[tuple[float, np.ndarray]]:
-    """Records of the same frequency, to nine digits, in ascending order of frequency."""
-    order = np.argsort(omega, kind="stable")
-    gaps = np.flatnonzero(np.diff(omega[order]) > 1e-9 * omega[order][:-1]) + 1
-    return [(float(omega[group[0]]), group) for group in np.split(order, gaps)]
-
-
 def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes, Complexes, float]:
     n = phasors.n
     names = ", ".join(phasors.labels[i] for i in group)
@@ -122,6 +115,11 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
     singular = np.linalg.svd(T / scale[:, None], compute_uv=False)
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", phasors.covariance[group])[:, n:]).max(axis=0)) / scale
     if singular[-1] <= max(_SINGULAR * singular[0], _NOISE_MARGIN * noise.max()):
+        if n == 1:
+            raise JointIdError(
+                f"{at} the torque of joint 1 (column tau_m1_Nm) does not stand out of its noise in "
+                f"{names}: excite the joint more strongly, or record longer."
+            )
         raise JointIdError(
             f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent: the "
             "records are the same experiment. Measure one in which the joints move with other relative "

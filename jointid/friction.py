@@ -1,0 +1,101 @@
+"""Friction at the motors as phasors: what Coulomb's law and the reversals contribute at each harmonic.
+
+The velocity of a motor over one period follows from the harmonics of its angle, differentiated
+analytically. While the motor slides, Coulomb friction is F_c sign θ̇. Around a reversal it may stick, and
+the friction torque is then whatever holds it: no function of velocity, hence unknown. There the friction
+is left free at the resolution of the harmonics, so that nothing is assumed of its shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.phasors import Phasors
+
+_HATS_PER_HARMONIC = 3
+"""Hat functions per period for each harmonic: closer than the harmonics can resolve."""
+
+_GRID = 1024  # points per period; many times the highest harmonic
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionWaveforms:
+    """Phasors of the friction torques that a unit of each parameter would make."""
+
+    coulomb: Complexes
+    """Of sign θ̇, shape (r, H, n)."""
+    reversals: tuple[Complexes, ...]
+    """For each record the waveforms in which friction is free, shape (m, H, n) with its own m."""
+    standing: np.ndarray
+    """Whether the joint hardly moves in the record, so that its friction is free throughout, (r, n)."""
+
+
+def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
+    """Fourier coefficients of sign θ̇ and of the free shapes around every reversal.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        With harmonics; few of them blur the reversals.
+    window : float
+        A reversal is where |θ̇| is below this share of the record's largest, or within the noise of θ̇;
+        0 takes sign θ̇ as it is.
+    """
+    r, H, _ = phasors.harmonics.shape
+    n = phasors.n
+    orders = np.arange(1, H + 1)
+    phase = np.arange(_GRID) / _GRID
+    waves = np.exp(2j * np.pi * np.outer(orders, phase))
+    to_phasor = waves.T.conj() * (2j / _GRID)
+    rate = 1j * phasors.omega[:, None] * orders
+    angle = phasors.harmonics[..., :n]
+    velocity = np.einsum("rh,rhj,ht->rjt", rate, angle, waves).imag + phasors.drift[:, :, None]
+    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
+    noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
+    largest = np.abs(velocity).max(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(largest > 0, np.maximum(window, 4 * noise / largest), 1.0)
+    standing = share > 0.5
+
+    carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
+    coulomb = np.zeros((r, H, n), complex)
+    reversals = []
+    for record in range(r):
+        free = []
+        for joint in range(n):
+            if standing[record, joint]:
+                shapes = np.concatenate([np.eye(H), 1j * np.eye(H)])
+            else:
+                threshold = share[record, joint] * largest[record, joint] if window > 0 else 0.0
+                sign, bumps = _sliding(velocity[record, joint], threshold, int(carried[record]))
+                coulomb[record, :, joint] = sign @ to_phasor
+                shapes = bumps @ to_phasor
+            placed = np.zeros((len(shapes), H, n), complex)
+            placed[:, :, joint] = shapes
+            free.append(placed)
+        reversals.append(np.concatenate(free))
+    return FrictionWaveforms(coulomb, tuple(reversals), standing)
+
+
+def _sliding(velocity: Floats, threshold: float, harmonics: int) -> tuple[Floats, Floats]:
+    """Sign of the velocity outside the reversals; hat functions (m, grid) that span each reversal."""
+    slides = np.flatnonzero(np.abs(velocity) > threshold)
+    direction = np.sign(velocity[slides])
+    sign = np.sign(velocity)
+    bumps: list[Floats] = []
+    following = np.roll(slides, -1)
+    for at in np.flatnonzero(direction != np.roll(direction, -1)):
+        length = int((following[at] - slides[at]) % _GRID)
+        inside = (slides[at] + np.arange(length + 1)) % _GRID
+        sign[inside] = np.where(np.arange(length + 1) < length / 2, direction[at], -direction[at])
+        if threshold == 0:
+            continue
+        pieces = int(np.ceil(_HATS_PER_HARMONIC * harmonics * length / _GRID))
+        hats = 1 - np.abs(np.arange(length + 1) * pieces / length - np.arange(pieces + 1)[:, None])
+        bump = np.zeros((pieces + 1, _GRID))
+        bump[:, inside] = np.maximum(hats, 0)
+        bumps.append(bump)
+    return sign, np.concatenate(bumps) if bumps else np.zeros((0, _GRID))

@@ -1,0 +1,282 @@
+"""Maximum likelihood of K, D, friction and delay: errors in variables, every harmonic, one Gauss-Newton.
+
+At harmonic h, s = ihω, the torque balance at the motors is r = τ e^{-sδ} − F − Z q = 0 with the
+impedance Z = s²(M + S⁻¹), S = M2⁻¹ + s²(K + sD)⁻¹, the inverse of equation (16), and friction F. Both τ
+and q carry noise of covariance C, so that r has the covariance V = E C Eᴴ, E = [−Z, I]. Maximising the
+likelihood over the unknown true τ and q as well leaves Σ rᴴV⁻¹r to be minimised over the parameters. Its
+gradient is 2 Re JᴴV⁻¹r with the Jacobian J taken at the smoothed signals z − C EᴴV⁻¹r: this is what
+removes the bias that noise in q brings to least squares (Pintelon and Schoukens, System Identification,
+2nd ed. 2012, chapter 9; Söderström, Errors-in-Variables Methods in System Identification, 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.friction import FrictionWaveforms
+from jointid.joints import Inertia
+from jointid.linear_fit import Estimate
+from jointid.noise import Noise, pooled_noise
+from jointid.phasors import Phasors
+from jointid.spring_equations import inertia_arrays
+
+_PASSES = 50
+_INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
+
+
+@dataclass(frozen=True, eq=False)
+class LikelihoodEstimate(Estimate):
+    """The estimate, with what it takes for friction and delay."""
+
+    phasors: Phasors
+    """The phasors whose torque is freed from friction and delay: what the springs and inertias got."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    s: Complexes  # (r, H)
+    z: Complexes  # (r, H, 2n)
+    noise: Noise
+    known: np.ndarray  # (r, H), false where the samples could not carry the harmonic
+    M: Floats  # (r, n)
+    arm: Floats  # M2⁻¹, (r, n, n)
+    friction: FrictionWaveforms | None
+    names: tuple[str, ...]  # of the parameters, K and D first
+
+    @property
+    def n(self) -> int:
+        return int(self.M.shape[1])
+
+
+def maximum_likelihood(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    start: Floats,
+    *,
+    friction: FrictionWaveforms | None = None,
+    delay: bool = False,
+) -> LikelihoodEstimate:
+    """Fit K and D, and on demand friction and delay, to all records and harmonics.
+
+    Parameters
+    ----------
+    phasors : Phasors
+    inertia : Inertia or sequence of Inertia
+        One for all records, or one per record.
+    start : ndarray, shape (2n,)
+        K and D to begin with, from a linear estimator.
+    friction : FrictionWaveforms, optional
+        Fit Coulomb and viscous friction with these waveforms.
+    delay : bool, default False
+        Fit a lag of the torque beyond what the records state.
+
+    Returns
+    -------
+    LikelihoodEstimate
+        p = (K, D, then coulomb (n) and viscous (n), then delay), as far as fitted. A Coulomb friction
+        that no record shows, since its motor never reverses, is zero with variance zero.
+
+    Raises
+    ------
+    JointIdError
+        When the data cannot tell some parameters apart, or no positive stiffness fits.
+    """
+    n = phasors.n
+    names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
+    if friction is not None:
+        names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
+    if delay:
+        names.append("delay")
+    if np.any(start[:n] <= 0):
+        raise JointIdError(
+            f"K{int(np.argmin(start[:n])) + 1} comes out negative by least squares: check the sign and "
+            "unit of the torque, the gear ratios, and the inertias M and M2."
+        )
+    M, arm = inertia_arrays(phasors, inertia)
+    problem = _Problem(
+        s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
+        z=phasors.harmonics,
+        noise=pooled_noise(phasors),
+        known=np.any(phasors.harmonics != 0, axis=2),
+        M=M,
+        arm=arm,
+        friction=friction,
+        names=tuple(names),
+    )
+    p = np.concatenate([start, np.zeros(len(names) - 2 * n)])
+    scale = np.ones(problem.s.shape[1])
+    p, _ = _minimise(problem, p, scale)
+    # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
+    scale = np.maximum(1.0, _misfit_by_harmonic(problem, p))
+    p, normal = _minimise(problem, p, scale)
+    information = _inverse(problem, normal)
+    rows, _, rank = _whitened(problem, p, np.ones_like(scale))
+    measured = problem.known.sum() * n * 2
+    first = problem.z[:, 0]
+    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - _taken(problem, p, scale))
+    return LikelihoodEstimate(
+        p=p,
+        covariance=0.5 * information,
+        cost=float(sum((row**2).sum() for row in rows)),
+        expected_cost=max((measured - rank - len(names)) / 2, 0.0),
+        parameters=rank + len(names),
+        phasors=clean,
+    )
+
+
+def _minimise(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
+    """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there."""
+    n, damping = problem.n, 1e-3
+    cost, gradient, normal = _quadratic(problem, p, scale)
+    for _ in range(_PASSES):
+        size = np.sqrt(np.diag(normal))
+        size = np.where(size > 0, size, 1.0)
+        while True:
+            scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
+            step = -np.linalg.solve(scaled, gradient / size) / size
+            trial = p + step
+            if np.all(trial[:n] > 0):
+                new = _quadratic(problem, trial, scale)
+                if new[0] <= cost * (1 + 1e-12):
+                    break
+            if damping > 1e8:
+                return p, normal
+            damping = max(10 * damping, 1e-6)
+        gained = cost - new[0]
+        p, (cost, gradient, normal) = trial, new
+        damping /= 10
+        if gained <= 1e-10 * cost and np.abs(step * size).max() < 1e-2:  # a hundredth of an error bar
+            break
+    return p, normal
+
+
+def _quadratic(problem: _Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
+    """Cost, half its gradient, and normal matrix."""
+    rows, columns, _ = _whitened(problem, p, scale)
+    cost, gradient, normal = 0.0, np.zeros(p.size), np.zeros((p.size, p.size))
+    for row, column in zip(rows, columns, strict=True):
+        cost += float(row @ row)
+        gradient += column.T @ row
+        normal += column.T @ column
+    return cost, gradient, normal
+
+
+def _whitened(problem: _Problem, p: Floats, scale: Floats) -> tuple[list[Floats], list[Floats], int]:
+    """Residual and Jacobian of each record in units of noise, without what friction is free to do."""
+    r, V, J = _balance(problem, p)
+    V = V * (problem.noise.inverse_bias[:, None] * scale)[..., None, None]
+    W = np.linalg.inv(np.linalg.cholesky(V)) * problem.known[..., None, None]
+    rows = _real((W @ r[..., None])[..., 0])
+    columns = _real((W @ J).transpose(0, 3, 1, 2)).transpose(0, 2, 1)
+    if problem.friction is None:
+        return list(rows), list(columns), 0
+    out_rows, out_columns, rank = [], [], 0
+    for record, shapes in enumerate(problem.friction.reversals):
+        row, column = rows[record], columns[record]
+        if len(shapes):
+            free = _real(np.einsum("hij,mhj->mhi", W[record], shapes)).T
+            basis = _span(free)
+            row, column = row - basis @ (basis.T @ row), column - basis @ (basis.T @ column)
+            rank += basis.shape[1]
+        out_rows.append(row)
+        out_columns.append(column)
+    return out_rows, out_columns, rank
+
+
+def _real(values: Complexes) -> Floats:
+    """Complex (..., H, n) as real rows (..., 2Hn)."""
+    flat = values.reshape(*values.shape[:-2], -1)
+    return np.concatenate([flat.real, flat.imag], axis=-1)
+
+
+def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
+    """Fundamental of the torque that friction and delay take, shape (r, n)."""
+    n, s, z = problem.n, problem.s[:, :1], problem.z[:, 0]
+    lag = p[-1] if problem.names[-1] == "delay" else 0.0
+    taken = z[:, n:] * (1 - np.exp(-s * lag))
+    if problem.friction is None:
+        return np.asarray(taken)
+    taken = taken + p[2 * n : 3 * n] * problem.friction.coulomb[:, 0]
+    taken = taken + p[3 * n : 4 * n] * s * z[:, :n]
+    r, V, _ = _balance(problem, p)
+    W = np.linalg.inv(np.linalg.cholesky(V * scale[:, None, None])) * problem.known[..., None, None]
+    for record, shapes in enumerate(problem.friction.reversals):
+        if len(shapes):
+            free = _real(np.einsum("hij,mhj->mhi", W[record], shapes)).T
+            row = _real((W[record] @ r[record][..., None])[..., 0])
+            taken[record] += np.linalg.lstsq(free, row, rcond=1e-6)[0] @ shapes[:, 0]
+    return np.asarray(taken)
+
+
+def _span(columns: Floats) -> Floats:
+    """Orthonormal basis of the columns' span."""
+    size = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    return np.asarray(left[:, singular > 1e-6 * singular[:1].sum()])
+
+
+def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
+    """Torque left over r (r, H, n), its covariance (r, H, n, n) and Jacobian (r, H, n, P)."""
+    n, s = problem.n, problem.s
+    K, D = p[:n], p[n : 2 * n]
+    spring = K + s[..., None] * D
+    s2 = (s * s)[..., None, None]
+    stiff = np.linalg.inv(problem.arm[:, None] + s2 * np.eye(n) / spring[..., None])  # S⁻¹
+    Z = s2 * (problem.M[:, None, None] * np.eye(n) + stiff)
+    z = problem.z.copy()
+    if problem.names[-1] == "delay":
+        z[..., n:] *= np.exp(-s * p[-1])[..., None]
+    E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
+    CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
+    V = E @ CE
+    r = (E @ z[..., None])[..., 0]
+    if problem.friction is not None:
+        viscous = s[..., None] * z[..., :n]
+        r = r - p[2 * n : 3 * n] * problem.friction.coulomb - p[3 * n : 4 * n] * viscous
+    smooth = z - (CE @ np.linalg.solve(V, r[..., None]))[..., 0]
+
+    J = np.zeros((*r.shape, p.size), complex)
+    # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
+    pull = (stiff @ smooth[..., :n, None])[..., 0] / spring**2
+    J[..., :n] = -(s2**2) * stiff * pull[..., None, :]
+    J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
+    if problem.friction is not None:
+        J[..., 2 * n : 3 * n] = -problem.friction.coulomb[..., None] * np.eye(n)
+        J[..., 3 * n : 4 * n] = -(s[..., None] * smooth[..., :n])[..., None] * np.eye(n)
+    if problem.names[-1] == "delay":
+        J[..., -1] = -s[..., None] * smooth[..., n:]
+    return r, V, J
+
+
+def _misfit_by_harmonic(problem: _Problem, p: Floats) -> Floats:
+    """Cost over expected cost of each harmonic, shape (H,)."""
+    ones = np.ones(problem.s.shape[1])
+    rows, _, rank = _whitened(problem, p, ones)
+    H, n = problem.s.shape[1], problem.n
+    squares = np.sum([row**2 for row in rows], axis=0).reshape(2, H, n).sum(axis=(0, 2))
+    measured = problem.known.sum(axis=0) * n
+    left = 1 - rank / max(2 * n * problem.known.sum(), 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(squares / (measured * left)))
+
+
+def _inverse(problem: _Problem, normal: Floats) -> Floats:
+    """Inverse of the normal matrix; parameters without any effect stay out of it."""
+    size = np.sqrt(np.diag(normal))
+    seen = size > 0
+    scaled = normal[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+    values, vectors = np.linalg.eigh(scaled)
+    if values[0] < _INSEPARABLE:
+        names = np.array(problem.names)[seen][np.abs(vectors[:, 0]) > 0.3]
+        raise JointIdError(
+            f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "
+            "and with other relative amplitudes and phases of the joints."
+        )
+    inverse = np.zeros_like(normal)
+    inverse[np.ix_(seen, seen)] = np.linalg.inv(scaled) / np.outer(size[seen], size[seen])
+    return inverse
