@@ -140,8 +140,10 @@ def exact_phasors(
         tau=tau,
         covariance=covariance,
         freedom=np.full(r, float(freedom)),
+        duration_s=10.0 / np.asarray(frequencies_hz, float),
         harmonics=np.hstack([q, tau])[:, None],
         harmonic_covariance=covariance[:, None],
+        drift=np.zeros((r, n)),
         settling=np.full((r, 2 * n), np.nan),
         settling_noise=np.full((r, 2 * n), np.nan),
         frequency_found_hz=np.asarray(frequencies_hz, float),
@@ -173,9 +175,15 @@ def circular(rng: np.random.Generator, covariance: np.ndarray, size: int) -> np.
     return np.einsum("rab,srb->sra", root, white)
 
 
-def noisy(phasors: Phasors, covariance: np.ndarray, error: np.ndarray) -> Phasors:
-    """The same phasors with an error (r, 2n) of a known covariance added."""
-    n = phasors.n
-    return exact_phasors(
-        phasors.omega / (2 * np.pi), phasors.q + error[:, :n], phasors.tau + error[:, n:], covariance
-    )
+def estimated(rng: np.random.Generator, covariance: np.ndarray, freedom: int) -> np.ndarray:
+    """What ``freedom`` draws would tell about a covariance (r, m, m)."""
+    draws = circular(rng, covariance, freedom)
+    return np.einsum("sra,srb->rab", draws, draws.conj()) / freedom
+
+
+def noisy(
+    phasors: Phasors, covariance: np.ndarray, error: np.ndarray, freedom: float = 1e9
+) -> Phasors:
+    """The same phasors with an error (r, 2n) added, and a covariance stated."""
+    n, f = phasors.n, phasors.omega / (2 * np.pi)
+    return exact_phasors(f, phasors.q + error[:, :n], phasors.tau + error[:, n:], covariance, freedom)

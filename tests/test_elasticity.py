@@ -1,0 +1,498 @@
+"""Equations (8)-(15): exact without noise, honest about its error with it, clear when it cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import (
+    BAND_HZ,
+    PAPER,
+    PARALLELOGRAM,
+    ROBOTS,
+    SERIAL,
+    THREE,
+    campaign,
+    circular,
+    estimated,
+    exact_phasors,
+    motion,
+    noisy,
+    plant_phasors,
+    random_covariance,
+    steady_records,
+)
+
+from jointid import (
+    Elasticity,
+    ElasticityFit,
+    Inertia,
+    JointIdError,
+    Phasors,
+    SineRecord,
+    extract_phasors,
+    identify_elasticity,
+    spring_equations,
+)
+
+LINEAR = ["least-squares", "explicit", "weighted"]
+
+
+def answer(fit: ElasticityFit) -> np.ndarray:
+    return np.concatenate([fit.K, fit.D])
+
+
+def truth(n: int) -> np.ndarray:
+    return np.concatenate([ROBOTS[n][1].K, ROBOTS[n][1].D])
+
+
+def example(n: int = 2, frequencies: np.ndarray = BAND_HZ, count: int | None = None) -> Phasors:
+    return plant_phasors(*ROBOTS[n], *campaign(frequencies, n, count))
+
+
+def mild_noise(phasors: Phasors, level: float = 1e-3, seed: int = 0) -> np.ndarray:
+    """Noise of the same size in every record, strongly correlated, as a logger would add."""
+    scale = level * np.abs(phasors.z).min(axis=0)
+    rng = np.random.default_rng(seed)
+    return np.array([random_covariance(rng, scale) for _ in phasors.omega])
+
+
+# Without noise
+
+
+@pytest.mark.parametrize("method", LINEAR)
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_truth_is_found_without_noise(method: str, n: int, count: int) -> None:
+    fit = identify_elasticity(example(n, count=count), ROBOTS[n][0], method=method)
+    assert np.allclose(answer(fit), truth(n), rtol=1e-9)
+    assert np.allclose(fit.elasticity.K, ROBOTS[n][1].K, rtol=1e-9)
+    assert fit.method == method
+
+
+@pytest.mark.parametrize("method", LINEAR)
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("frequency", [4.0, 17.0])
+def test_one_record_suffices(method: str, n: int, frequency: float) -> None:
+    """All joints move in it: 2n parameters from n complex equations."""
+    fit = identify_elasticity(example(n, np.array([frequency]), 1), ROBOTS[n][0], method=method)
+    assert np.allclose(answer(fit), truth(n), rtol=1e-8)
+    assert fit.misfit == 1.0
+    assert np.isfinite(fit.standard_error).all()
+
+
+@pytest.mark.parametrize("method", LINEAR)
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("periods", [1.0, 6.37, 10.0])
+def test_truth_is_found_from_records_of_any_length(method: str, n: int, periods: float) -> None:
+    inertia, elasticity = ROBOTS[n]
+    records = steady_records(
+        inertia, elasticity, *campaign(BAND_HZ, n),
+        periods=periods, hold=True, delay_s=0.0013, offset=2.0, begin_s=4.4,
+    )  # fmt: skip
+    fit = identify_elasticity(extract_phasors(records), inertia, method=method)
+    assert np.allclose(answer(fit), truth(n), rtol=1e-6)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 4),
+    method=st.sampled_from(LINEAR),
+)
+def test_any_robot_is_identified(seed: int, n: int, method: str) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((n, n)) + 2 * np.eye(n)
+    inertia = Inertia(M=rng.uniform(0.001, 0.005, n), M2=0.003 * (root @ root.T + 0.3 * np.eye(n)))
+    elasticity = Elasticity(K=rng.uniform(5, 80, n), D=rng.uniform(0, 0.2, n))
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, n))
+    fit = identify_elasticity(phasors, inertia, method=method)
+    assert np.allclose(fit.K, elasticity.K, rtol=1e-7)
+    assert np.allclose(fit.D, elasticity.D, rtol=1e-6, atol=1e-8)
+
+
+def test_undamped_joint_gives_a_usable_answer() -> None:
+    stiff = Elasticity(K=PAPER.K, D=[0.0, 0.0])
+    fit = identify_elasticity(plant_phasors(SERIAL, stiff, *campaign(BAND_HZ, 2)), SERIAL)
+    assert np.allclose(fit.elasticity.D, 0, atol=1e-9)
+
+
+def test_poses_have_their_own_inertia_and_one_elasticity() -> None:
+    frequencies, torques = campaign(BAND_HZ, 2)
+    poses = [SERIAL, PARALLELOGRAM, Inertia(M=SERIAL.M, M2=[[0.0081, 0.0021], [0.0021, 0.0019]])]
+    inertias = [poses[i % 3] for i in range(frequencies.size)]
+    q = np.vstack(
+        [
+            motion(inertia, PAPER, frequencies[i : i + 1], torques[i : i + 1])
+            for i, inertia in enumerate(inertias)
+        ]
+    )
+    phasors = exact_phasors(frequencies, q, torques)
+    for method in LINEAR:
+        fit = identify_elasticity(phasors, inertias, method=method)
+        assert np.allclose(answer(fit), truth(2), rtol=1e-8)
+        wrong = identify_elasticity(phasors, SERIAL, method=method)
+        assert not np.allclose(answer(wrong), truth(2), rtol=1e-2)
+        assert wrong.misfit > 100
+
+
+# The paper's formulas
+
+
+def scattered() -> Phasors:
+    """Noisy phasors, so that the estimators differ."""
+    base = example()
+    noise = mild_noise(base, 0.02)
+    return noisy(base, noise, circular(np.random.default_rng(1), noise, 1)[0])
+
+
+def test_equations_9_and_11_written_out() -> None:
+    phasors = scattered()
+    equations = spring_equations(phasors, SERIAL)
+    for r, omega in enumerate(phasors.omega):
+        s = 1j * omega
+        M, inverse = np.diag(SERIAL.M), np.linalg.inv(SERIAL.M2)
+        a = (np.eye(2) + inverse @ M) @ (s**2 * phasors.q[r]) - inverse @ phasors.tau[r]
+        b = s**2 * phasors.tau[r] - M @ (s**4 * phasors.q[r])
+        assert np.allclose(equations.a[r], a, rtol=1e-10)
+        assert np.allclose(equations.b[r], b, rtol=1e-10)
+
+
+def test_deflection_and_spring_torque_are_those_of_the_arm() -> None:
+    """The spring's torque is what moves the arm: τ − M s² q = M2 s² qa."""
+    phasors = example()
+    equations = spring_equations(phasors, SERIAL)
+    s2 = -(phasors.omega[:, None] ** 2)
+    arm = (phasors.tau - SERIAL.M * s2 * phasors.q) @ np.linalg.inv(SERIAL.M2) / s2
+    assert np.allclose(equations.deflection, phasors.q - arm, rtol=1e-9)
+    assert np.allclose(equations.spring_torque, phasors.tau - SERIAL.M * s2 * phasors.q, rtol=1e-9)
+    expected = PAPER.K + 1j * phasors.omega[:, None] * PAPER.D
+    assert np.allclose(equations.stiffness, expected, rtol=1e-8)
+    assert np.allclose(equations.spring_torque, expected * equations.deflection, rtol=1e-8)
+
+
+def test_least_squares_is_the_pseudo_inverse_of_equation_13() -> None:
+    phasors = scattered()
+    fit = identify_elasticity(phasors, SERIAL, method="least-squares")
+    A, b = fit.equations.matrix()
+    assert A.shape == (4 * phasors.omega.size, 4)
+    D1, K1, D2, K2 = np.linalg.pinv(A) @ b
+    assert np.allclose(answer(fit), [K1, K2, D1, D2], rtol=1e-9)
+
+
+def test_matrix_has_the_rows_of_equation_12() -> None:
+    phasors = scattered()
+    equations = spring_equations(phasors, SERIAL)
+    A, b = equations.matrix()
+    w, (a1, a2), (b1, b2) = phasors.omega[3], equations.a[3], equations.b[3]
+    assert np.allclose(
+        A[12:16],
+        [
+            [-w * a1.imag, a1.real, 0, 0],
+            [w * a1.real, a1.imag, 0, 0],
+            [0, 0, -w * a2.imag, a2.real],
+            [0, 0, w * a2.real, a2.imag],
+        ],
+    )
+    assert np.allclose(b[12:16], [b1.real, b1.imag, b2.real, b2.imag])
+
+
+def test_explicit_is_equation_15_as_printed() -> None:
+    phasors = scattered()
+    fit = identify_elasticity(phasors, SERIAL, method="explicit")
+    w, equations = phasors.omega, fit.equations
+    for j in range(2):
+        a, b = equations.a[:, j], equations.b[:, j]
+        D = -np.sum(a.imag * b.real - a.real * b.imag) / np.sum(w * (a.real**2 + a.imag**2))
+        K = np.sum(a.real * b.real + a.imag * b.imag) / np.sum(a.real**2 + a.imag**2)
+        assert [fit.K[j], fit.D[j]] == pytest.approx([K, D], rel=1e-10)
+
+
+def test_equations_13_and_15_agree_for_one_frequency_and_on_K() -> None:
+    phasors = scattered()
+    pinv, printed = (identify_elasticity(phasors, SERIAL, method=m) for m in LINEAR[:2])
+    assert np.allclose(pinv.K, printed.K, rtol=1e-12)
+    assert not np.allclose(pinv.D, printed.D, rtol=1e-5)
+    one = phasors.select([4, 5])  # two records of one frequency
+    pinv, printed = (identify_elasticity(one, SERIAL, method=m) for m in LINEAR[:2])
+    assert np.allclose(answer(pinv), answer(printed), rtol=1e-10)
+
+
+def test_weighted_is_generalised_least_squares() -> None:
+    """Its normal equations hold for the inverse covariance of the errors, real and imaginary parts."""
+    phasors = scattered()
+    fit = identify_elasticity(phasors, SERIAL, method="weighted")
+    A, b = fit.equations.matrix()
+    A = A[:, [1, 3, 0, 2]]
+    V = fit.equations.residual_covariance(fit.K, fit.D)
+    weight = np.zeros((len(b), len(b)))
+    for r, block in enumerate(np.linalg.inv(V)):
+        i = 4 * r + np.array([0, 2])  # rows Re1, Im1, Re2, Im2
+        weight[np.ix_(i, i)] = weight[np.ix_(i + 1, i + 1)] = block.real
+        weight[np.ix_(i, i + 1)], weight[np.ix_(i + 1, i)] = -block.imag, block.imag
+    expected = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ b)
+    error = 0.02 * fit.standard_error  # the weights hang on the answer; the last pass moves it little
+    assert np.all(np.abs(answer(fit) - expected) < error)
+
+
+# Noise
+
+
+@pytest.mark.parametrize("method", LINEAR)
+@pytest.mark.parametrize(
+    ("n", "count", "freedom"),
+    [(2, 2, None), (1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (3, 3, 15), (1, 2, 7)],
+)
+def test_errors_are_as_stated(method: str, n: int, count: int | None, freedom: int | None) -> None:
+    """500 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.
+
+    The standard deviation of a variance ratio is 0.063: 0.78 to 1.28 is four of them. The misfit of a
+    right model is 1 on average.
+    """
+    runs, base, inertia = 500, example(n, count=count), ROBOTS[n][0]
+    noise = mild_noise(base)
+    rng = np.random.default_rng(5)
+    fits = []
+    for error in circular(rng, noise, runs):
+        stated = noise if freedom is None else estimated(rng, noise, freedom)
+        fits.append(
+            identify_elasticity(noisy(base, stated, error, freedom or 1e9), inertia, method=method)
+        )
+    found = np.array([answer(fit) for fit in fits])
+    # Inflation by a misfit above 1 is a safeguard on top; half of all right models are above 1.
+    stated = np.mean([np.diag(fit.covariance) / max(1.0, fit.misfit) for fit in fits], axis=0)
+    ratio = found.var(axis=0) / stated
+    assert np.all((ratio > 0.78) & (ratio < 1.28)), ratio
+    bias = (found.mean(axis=0) - truth(n)) / found.std(axis=0) * np.sqrt(runs)
+    assert np.all(np.abs(bias) < 4.5), bias
+    assert np.mean([fit.misfit for fit in fits]) == pytest.approx(1.0, abs=0.08)
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_single_record_errors_are_as_stated(method: str) -> None:
+    base = example(2, np.array([11.0]), 1)
+    noise = mild_noise(base)
+    fits = [
+        identify_elasticity(noisy(base, noise, e), SERIAL, method=method)
+        for e in circular(np.random.default_rng(6), noise, 500)
+    ]
+    found = np.array([answer(fit) for fit in fits])
+    ratio = found.var(axis=0) / np.mean([np.diag(fit.covariance) for fit in fits], axis=0)
+    assert np.all((ratio > 0.78) & (ratio < 1.28)), ratio
+
+
+def test_correlations_are_as_stated() -> None:
+    base = example()
+    noise = mild_noise(base)
+    fits = [
+        identify_elasticity(noisy(base, noise, e), SERIAL, method="weighted")
+        for e in circular(np.random.default_rng(7), noise, 600)
+    ]
+    seen = np.corrcoef(np.array([answer(fit) for fit in fits]).T)
+    assert np.allclose(seen, np.mean([fit.correlation for fit in fits], axis=0), atol=0.15)
+    assert np.allclose(np.diag(fits[0].correlation), 1)
+
+
+def test_weighted_is_the_most_accurate_of_the_linear_ones() -> None:
+    base = example()
+    noise = mild_noise(base)
+    spread = {}
+    for method in LINEAR:
+        found = [
+            answer(identify_elasticity(noisy(base, noise, e), SERIAL, method=method))
+            for e in circular(np.random.default_rng(8), noise, 300)
+        ]
+        spread[method] = np.std(found, axis=0)
+    assert np.all(spread["weighted"] < 1.03 * spread["least-squares"])
+    assert np.all(spread["weighted"] < 1.03 * spread["explicit"])
+    assert np.any(spread["weighted"] < 0.7 * spread["least-squares"])
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_residual_is_as_large_as_its_noise_says(method: str) -> None:
+    """Four of 28 real degrees of freedom per joint pair go into the fit."""
+    base = example()
+    noise = mild_noise(base)
+    ratio = []
+    for e in circular(np.random.default_rng(9), noise, 200):
+        fit = identify_elasticity(noisy(base, noise, e), SERIAL, method=method)
+        ratio.append(np.mean(np.abs(fit.residual) ** 2 / fit.residual_noise**2))
+    assert fit.residual.shape == fit.residual_noise.shape == base.q.shape
+    assert 0.85 < np.mean(ratio) < 1.2
+
+
+def test_residual_is_the_torque_that_is_missing() -> None:
+    """A torque put on joint 1 behind the model's back comes out as its residual."""
+    base = example()
+    fit = identify_elasticity(base, SERIAL, method="least-squares")
+    equations = spring_equations(
+        exact_phasors(base.omega / (2 * np.pi), base.q, base.tau + np.array([0.01, 0.0])), SERIAL
+    )
+    e = equations.residual(fit.K, fit.D) / -(base.omega[:, None] ** 2)
+    spring = fit.K + 1j * base.omega[:, None] * fit.D
+    inverse = np.linalg.inv(SERIAL.M2)
+    expected = 0.01 * (np.array([1.0, 0.0]) - spring * inverse[:, 0] / base.omega[:, None] ** 2)
+    assert np.allclose(e, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_wrong_inertia_shows_as_misfit_and_wide_errors() -> None:
+    base = example()
+    noise = mild_noise(base)
+    data = noisy(base, noise, circular(np.random.default_rng(2), noise, 1)[0])
+    right = identify_elasticity(data, SERIAL, method="weighted")
+    wrong = identify_elasticity(data, Inertia(M=SERIAL.M, M2=1.05 * SERIAL.M2), method="weighted")
+    assert right.misfit < 1.7
+    assert wrong.misfit > 10
+    assert np.all(wrong.standard_error > 2 * right.standard_error)
+
+
+# Invariance
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_answer_does_not_depend_on_names_signs_or_units(method: str) -> None:
+    base = scattered()
+    fit = identify_elasticity(base, SERIAL, method=method)
+    order, turn = [1, 0], np.array([1e3, -1e-3])  # θ' = turn θ, τ' = τ / turn, a million apart
+    both = np.concatenate([turn, 1 / turn])
+    place = order + [2 + j for j in order]
+    covariance = (base.covariance * np.outer(both, both))[:, place][:, :, place]
+    changed = exact_phasors(
+        base.omega / (2 * np.pi), (base.q * turn)[:, order], (base.tau / turn)[:, order], covariance
+    )
+    inertia = Inertia(
+        M=(SERIAL.M / turn**2)[order], M2=(SERIAL.M2 / np.outer(turn, turn))[order][:, order]
+    )
+    same = identify_elasticity(changed, inertia, method=method)
+    unit = np.tile(turn[order] ** 2, 2)
+    assert np.allclose(answer(same) * unit, answer(fit)[place], rtol=1e-6)
+    assert np.allclose(same.standard_error * unit, fit.standard_error[place], rtol=1e-6)
+    assert same.misfit == pytest.approx(fit.misfit, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_answer_does_not_depend_on_amplitude_clock_or_order(method: str) -> None:
+    base = scattered()
+    fit = identify_elasticity(base, SERIAL, method=method)
+    rng = np.random.default_rng(4)
+    turn = 7.0 * np.exp(1j * rng.uniform(0, 6, base.omega.size))[:, None]
+    mixed = exact_phasors(
+        base.omega / (2 * np.pi), base.q * turn, base.tau * turn, base.covariance * 49.0
+    ).select(rng.permutation(base.omega.size))
+    again = identify_elasticity(mixed, SERIAL, method=method)
+    assert np.allclose(answer(again), answer(fit), rtol=1e-9)
+    assert np.allclose(again.standard_error, fit.standard_error, rtol=1e-9)
+
+
+# What cannot be done, or should not be believed
+
+
+def test_condition_tells_a_poor_campaign_from_a_good_one() -> None:
+    """At 1 Hz damping makes a thousandth of the spring's torque; over the band a tenth."""
+    good = identify_elasticity(example(), SERIAL).condition
+    poor = identify_elasticity(example(2, np.array([0.5, 0.6])), SERIAL).condition
+    assert good >= 1
+    assert poor > 3 * good
+
+
+def test_joint_that_does_not_move_is_named() -> None:
+    apart = Inertia(M=SERIAL.M, M2=np.diag([0.006, 0.002]))
+    phasors = plant_phasors(apart, PAPER, *campaign(BAND_HZ, 2))
+    still = exact_phasors(BAND_HZ.repeat(2), phasors.q * [1, 0], phasors.tau * [1, 0])
+    for method in LINEAR:
+        with pytest.raises(JointIdError, match=r"Joint 2 is not excited.*theta_m2_rad.*tau_m2_Nm"):
+            identify_elasticity(still, apart, method=method)
+
+
+def test_joints_whose_columns_are_empty_are_named() -> None:
+    time = np.arange(4000) / 1000.0
+    moving = np.zeros((4000, 3))
+    moving[:, 0] = np.sin(2 * np.pi * 5 * time)
+    for tau in (moving, 0 * moving):
+        phasors = extract_phasors([SineRecord(5.0, time, moving, tau)])
+        with pytest.raises(JointIdError, match=r"[Jj]oint 2"):
+            identify_elasticity(phasors, THREE)
+
+
+def test_joint_lost_in_noise_is_refused_or_given_an_honest_error() -> None:
+    """Noise as large as the deflection of joint 2 biases a linear fit; it must not be sold as exact."""
+    apart = Inertia(M=SERIAL.M, M2=np.diag([0.006, 0.002]))
+    base = plant_phasors(apart, PAPER, *campaign([3.1, 4.3, 5.5], 2))
+    deflection = np.abs(spring_equations(base, apart).deflection[:, 1])
+    scale = np.array([1e-6, deflection.mean(), 1e-6, 1e-6])
+    noise = np.array([np.diag(scale**2).astype(complex)] * 6)
+    confident_and_wrong = 0
+    for error in circular(np.random.default_rng(3), noise, 100):
+        try:
+            fit = identify_elasticity(noisy(base, noise, error), apart)
+        except JointIdError:
+            continue
+        confident_and_wrong += bool(abs(fit.K[1] - 7.5) > 4 * fit.standard_error[1])
+    assert confident_and_wrong <= 5
+
+
+def active_phasors(K: list[float], D: list[float]) -> Phasors:
+    """Equation (16) for springs and dampers that no arm has, which ``Elasticity`` refuses."""
+    frequencies, torques = campaign(BAND_HZ, 2)
+    s = 2j * np.pi * frequencies
+    q = []
+    for each, torque in zip(s, torques, strict=True):
+        compliance = np.linalg.inv(SERIAL.M2) + np.diag(each**2 / (np.array(K) + each * np.array(D)))
+        H = np.linalg.inv(np.linalg.inv(compliance) + np.diag(SERIAL.M))
+        q.append(H @ torque / each**2)
+    return exact_phasors(frequencies, np.array(q), torques)
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_answer_that_is_no_spring_is_shown_but_not_used(method: str) -> None:
+    fit = identify_elasticity(active_phasors([43.0, -7.5], [0.1, 0.015]), SERIAL, method=method)
+    assert np.allclose(fit.K, [43.0, -7.5], rtol=1e-9)
+    with pytest.raises(JointIdError, match=r"K2 comes out as -7.5 N·m/rad.*sign and unit.*joint 2"):
+        _ = fit.elasticity
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_answer_that_feeds_energy_in_is_shown_but_not_used(method: str) -> None:
+    fit = identify_elasticity(active_phasors([43.0, 7.5], [-0.1, 0.015]), SERIAL, method=method)
+    assert np.allclose(fit.D, [-0.1, 0.015], rtol=1e-8)
+    with pytest.raises(JointIdError, match=r"D1 comes out as -0.1 N·m·s/rad.*torque_hold"):
+        _ = fit.elasticity
+
+
+def test_damping_negative_by_noise_counts_as_zero() -> None:
+    stiff = Elasticity(K=PAPER.K, D=[0.0, 0.0])
+    base = plant_phasors(SERIAL, stiff, *campaign(BAND_HZ, 2))
+    noise = mild_noise(base)
+    negative = 0
+    for error in circular(np.random.default_rng(1), noise, 30):
+        fit = identify_elasticity(noisy(base, noise, error), SERIAL, method="weighted")
+        if fit.D.min() < 0 and np.all(fit.D > -2 * fit.standard_error[2:]):
+            negative += 1
+            assert fit.elasticity.D.min() == 0.0
+    assert negative > 10
+
+
+def test_wrong_arguments_are_refused() -> None:
+    base = example()
+    with pytest.raises(JointIdError, match=r'method = "magic" is not known. Methods: .*least-squares'):
+        identify_elasticity(base, SERIAL, method="magic")
+    with pytest.raises(JointIdError, match="3 inertias for 14 records"):
+        identify_elasticity(base, [SERIAL] * 3)
+    with pytest.raises(JointIdError, match=r"2 joint.*inertia has 3"):
+        identify_elasticity(base, THREE)
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_two_hundred_records_and_one_good_among_bad(method: str) -> None:
+    """Signal-to-noise from 1e10 down to 10 in one campaign."""
+    base = example(2, np.linspace(3, 30, 100))
+    level = np.full(200, 0.1)
+    level[::20] = level[1::20] = 1e-10  # both records of a frequency
+    amplitude = np.abs(base.z)
+    noise = np.array([np.diag(s**2).astype(complex) for s in level[:, None] * amplitude])
+    data = noisy(base, noise, circular(np.random.default_rng(1), noise, 1)[0])
+    fit = identify_elasticity(data, SERIAL, method=method)
+    assert np.all(np.abs(answer(fit) - truth(2)) < 5 * fit.standard_error)
+    if method == "weighted":
+        assert np.allclose(answer(fit), truth(2), rtol=1e-6)
