@@ -1,0 +1,141 @@
+"""Many cuts at once: each one is the cut that pymunk makes, and uncertainty becomes millimetres."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointid.arm import PlanarArm
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity
+from jointid.servo import Servo
+from jointid.tolerance import path_error_distribution, tolerance_map
+from jointid.toolpath import rectangle
+from jointid.tracking import track
+
+DRIVES = ("parallelogram", "serial")
+TRUE = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
+COVARIANCE = np.diag([0.43, 0.075, 0.005, 0.00075]) ** 2
+FRICTION = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.004, 0.002])
+REAL = Servo(
+    sample_rate_hz=2000.0,
+    delay_samples=1,
+    encoder_bits=16,
+    differentiated_velocity=True,
+    velocity_filter_hz=300.0,
+    friction_compensation=FRICTION,
+    torque_limit_Nm=[20.0, 8.0],
+)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("zone", [0.001, 0.010])
+def test_the_map_is_made_of_single_cuts(drive, zone) -> None:
+    arm, path = PlanarArm.example(drive), rectangle(zone_m=zone)
+    first, second = [0.4, 0.95, 2.0], [0.7, 1.02]
+    result = tolerance_map(arm, path, TRUE, first, second)
+    assert result.max_contour_error_m.shape == (3, 2)
+    for i, k1 in enumerate(first):
+        for j, k2 in enumerate(second):
+            run = track(arm, path, TRUE, Elasticity(K=TRUE.K * [k1, k2], D=TRUE.D))
+            assert result.max_contour_error_m[i, j] == pytest.approx(run.max_contour_error_m, abs=1e-7)
+            assert result.max_tracking_error_m[i, j] == pytest.approx(run.max_tracking_error_m, abs=1e-7)
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_and_with_every_option_of_the_servo(drive) -> None:
+    arm, path = PlanarArm.example(drive), rectangle()
+    result = tolerance_map(arm, path, TRUE, [0.4, 1.0], servo=REAL, friction=FRICTION, dt=2.5e-4)
+    for i, j in np.ndindex(2, 2):
+        assumed = Elasticity(K=TRUE.K * [result.ratios_1[i], result.ratios_2[j]], D=TRUE.D)
+        run = track(arm, path, TRUE, assumed, servo=REAL, friction=FRICTION)
+        # Encoder counts and sticking amplify rounding, so no longer to nanometres.
+        assert result.max_contour_error_m[i, j] == pytest.approx(run.max_contour_error_m, abs=5e-6)
+
+
+def test_the_default_map_has_its_valley_at_the_true_stiffness() -> None:
+    result = tolerance_map(PlanarArm.example(), rectangle(), TRUE, np.geomspace(0.5, 2.0, 9))
+    assert np.unravel_index(result.max_contour_error_m.argmin(), (9, 9)) == (4, 4)
+    assert result.max_contour_error_m[4, 4] < 1e-6
+    assert np.all(np.diff(result.max_tracking_error_m[4, 4:]) > 0)
+    assert np.all(np.diff(result.max_tracking_error_m[:5, 4]) < 0)
+
+
+def test_about_three_percent_of_stiffness_is_enough_for_a_tenth_of_a_millimetre() -> None:
+    for drive in DRIVES:
+        ratios = [0.97, 1.03]
+        result = tolerance_map(PlanarArm.example(drive), rectangle(), TRUE, ratios)
+        assert 3e-5 < result.max_contour_error_m.max() < 1.3e-4
+
+
+def test_a_certain_fit_promises_the_cut_itself() -> None:
+    arm = PlanarArm.example()
+    result = path_error_distribution(arm, rectangle(), TRUE, np.zeros((4, 4)), samples=3)
+    exact = track(arm, rectangle(), TRUE, TRUE)
+    np.testing.assert_allclose(result.max_contour_error_m, exact.max_contour_error_m, atol=1e-8)
+
+
+def test_each_draw_is_an_arm_whose_servo_assumes_the_fit() -> None:
+    arm = PlanarArm.example("serial")
+    result = path_error_distribution(arm, rectangle(), TRUE, COVARIANCE, samples=4, seed=3)
+    for K, D, error in zip(result.K, result.D, result.max_contour_error_m, strict=True):
+        run = track(arm, rectangle(), Elasticity(K=K, D=D), TRUE)
+        assert error == pytest.approx(run.max_contour_error_m, abs=1e-7)
+
+
+def test_the_promise_grows_with_the_uncertainty_and_repeats() -> None:
+    arm, path = PlanarArm.example(), rectangle()
+    one = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=1)
+    again = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=1)
+    other = path_error_distribution(arm, path, TRUE, COVARIANCE, samples=60, seed=2)
+    third = path_error_distribution(arm, path, TRUE, COVARIANCE / 9, samples=60, seed=1)
+    np.testing.assert_array_equal(one.max_contour_error_m, again.max_contour_error_m)
+    assert np.any(one.max_contour_error_m != other.max_contour_error_m)
+    assert third.p95_m == pytest.approx(one.p95_m / 3, rel=0.05)
+    assert one.median_m == np.median(one.max_contour_error_m)
+    assert one.median_m < one.p95_m < 2e-4
+
+
+def test_draws_have_the_covariance_that_was_given() -> None:
+    C = COVARIANCE.copy()
+    C[0, 1] = C[1, 0] = 0.8 * np.sqrt(C[0, 0] * C[1, 1])
+    path = rectangle(speed_m_s=0.2, zone_m=0.012)
+    result = path_error_distribution(
+        PlanarArm.example(), path, TRUE, C, samples=600, servo=Servo(sample_rate_hz=1000.0), dt=1e-3
+    )
+    drawn = np.concatenate([result.K, result.D], axis=1)
+    np.testing.assert_allclose(drawn.std(axis=0), np.sqrt(np.diag(C)), rtol=0.1)
+    assert np.corrcoef(drawn.T)[0, 1] == pytest.approx(0.8, abs=0.05)
+    assert abs(np.corrcoef(drawn.T)[0, 2]) < 0.15
+
+
+def test_progress_of_many_cuts() -> None:
+    seen: list[float] = []
+    tolerance_map(PlanarArm.example(), rectangle(), TRUE, [0.9, 1.0], progress=seen.append)
+    assert seen[0] == 0.0
+    assert seen[-1] == 1.0
+    assert np.all(np.diff(seen) > 0)
+
+
+def test_bad_input_is_refused() -> None:
+    arm, path = PlanarArm.example(), rectangle()
+    with pytest.raises(JointIdError, match=r"ratios_1 .* is -1: give positive ratios"):
+        tolerance_map(arm, path, TRUE, [-1.0, 1.0])
+    with pytest.raises(JointIdError, match=r"ratios_2 .* is empty"):
+        tolerance_map(arm, path, TRUE, [1.0], [])
+    with pytest.raises(JointIdError, match="1 ms"):
+        tolerance_map(arm, path, TRUE, [1.0], dt=2e-3)
+    with pytest.raises(JointIdError, match="1 joint"):
+        tolerance_map(arm, path, Elasticity(K=[43.0], D=[0.1]), [1.0])
+    with pytest.raises(JointIdError, match="unstable"):
+        tolerance_map(arm, path, TRUE, [0.5, 1.0], servo=Servo(bandwidth_hz=5000.0))
+    with pytest.raises(JointIdError, match=r"expected \(4, 4\)"):
+        path_error_distribution(arm, path, TRUE, np.eye(2))
+    with pytest.raises(JointIdError, match="symmetric"):
+        path_error_distribution(arm, path, TRUE, np.diag([1.0, 1.0, -1.0, 1.0]))
+    with pytest.raises(JointIdError, match="not determined well enough"):
+        path_error_distribution(arm, path, TRUE, np.diag([43.0, 7.5, 1.0, 1.0]) ** 2)
+    with pytest.raises(JointIdError, match="samples = 0"):
+        path_error_distribution(arm, path, TRUE, COVARIANCE, samples=0)
