@@ -245,12 +245,12 @@ def test_weighted_is_generalised_least_squares() -> None:
     [(2, 2, None), (1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (3, 3, 15), (1, 2, 7)],
 )
 def test_errors_are_as_stated(method: str, n: int, count: int | None, freedom: int | None) -> None:
-    """500 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.
+    """320 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.
 
-    The standard deviation of a variance ratio is 0.063: 0.78 to 1.28 is four of them. The misfit of a
+    The standard deviation of a variance ratio is 0.08: 0.7 to 1.35 is four of them. The misfit of a
     right model is 1 on average.
     """
-    runs, base, inertia = 500, example(n, count=count), ROBOTS[n][0]
+    runs, base, inertia = 320, example(n, count=count), ROBOTS[n][0]
     noise = mild_noise(base)
     rng = np.random.default_rng(5)
     fits = []
@@ -263,7 +263,7 @@ def test_errors_are_as_stated(method: str, n: int, count: int | None, freedom: i
     # Inflation by a misfit above 1 is a safeguard on top; half of all right models are above 1.
     stated = np.mean([np.diag(fit.covariance) / max(1.0, fit.misfit) for fit in fits], axis=0)
     ratio = found.var(axis=0) / stated
-    assert np.all((ratio > 0.78) & (ratio < 1.28)), ratio
+    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     bias = (found.mean(axis=0) - truth(n)) / found.std(axis=0) * np.sqrt(runs)
     assert np.all(np.abs(bias) < 4.5), bias
     assert np.mean([fit.misfit for fit in fits]) == pytest.approx(1.0, abs=0.08)
@@ -467,7 +467,7 @@ def test_damping_negative_by_noise_counts_as_zero() -> None:
     negative = 0
     for error in circular(np.random.default_rng(1), noise, 30):
         fit = identify_elasticity(noisy(base, noise, error), SERIAL, method="weighted")
-        if fit.D.min() < 0 and np.all(fit.D > -2 * fit.standard_error[2:]):
+        if fit.D.min() < 0 and np.all(fit.D + 2 * fit.standard_error[2:] > 0):
             negative += 1
             assert fit.elasticity.D.min() == 0.0
     assert negative > 10
