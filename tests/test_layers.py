@@ -1,0 +1,154 @@
+"""The picture of the house, read from the imports: they point down, each library has one home."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from fnmatch import fnmatch
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FILES = sorted([*(ROOT / "jointid").rglob("*.py"), *(ROOT / "pages").glob("*.py"), *ROOT.glob("app.py")])
+
+HOMES = {
+    "streamlit": ["jointid/ui/*", "app.py", "pages/*"],
+    "plotly": ["jointid/figures.py", "jointid/figures/*"],
+    "pymunk": ["jointid/arm*.py"],
+    "pandas": [
+        "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py",
+        "jointid/log_files.py", "jointid/containers.py",
+    ],
+    "pyarrow": ["jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py"],
+    "tomli_w": ["jointid/study_*.py", "jointid/checked_toml.py"],
+    "typer": ["jointid/cli.py"],
+    "rich": ["jointid/cli.py"],
+    "numpy": ["*"],
+    "scipy": ["jointid/*"],
+}  # fmt: skip
+"""Where each library may be imported."""
+
+STOREYS = [
+    ["errors"],
+    ["arrays"],
+    ["records", "joints"],
+    ["closed_loop"],
+    ["sine_fit"],
+    ["phasors"],
+    ["transfer_matrix", "elasticity"],
+    ["toolpath", "servo", "arm"],
+    ["tracking"],
+    ["study"],
+    ["study_files"],
+    ["report"],
+    ["figures"],
+    ["cli", "ui"],
+]
+"""From the ground up. What is not named may stand anywhere, as long as nothing reaches up through it."""
+
+
+def name_of(file: Path) -> str:
+    """Module name; a package's __init__ is the package."""
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported(file: Path) -> Iterator[str]:
+    """Every module that a file imports, inside functions as well."""
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file.name}: relative import"
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@cache
+def graph() -> dict[str, set[str]]:
+    """Imports among the modules of the package, without the façade ``jointid`` itself."""
+    modules = {name_of(file) for file in FILES}
+    below = {name_of(file): set(imported(file)) & modules - {"jointid"} for file in FILES}
+    return {module: targets - {module} for module, targets in below.items() if module != "jointid"}
+
+
+def reached(module: str) -> set[str]:
+    seen: set[str] = set()
+    todo = [module]
+    while todo:
+        for target in graph()[todo.pop()] - seen:
+            seen.add(target)
+            todo.append(target)
+    return seen
+
+
+def storey(module: str) -> int | None:
+    part = module.split(".")[1] if module.startswith("jointid.") else None
+    return next((i for i, storey_ in enumerate(STOREYS) if part in storey_), None)
+
+
+def test_there_is_something_to_read() -> None:
+    assert {"jointid.joints", "jointid.phasors", "jointid.elasticity"} <= graph().keys()
+    assert "jointid.records" in graph()["jointid.phasors"]
+
+
+@pytest.mark.parametrize("file", FILES, ids=name_of)
+def test_outside_libraries_stay_at_home(file: Path) -> None:
+    where = file.relative_to(ROOT).as_posix()
+    for module in imported(file):
+        library = module.split(".")[0]
+        if library in sys.stdlib_module_names or library == "jointid":
+            continue
+        assert library in HOMES, f"{where} imports {library}, which has no home"
+        allowed = any(fnmatch(where, home) for home in HOMES[library])
+        assert allowed, f"{where} imports {library}: only {HOMES[library]} may"
+
+
+@pytest.mark.parametrize("module", sorted(graph()))
+def test_imports_point_down(module: str) -> None:
+    own = storey(module)
+    below = reached(module)
+    assert module not in below, f"{module} imports itself in a circle"
+    if own is None:
+        return
+    up = {target for target in below if (storey(target) or 0) > own}
+    assert not up, f"{module} reaches up to {sorted(up)}"
+
+
+@pytest.mark.parametrize("module", sorted(graph()))
+def test_the_library_does_not_go_through_its_own_front_door(module: str) -> None:
+    """``from jointid import …`` is for what stands above the library: pages, ui, cli."""
+    if not module.startswith("jointid.") or module.split(".")[1] in ("ui", "cli"):
+        return
+    file = next(f for f in FILES if name_of(f) == module)
+    assert "jointid" not in set(imported(file))
+
+
+def test_importing_the_library_does_not_load_what_only_some_need() -> None:
+    heavy = ("streamlit", "plotly", "pymunk")
+    program = f"import sys, jointid; print([m for m in {heavy} if m in sys.modules])"
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "file", [f for f in FILES if f.is_relative_to(ROOT / "jointid") and f.name != "cli.py"], ids=name_of
+)
+def test_the_library_neither_prints_nor_exits(file: Path) -> None:
+    for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            assert called not in ("print", "exit", "quit", "sys.exit"), f"{file.name}:{node.lineno}"
+
+
+def test_everything_public_is_there_and_named_once() -> None:
+    import jointid
+
+    assert sorted(jointid.__all__) == list(jointid.__all__)
+    assert len(set(jointid.__all__)) == len(jointid.__all__)
+    assert all(hasattr(jointid, name) for name in jointid.__all__)

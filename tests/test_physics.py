@@ -1,0 +1,145 @@
+"""What must hold from experiment to answer, whatever the numbers: nature's rules, not the code's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plants import (
+    BAND_HZ,
+    PAPER,
+    PARALLELOGRAM,
+    ROBOTS,
+    SERIAL,
+    campaign,
+    motion,
+    state_space,
+    steady_records,
+)
+
+from jointid import (
+    SineRecord,
+    estimate_transfer_matrix,
+    extract_phasors,
+    identify_elasticity,
+    motor_response,
+    simulate_records,
+    single_record_response,
+)
+from jointid.experiment import Controller, Excitation
+
+METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
+SHORT = Excitation(periods=6.3)
+CONTROLLERS = {
+    "soft": Controller(bandwidth_hz=2.0, feedforward=False),
+    "stiff": Controller(bandwidth_hz=9.0, damping_ratio=0.8),
+    "uneven": Controller(bandwidth_hz=[3.0, 7.0], torque_delay_s=0.00037),
+}
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_records_are_a_steady_state_of_equation_1(n: int) -> None:
+    """The phasors of the tests' records, driven through the state space in time, stay where they are."""
+    from scipy.linalg import expm
+
+    inertia, elasticity = ROBOTS[n]
+    A, B = state_space(inertia, elasticity)
+    torque = campaign([7.0], n, 1)[1][0]
+    omega, step = 2 * np.pi * 7.0, 2e-4
+    # Rotors and arm with two more states that make the sine: an exact step of the whole.
+    drive = np.zeros((4 * n + 2, 4 * n + 2))
+    drive[: 4 * n, : 4 * n] = A
+    drive[: 4 * n, 4 * n :] = B @ np.column_stack([torque.real, torque.imag])
+    drive[4 * n :, 4 * n :] = [[0, omega], [-omega, 0]]
+    state = np.linalg.solve(1j * omega * np.eye(4 * n) - A, B @ torque).imag
+    state = np.concatenate([state, [0.0, 1.0]])
+    advance, angles = expm(drive * step), []
+    for _ in range(900):
+        angles.append(state[:n])
+        state = advance @ state
+    time = step * np.arange(900)
+    q = motion(inertia, elasticity, np.array([7.0]), torque[None])
+    expected = np.imag(q * np.exp(1j * omega * time)[:, None])
+    assert np.allclose(angles, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_response_does_not_depend_on_the_controllers(n: int) -> None:
+    """The paper's central claim: the loop moves the joints, H tells the robot."""
+    inertia, elasticity = ROBOTS[n]
+    frequencies = [4.0, 9.7, 17.0, 26.0]
+    curves, alone = [], []
+    for name, controller in CONTROLLERS.items():
+        if name == "uneven" and n != 2:
+            continue
+        records = simulate_records(
+            inertia, elasticity, frequencies, excitation=SHORT, controller=controller
+        )
+        phasors = extract_phasors(records)
+        found = estimate_transfer_matrix(phasors)
+        assert np.allclose(found.omega, 2 * np.pi * np.array(frequencies))
+        expected = motor_response(found.omega, inertia, elasticity)
+        largest = np.abs(expected).max(axis=(1, 2), keepdims=True)
+        assert np.all(np.abs(found.H - expected) < 2e-4 * largest)
+        curves.append(found.H / largest)
+        alone.append(single_record_response(phasors)[::n, 0])
+    assert np.allclose(curves[0], curves[1], rtol=0, atol=2e-4)
+    if n > 1:  # one record alone does depend on them: that is why two are needed
+        assert np.any(np.abs(alone[0] / alone[1] - 1) > 0.1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_elasticity_does_not_depend_on_the_controllers(method: str) -> None:
+    for controller in CONTROLLERS.values():
+        records = simulate_records(
+            SERIAL, PAPER, [4.0, 9.7, 17.0, 26.0], excitation=SHORT, controller=controller
+        )
+        fit = identify_elasticity(extract_phasors(records), SERIAL, method=method)
+        assert np.allclose(fit.K, PAPER.K, rtol=5e-4)
+        assert np.allclose(fit.D, PAPER.D, rtol=5e-3)
+
+
+@pytest.mark.parametrize("pattern", ["orthogonal", "one-at-a-time"])
+def test_elasticity_does_not_depend_on_which_joints_move(pattern: str) -> None:
+    excitation = Excitation(pattern=pattern, periods=6.3)
+    records = simulate_records(PARALLELOGRAM, PAPER, [5.0, 11.0, 19.0], excitation=excitation)
+    fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM, method="least-squares")
+    assert np.allclose(fit.K, PAPER.K, rtol=5e-4)
+    assert np.allclose(fit.D, PAPER.D, rtol=5e-3)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_clock_of_the_record_does_not_matter(n: int) -> None:
+    """A time shift is a phase, the same for all signals, and cancels."""
+    inertia, elasticity = ROBOTS[n]
+    records = steady_records(inertia, elasticity, *campaign(BAND_HZ, n), noise=(1e-5, 1e-3), seed=2)
+    shifted = [
+        SineRecord(r.frequency_hz, r.time_s + 0.0173 * i - 3.0, r.theta_rad, r.tau_Nm)
+        for i, r in enumerate(records)
+    ]
+    here, there = extract_phasors(records), extract_phasors(shifted)
+    turn = np.exp(-1j * here.omega * (0.0173 * np.arange(len(records)) - 3.0))
+    assert np.allclose(there.z, here.z * turn[:, None], rtol=1e-6, atol=1e-12)
+    assert np.allclose(there.covariance, here.covariance, rtol=1e-5)
+    fits = [identify_elasticity(p, inertia, method="weighted") for p in (here, there)]
+    assert np.allclose(fits[0].K, fits[1].K, rtol=1e-7)
+    assert np.allclose(fits[0].D, fits[1].D, rtol=1e-6)
+
+
+def test_linear_system_answers_in_proportion() -> None:
+    """Twice the torque, twice the motion; the sum of two torques, the sum of two motions."""
+    one, two = np.array([[1.0, 0.3j]]), np.array([[0.2 - 0.5j, 1.0]])
+    f = np.array([8.3])
+    sums = motion(SERIAL, PAPER, f, one) + 2 * motion(SERIAL, PAPER, f, two)
+    assert np.allclose(motion(SERIAL, PAPER, f, one + 2 * two), sums, rtol=1e-10)
+
+
+def test_springs_do_not_feed_the_arm() -> None:
+    """Over a period the motors put in exactly what the dampers take out."""
+    frequencies, torques = campaign(BAND_HZ, 2)
+    omega = 2 * np.pi * frequencies
+    q = motion(SERIAL, PAPER, frequencies, torques)
+    put_in = 0.5 * np.real(np.sum(torques * np.conj(1j * omega[:, None] * q), axis=1))
+    s2 = -(omega[:, None] ** 2)
+    arm = (torques - SERIAL.M * s2 * q) @ np.linalg.inv(SERIAL.M2) / s2
+    taken_out = 0.5 * np.sum(PAPER.D * np.abs(omega[:, None] * (q - arm)) ** 2, axis=1)
+    assert np.allclose(put_in, taken_out, rtol=1e-9)
