@@ -1,0 +1,35 @@
+"""The study on one screen: the answer first, then what it rests on."""
+
+import streamlit as st
+
+from jointid.answer import answer_sentence
+from jointid.figures import model_over_measurement
+from jointid.ui.charts import plot
+from jointid.ui.overview import show_findings, show_heading, show_steps, show_tiles
+from jointid.ui.page import open_page
+
+page = open_page("Study")
+show_heading(page.study)
+analysis = page.analysis()
+
+st.subheader(answer_sentence(analysis.fit, page.study.nominal), anchor=False)
+show_tiles(analysis.fit, page.study.nominal)
+show_findings(analysis.findings)
+
+st.subheader("Model over measurement", anchor=False)
+st.caption(
+    "Acceleration of each motor over its own torque, the controllers taken out. Where points and line "
+    "agree, the model holds."
+)
+if analysis.transfer_matrices:
+    pose = next(iter(analysis.transfer_matrices))
+    n = page.study.inertia.n
+    for j, column in enumerate(st.columns(n) if n <= 3 else [st.container()] * n):
+        with column:
+            name = f"Magnitude of H{j + 1}{j + 1} over frequency, measured and modelled"
+            plot(model_over_measurement(analysis, j, pose=pose, dark=page.dark), name, key=f"H{j}")
+else:
+    st.info(analysis.transfer_problem)
+
+st.subheader("Step by step", anchor=False)
+show_steps(page.study)

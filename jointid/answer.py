@@ -1,0 +1,58 @@
+"""The answer as a sentence that a person could say aloud."""
+
+from __future__ import annotations
+
+from jointid.elasticity import ElasticityFit
+from jointid.joints import Elasticity
+from jointid.rounding import significant
+
+_AGREEMENT = 0.01
+"""A stiffness within 1 % of the nominal one counts as the same: the path then errs by below 0.1 mm."""
+
+
+def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> str:
+    """Say what the springs are, and how that compares with what the controller assumes.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    nominal : Elasticity, optional
+        What the controller assumes today.
+    """
+    useless = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
+    if useless:
+        which = _list([f"joint {j + 1}" for j in useless])
+        return f"These records do not tell the stiffness of {which}: see what was found below."
+    if nominal is None:
+        parts = [f"{_rounded(fit, j)} newton metres per radian" for j in range(fit.n)]
+        joints = _list([f"joint {j + 1}" for j in range(fit.n)])
+        verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
+        return f"{_capital(joints)} {verb} of {_list(parts)}, seen from the motor."
+    parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
+    return f"{_capital(_list(parts))}."
+
+
+def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:
+    """Stiffness against the nominal one; the reference is named with the first joint only."""
+    ratio = float(fit.K[j] / nominal.K[j])
+    uncertainty = 2 * float(fit.standard_error[j] / nominal.K[j])
+    if abs(ratio - 1) <= max(_AGREEMENT, uncertainty):
+        return "is as stiff as " + ("assumed" if short else "the controller assumes")
+    if 0.67 < ratio < 1.5:
+        kind = "stiffer" if ratio > 1 else "softer"
+        tail = "" if short else " than the controller assumes"
+        return f"is {significant(100 * abs(ratio - 1), 2)} % {kind}{tail}"
+    tail = "" if short else " as the controller assumes"
+    return f"is {significant(ratio, 2)} times as stiff{tail}"
+
+
+def _rounded(fit: ElasticityFit, j: int) -> str:
+    return significant(float(fit.K[j]), 3)
+
+
+def _list(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,95 @@
+"""Phasors as arrows: amplitude as length, phase as direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure
+from jointid.phasors import Phasors
+
+
+def phasor_plane(
+    phasors: Phasors, *, torque: bool = False, chosen: int | None = None, dark: bool = False
+) -> go.Figure:
+    """Polar plot of the angles' or the torques' phasors of all records; the chosen record as arrows.
+
+    Parameters
+    ----------
+    phasors : Phasors
+    torque : bool
+        Torques instead of angles.
+    chosen : int, optional
+        Index of the record to draw as arrows.
+    """
+    ink = colours(dark)
+    values = phasors.tau if torque else phasors.q
+    quantity, unit = ("Torque", "N·m") if torque else ("Angle", "rad")
+    part = slice(phasors.n, None) if torque else slice(phasors.n)
+    errors = phasors.standard_deviation[:, part]
+    size = np.abs(values)
+    positive = size[size > 0]
+    low, high = (float(positive.min()), float(positive.max())) if positive.size else (0.1, 1.0)
+    logarithmic = high > 30 * low
+    low = max(low, 1e-4 * high)  # a joint that stands still lies at the centre
+    traces: list[Trace] = []
+    for j in range(phasors.n):
+        symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)] + ("-open" if j % 2 else "")
+        f = phasors.omega / (2 * np.pi)
+        about = np.column_stack([f, errors[:, j] / np.sqrt(2), size[:, j]])
+        traces.append(
+            {
+                "type": "scatterpolar",
+                "mode": "markers",
+                "r": np.maximum(size[:, j], low / 2) if logarithmic else size[:, j],
+                "theta": np.degrees(np.angle(values[:, j])),
+                "name": f"joint {j + 1}",
+                "marker": {"color": ink.measured, "size": 7, "symbol": symbol},
+                "customdata": about,
+                "text": list(phasors.labels),
+                "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
+                "%{customdata[2]:.4g} ± %{customdata[1]:.2g} "
+                f"{unit}, %{{theta:.1f}}°<extra>{quantity} of joint {j + 1}</extra>",
+            }
+        )
+    if chosen is not None:
+        origin = low / 2 if logarithmic else 0.0
+        for j in range(phasors.n):
+            angle = float(np.degrees(np.angle(values[chosen, j])))
+            traces.append(
+                {
+                    "type": "scatterpolar",
+                    "mode": "lines+markers",
+                    "r": [origin, max(float(size[chosen, j]), origin)],
+                    "theta": [angle, angle],
+                    "name": "chosen record",
+                    "legendgroup": "chosen",
+                    "showlegend": j == 0,
+                    "line": {
+                        "color": ink.identified,
+                        "width": 2.5,
+                        "dash": "solid" if j == 0 else "dot",
+                    },
+                    "marker": {"size": [0, 10], "color": ink.identified},
+                    "hoverinfo": "skip",
+                }
+            )
+    grid = "rgba(150, 150, 150, 0.35)"
+    radial = {"gridcolor": grid, "linecolor": grid, "angle": 45, "tickangle": 45, "nticks": 4}
+    if logarithmic:
+        shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
+        radial |= {"type": "log", "range": shown, "dtick": 1, "exponentformat": "power"}
+    else:
+        radial |= {"range": [0, 1.1 * high]}
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        margin={"l": 40, "r": 40, "t": 30, "b": 30},
+        polar={
+            "bgcolor": "rgba(0,0,0,0)",
+            "radialaxis": radial,
+            "angularaxis": {"gridcolor": grid, "dtick": 45, "ticksuffix": "°", "linecolor": grid},
+        },
+        legend={"orientation": "h", "x": 0.5, "xanchor": "center", "y": -0.08, "yanchor": "top"},
+    )

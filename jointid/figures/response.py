@@ -1,0 +1,325 @@
+"""The transfer matrix of the motors: Figures 3, 4 and 5 of the paper, for n joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.figures.style import (
+    Axis,
+    Trace,
+    colours,
+    figure,
+    frequency_axis,
+    line,
+    linear_axis,
+    log_axis,
+    phase_axis,
+    points,
+)
+from jointid.joints import Elasticity, Inertia, motor_response, resonances
+from jointid.study import Analysis
+from jointid.transfer_matrix import TransferMatrix, single_record_response
+
+_UNIT = "1/(kg·m²)"
+_OPEN_SYMBOLS = ("circle-open", "square-open", "diamond-open", "triangle-up-open")
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """One frequency response in the figure."""
+
+    name: str
+    colour: str
+    frequency_hz: Floats
+    H: Complexes
+    error: Floats | None = None  # root of the complex variance
+    symbol: str = ""  # of measured points; empty for a model's line
+    dash: str = "solid"
+
+
+def element_response(
+    analysis: Analysis, i: int, j: int, *, pose: str = "", dark: bool = False
+) -> go.Figure:
+    """Magnitude and phase of H_ij: measured points with ± one standard error, models as lines.
+
+    Off the diagonal H_ji is shown too: without errors it equals H_ij.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    i, j : int
+        Joint that accelerates and joint whose torque acts, from 0.
+    pose : str
+        "" for records without a pose.
+    """
+    matrix = analysis.transfer_matrices[pose]
+    curves = [_measured(matrix, i, j, colours(dark).measured, "circle")]
+    if i != j:
+        curves.append(_measured(matrix, j, i, colours(dark).measured, "square-open"))
+    models = _models(analysis, pose, i, j, dark)
+    return _bode([*models, *curves], dark, _magnitudes(analysis, pose, i) if i == j else None)
+
+
+def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False) -> go.Figure:
+    """Figure 3: acceleration over torque of one joint from each record alone, beside the model of H_jj.
+
+    The other joints' controllers are in it; drawn to the scale of ``element_response``.
+    """
+    rows = _of_pose(analysis, pose)
+    omega = analysis.phasors.omega[rows]
+    response = single_record_response(analysis.phasors)[rows, joint]
+    ink = colours(dark)
+    curves = []
+    for k, index in enumerate(_series(omega)):
+        f = omega[index] / (2 * np.pi)
+        name = "each record alone" if k == 0 else f"record {k + 1} of each frequency"
+        symbol = _OPEN_SYMBOLS[k % len(_OPEN_SYMBOLS)]
+        curves.append(_Curve(name, ink.measured, f, response[index], symbol=symbol))
+    if len(curves) > 1:
+        curves[0] = _renamed(curves[0], "record 1 of each frequency")
+    models = _models(analysis, pose, joint, joint, dark)
+    return _bode([*models, *curves], dark, _magnitudes(analysis, pose, joint))
+
+
+def model_over_measurement(
+    analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False
+) -> go.Figure:
+    """Magnitude of H_jj only, small: what was measured, the identified and the nominal model."""
+    matrix = analysis.transfer_matrices[pose]
+    curves = [
+        *_models(analysis, pose, joint, joint, dark),
+        _measured(matrix, joint, joint, colours(dark).measured, "circle", name="measured"),
+    ]
+    traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
+    title = f"|{_label(joint, joint)}| ({_UNIT})"
+    return figure(
+        traces,
+        height=300,
+        dark=dark,
+        xaxis=frequency_axis(_frequencies(curves)),
+        yaxis=log_axis(title, range=_log_range(_magnitudes(analysis, pose, joint))),
+    )
+
+
+def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
+    """How independent the records are, and how far H is from symmetric, at each frequency."""
+    ink = colours(dark)
+    f = matrix.omega / (2 * np.pi)
+    condition = points(
+        f,
+        matrix.condition,
+        "condition",
+        ink.measured,
+        hovertemplate="%{x:.4g} Hz<br>condition number %{y:.3g}<extra></extra>",
+        showlegend=False,
+    )
+    reciprocity = points(
+        f,
+        100 * matrix.reciprocity_error,
+        "reciprocity",
+        ink.measured,
+        hovertemplate="%{x:.4g} Hz<br>|H_ij − H_ji| is %{y:.3g} % of the largest element<extra></extra>",
+        showlegend=False,
+        yaxis="y2",
+    )
+    top = max(2.0, float(matrix.condition.max()) * 1.2)
+    title = "Condition of T"
+    scale = (
+        linear_axis(title, range=[0.8, top])
+        if top < 20
+        else log_axis(title, range=[-0.05, float(np.log10(top))])
+    )
+    return figure(
+        [condition, reciprocity],
+        height=380,
+        dark=dark,
+        xaxis=frequency_axis(f, anchor="y2"),
+        yaxis=scale | {"domain": [0.56, 1.0]},
+        yaxis2=linear_axis("Reciprocity (%)", domain=[0.0, 0.44], rangemode="tozero"),
+    )
+
+
+def _measured(
+    matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str = ""
+) -> _Curve:
+    return _Curve(
+        name or f"measured {_label(i, j)}",
+        colour,
+        matrix.omega / (2 * np.pi),
+        matrix.H[:, i, j],
+        matrix.standard_deviation[:, i, j],
+        symbol,
+    )
+
+
+def _models(analysis: Analysis, pose: str, i: int, j: int, dark: bool) -> list[_Curve]:
+    """Identified over nominal; an estimate that is no spring has no model."""
+    inertia = analysis.study.poses[pose] if pose else analysis.study.inertia
+    measured = analysis.phasors.omega[_of_pose(analysis, pose)] / (2 * np.pi)
+    ink = colours(dark)
+    curves = []
+    if analysis.study.nominal is not None:
+        f, H = _model(measured, inertia, analysis.study.nominal)
+        curves.append(_Curve("nominal model", ink.nominal, f, H[:, i, j], dash="dash"))
+    try:
+        f, H = _model(measured, inertia, analysis.fit.elasticity)
+        curves.append(_Curve("identified model", ink.identified, f, H[:, i, j]))
+    except JointIdError:
+        pass
+    return curves
+
+
+def _model(measured_hz: Floats, inertia: Inertia, elasticity: Elasticity) -> tuple[Floats, Complexes]:
+    """A curve dense enough for its peaks, over the measured band and a little more."""
+    low, high = float(measured_hz.min()) / 1.12, float(measured_hz.max()) * 1.12
+    low, high = (low, high) if high > 1.5 * low else (low / 2, high * 2)
+    peaks = [peak * np.geomspace(0.97, 1.03, 41) for peak in resonances(inertia, elasticity)]
+    f = np.concatenate([np.geomspace(low, high, 400), *peaks])
+    f = np.unique(f[(f >= low) & (f <= high)])
+    return f, motor_response(2 * np.pi * f, inertia, elasticity)
+
+
+def _bode(curves: list[_Curve], dark: bool, magnitudes: tuple[float, float] | None) -> go.Figure:
+    reference = next((c for c in reversed(curves) if not c.symbol), None)
+    traces: list[Trace] = []
+    phases: list[Floats] = []
+    for curve in curves:
+        label = curve.name
+        traces.append(_magnitude(curve, label))
+        phase, trace = _phase(curve, reference, label)
+        phases.append(phase)
+        traces.append(trace)
+    y: Axis = {"domain": [0.42, 1.0]}
+    if magnitudes is not None:
+        y["range"] = _log_range(magnitudes)
+    known = np.concatenate(phases)
+    known = known[np.isfinite(known)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 180.0)
+    if magnitudes is not None:  # a diagonal element; the same scale for all views of it
+        low, high = min(low, -90.0), max(high, 180.0)
+    return figure(
+        traces,
+        height=520,
+        dark=dark,
+        xaxis=frequency_axis(_frequencies(curves), anchor="y2"),
+        yaxis=log_axis(f"Magnitude ({_UNIT})", **y),
+        yaxis2=phase_axis(domain=[0.0, 0.36], range=[min(low, 0.0) - 15, max(high, 90.0) + 15]),
+        margin={"l": 8, "r": 12, "t": 60, "b": 8},  # room for a legend of two lines
+    )
+
+
+def _magnitude(curve: _Curve, label: str) -> Trace:
+    size = np.abs(curve.H)
+    hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} {_UNIT}<extra>{label}</extra>"
+    if not curve.symbol:
+        style = {"line": {"dash": curve.dash}}
+        return line(curve.frequency_hz, size, curve.name, curve.colour, hovertemplate=hover, **style)
+    more = {}
+    if curve.error is not None:
+        # Half of a complex variance lies along the phasor. A log axis has no room for bars below zero.
+        error = curve.error / np.sqrt(2)
+        hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} ± %{{customdata:.2g}} {_UNIT}<extra>{label}</extra>"
+        bars = {"array": error, "arrayminus": np.minimum(error, 0.95 * size), "symmetric": False}
+        more = {"customdata": error, "error": bars}
+    return points(
+        curve.frequency_hz,
+        size,
+        curve.name,
+        curve.colour,
+        marker={"symbol": curve.symbol},
+        hovertemplate=hover,
+        **more,
+    )
+
+
+def _phase(curve: _Curve, reference: _Curve | None, label: str) -> tuple[Floats, Trace]:
+    """Phase on the branch that lies nearest to the model, so that points do not jump by 360°."""
+    angle = np.degrees(np.angle(curve.H))
+    centre: Floats | float = 90.0
+    if reference is not None:
+        unwrapped = np.degrees(np.unwrap(np.angle(reference.H)))
+        unwrapped -= 360 * np.round((np.median(unwrapped) - 90) / 360)
+        centre = np.interp(np.log(curve.frequency_hz), np.log(reference.frequency_hz), unwrapped)
+    phase = centre + (angle - centre + 180) % 360 - 180
+    shared = {"yaxis": "y2", "showlegend": False}
+    hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}°<extra>{label}</extra>"
+    if not curve.symbol:
+        style = {"line": {"dash": curve.dash}, "hovertemplate": hover}
+        return phase, line(curve.frequency_hz, phase, curve.name, curve.colour, **style, **shared)
+    more = {}
+    if curve.error is not None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = np.degrees(np.minimum(curve.error / np.sqrt(2) / np.abs(curve.H), np.pi))
+        hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}° ± %{{customdata:.2g}}°<extra>{label}</extra>"
+        more = {"customdata": error, "error": {"array": error}}
+    return phase, points(
+        curve.frequency_hz,
+        phase,
+        curve.name,
+        curve.colour,
+        marker={"symbol": curve.symbol},
+        hovertemplate=hover,
+        **more,
+        **shared,
+    )
+
+
+def _magnitudes(analysis: Analysis, pose: str, joint: int) -> tuple[float, float]:
+    """Range of H_jj and of what single records show of it, so that figures of a joint share their scale.
+
+    A joint that stands still makes single responses of any size; they do not stretch the scale by
+    more than a factor of ten.
+    """
+    robot = [np.abs(c.H) for c in _models(analysis, pose, joint, joint, dark=False)]
+    if pose in analysis.transfer_matrices:
+        robot.append(np.abs(analysis.transfer_matrices[pose].H[:, joint, joint]))
+    single = np.abs(single_record_response(analysis.phasors)[_of_pose(analysis, pose), joint])
+    every = np.concatenate(robot) if robot else single
+    every = every[np.isfinite(every) & (every > 0)]
+    if not every.size:
+        return 1.0, 10.0
+    low, high = float(every.min()), float(every.max())
+    near = single[(single > low / 10) & (single < high * 10)]
+    return min(low, float(near.min(initial=low))), max(high, float(near.max(initial=high)))
+
+
+def _log_range(limits: tuple[float, float]) -> list[float]:
+    return [float(np.log10(limits[0] / 1.25)), float(np.log10(limits[1] * 1.25))]
+
+
+def _frequencies(curves: Iterable[_Curve]) -> Floats:
+    measured = [c.frequency_hz for c in curves if c.symbol]
+    return np.concatenate(measured)
+
+
+def _of_pose(analysis: Analysis, pose: str) -> np.ndarray:
+    return np.array([(record.pose or "") == pose for record in analysis.study.records])
+
+
+def _series(omega: Floats) -> list[np.ndarray]:
+    """First records of every frequency, then the second ones, and so on."""
+    order = np.argsort(omega, kind="stable")
+    place = np.zeros(omega.size, int)
+    for before, after in pairwise(order):
+        same = abs(omega[after] - omega[before]) <= 1e-9 * omega[after]
+        place[after] = place[before] + 1 if same else 0
+    return [order[place[order] == k] for k in range(int(place.max(initial=0)) + 1)]
+
+
+def _renamed(curve: _Curve, name: str) -> _Curve:
+    return _Curve(name, curve.colour, curve.frequency_hz, curve.H, curve.error, curve.symbol)
+
+
+def _label(i: int, j: int) -> str:
+    return f"H{_digit(i)}{_digit(j)}"
+
+
+def _digit(k: int) -> str:
+    return str(k + 1).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))

@@ -1,0 +1,112 @@
+"""The springs: dynamic stiffness of every record, and what the model leaves unexplained."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.elasticity import ElasticityFit
+from jointid.figures.style import (
+    JOINT_SYMBOLS,
+    colours,
+    figure,
+    frequency_axis,
+    line,
+    linear_axis,
+    log_axis,
+    points,
+)
+from jointid.joints import Elasticity
+
+
+def dynamic_stiffness(
+    fit: ElasticityFit, joint: int, nominal: Elasticity | None = None, *, dark: bool = False
+) -> go.Figure:
+    """b/a of one joint, record by record: its real part should be flat at K, its imaginary part ωD.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    joint : int
+        From 0.
+    nominal : Elasticity, optional
+        What the controller assumes, drawn as well.
+    """
+    ink = colours(dark)
+    equations = fit.equations
+    f = equations.omega / (2 * np.pi)
+    measured = equations.stiffness[:, joint]
+    error = stiffness_error(fit)[:, joint]
+    known = np.isfinite(measured)
+    f, measured, error = f[known], measured[known], error[known]
+    band = np.geomspace(f.min() / 1.12, f.max() * 1.12, 100) if f.size else np.array([1.0, 10.0])
+    K, D = float(fit.K[joint]), float(fit.D[joint])
+    models = [("identified", ink.identified, "solid", K, D)]
+    if nominal is not None:
+        models.insert(0, ("nominal", ink.nominal, "dash", nominal.K[joint], nominal.D[joint]))
+    traces = []
+    for name, colour, dash, k, d in models:
+        style = {"line": {"dash": dash}, "legendgroup": name}
+        flat = np.full(band.size, k)
+        rising = 2 * np.pi * band * d
+        value = f"{name}: K = {k:.4g} N·m/rad, D = {d:.3g} N·m·s/rad<extra></extra>"
+        style["hovertemplate"] = value
+        traces.append(line(band, flat, name, colour, **style))
+        traces.append(line(band, rising, name, colour, yaxis="y2", showlegend=False, **style))
+    hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} N·m/rad<extra></extra>"
+    shared = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
+    dots = {"marker": {"symbol": JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]}}
+    traces.append(points(f, measured.real, "each record", ink.measured, **shared, **dots))
+    lower = {"yaxis": "y2", "showlegend": False}
+    traces.append(points(f, measured.imag, "each record", ink.measured, **lower, **shared, **dots))
+    return figure(
+        traces,
+        height=460,
+        dark=dark,
+        xaxis=frequency_axis(f, anchor="y2"),
+        yaxis=linear_axis(f"Re b/a → K{joint + 1} (N·m/rad)", domain=[0.54, 1.0], rangemode="tozero"),
+        yaxis2=linear_axis(f"Im b/a → ωD{joint + 1} (N·m/rad)", domain=[0.0, 0.46], rangemode="tozero"),
+    )
+
+
+def stiffness_error(fit: ElasticityFit) -> np.ndarray:
+    """Standard error of the real, and of the imaginary, part of each record's b/a, shape (r, n).
+
+    b/a − (K + iωD) is the equation error over a, and half its variance lies in either part.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        V = np.einsum("rjj->rj", fit.equations.residual_covariance(fit.K, fit.D)).real
+        return np.asarray(np.sqrt(V / 2) / np.abs(fit.equations.a))
+
+
+def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.Figure:
+    """Torque of one joint that the model leaves unexplained, against what noise alone would leave."""
+    ink = colours(dark)
+    f = fit.equations.omega / (2 * np.pi)
+    left, noise = np.abs(fit.residual[:, joint]), fit.residual_noise[:, joint]
+    hover = "%{x:.4g} Hz<br>%{y:.3g} N·m<extra>"
+    symbol = JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]
+    traces = [
+        points(
+            f,
+            np.maximum(noise, 1e-300),
+            "noise alone",
+            ink.quiet,
+            marker={"symbol": "line-ew-open", "size": 12, "line": {"width": 2, "color": ink.quiet}},
+            hovertemplate=hover + "noise alone</extra>",
+        ),
+        points(
+            f,
+            np.maximum(left, 1e-300),
+            "left unexplained",
+            ink.measured,
+            marker={"symbol": symbol},
+            hovertemplate=hover + "left unexplained</extra>",
+        ),
+    ]
+    axis = log_axis("Torque (N·m)", tickvals=None, dtick=1, exponentformat="power")
+    sizes = np.abs(np.concatenate([fit.residual.ravel(), fit.residual_noise.ravel()]))
+    sizes = sizes[np.isfinite(sizes) & (sizes > 1e-30)]
+    if sizes.size:  # the same for every joint
+        axis["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
+    return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)

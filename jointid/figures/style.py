@@ -1,0 +1,120 @@
+"""What every figure shares: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.arrays import Floats
+
+Trace = dict[str, Any]
+Axis = dict[str, Any]
+
+JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
+"""Joints are told apart by their marker as well as by their place."""
+
+
+@dataclass(frozen=True)
+class Colours:
+    """The meaning of each colour."""
+
+    measured: str
+    nominal: str
+    identified: str
+    quiet: str
+    """Grids, and what stands behind the data, such as noise."""
+
+
+LIGHT = Colours(measured="#000000", nominal="#D55E00", identified="#0072B2", quiet="#767676")
+DARK = Colours(measured="#FFFFFF", nominal="#E8731A", identified="#56B4E9", quiet="#9A9A9A")
+
+
+def colours(dark: bool) -> Colours:
+    """Return the colours for a dark or a light background."""
+    return DARK if dark else LIGHT
+
+
+def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -> go.Figure:
+    """Assemble a figure from plain dictionaries, with the margins and the legend all figures have."""
+    quiet = "rgba(150, 150, 150, 0.35)"
+    for name, axis in layout.items():
+        if name.startswith(("xaxis", "yaxis")):
+            title = {"standoff": 10, "text": ""} | (axis.get("title") or {})
+            layout[name] = {"gridcolor": quiet, "zeroline": False, "automargin": True} | axis
+            layout[name]["title"] = title
+    ink = "#FAFAFA" if dark else "#31333F"
+    base = {
+        "height": height,
+        "margin": {"l": 8, "r": 12, "t": 8, "b": 8},
+        "font": {"color": ink, "size": 13, "family": '"Source Sans", sans-serif'},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "hoverlabel": {"align": "left"},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "xanchor": "left",
+            "y": 1.02,
+            "yanchor": "bottom",
+            "font": {"color": ink},
+        },
+    }
+    return go.Figure({"data": list(traces), "layout": base | layout})
+
+
+def line(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
+    """Return a line trace, for instance a model."""
+    style = {"color": colour, "width": 2} | more.pop("line", {})
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "name": name, "line": style} | more
+
+
+def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
+    """Return a marker trace, for instance measured values; ``error`` makes bars of ± that much."""
+    style = {"color": colour, "size": 7} | more.pop("marker", {})
+    error = more.pop("error", None)
+    trace = {"type": "scatter", "mode": "markers", "x": x, "y": y, "name": name, "marker": style} | more
+    if error is not None:
+        trace["error_y"] = {"type": "data", "color": colour, "thickness": 1.2, "width": 3} | error
+    return trace
+
+
+def frequency_axis(frequency_hz: Floats, *, title: bool = True, **more: Any) -> Axis:
+    """Return a logarithmic frequency axis with ticks at 1, 2, 3 and 5 of every decade."""
+    known = frequency_hz[np.isfinite(frequency_hz) & (frequency_hz > 0)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
+    margin = 1.12 if high > 1.5 * low else 1.5
+    decades = range(int(np.floor(np.log10(low))) - 1, int(np.ceil(np.log10(high))) + 2)
+    ticks = [m * 10.0**d for d in decades for m in (1, 2, 3, 5)]
+    return {
+        "type": "log",
+        "range": [float(np.log10(low / margin)), float(np.log10(high * margin))],
+        "tickvals": ticks,
+        "ticktext": [f"{tick:g}" for tick in ticks],
+        "title": {"text": "Frequency (Hz)"} if title else None,
+    } | more
+
+
+def log_axis(title: str, **more: Any) -> Axis:
+    """Return a logarithmic axis with plain numbers at 1, 2 and 5 of every decade."""
+    ticks = [m * 10.0**d for d in range(-12, 10) for m in (1, 2, 5)]
+    text = [f"{t:g}" if m else "" for t, m in zip(ticks, [1, 1, 1] * 22, strict=True)]
+    return {"type": "log", "title": {"text": title}, "tickvals": ticks, "ticktext": text} | more
+
+
+def linear_axis(title: str, **more: Any) -> Axis:
+    """Return a linear axis with its quantity and unit."""
+    return {"title": {"text": title}} | more
+
+
+def phase_axis(**more: Any) -> Axis:
+    """Return a phase axis with ticks every 90°."""
+    return {
+        "title": {"text": "Phase (°)"},
+        "tickmode": "linear",
+        "tick0": 0,
+        "dtick": 90,
+    } | more

@@ -1,0 +1,211 @@
+"""What was logged: waveforms with their fitted sine, spectra, and columns that could not be used."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.figures.style import (
+    Trace,
+    colours,
+    figure,
+    frequency_axis,
+    line,
+    linear_axis,
+    log_axis,
+    points,
+)
+from jointid.records import SineRecord
+from jointid.spectrum import amplitude_spectrum
+
+_MOST_POINTS = 2000
+"""Points of a curve that a screen can show; longer signals are drawn by their extremes."""
+
+_QUANTITIES = (("Angle", "rad"), ("Torque", "N·m"))
+
+
+def waveforms(
+    record: SineRecord,
+    joint: int,
+    fitted: Floats | None = None,
+    *,
+    periods: float | None = None,
+    dark: bool = False,
+) -> go.Figure:
+    """Motor angle over motor torque of one joint, as logged, with the fitted sine.
+
+    Parameters
+    ----------
+    record : SineRecord
+    joint : int
+        Index of the joint, from 0.
+    fitted : ndarray, shape (N, 2n), optional
+        ``SineFit.at`` at the record's times.
+    periods : float, optional
+        Show that many periods from the start of the used part; by default the whole record.
+    """
+    ink = colours(dark)
+    last = record.time_s.size
+    first = 0
+    if periods is not None:
+        first = record.start
+        end = record.time_s[first] + periods / record.frequency_hz
+        last = max(int(np.searchsorted(record.time_s, end)) + 1, first + 2)
+    part = slice(first, last)
+    time = record.time_s[part]
+    traces: list[Trace] = []
+    signals = (record.theta_rad[part, joint], record.tau_Nm[part, joint])
+    for row, (signal, (quantity, unit)) in enumerate(zip(signals, _QUANTITIES, strict=True), start=1):
+        hover = f"%{{x:.4f}} s<br>{quantity} %{{y:.5g}} {unit}"
+        shared: Trace = {
+            "xaxis": "x",
+            "yaxis": f"y{row}",
+            "hovertemplate": hover,
+            "showlegend": row == 1,
+        }
+        x, y = thinned(time, signal)
+        if periods is None or x.size > 400:
+            width: Trace = {"line": {"width": 1.2}}
+            traces.append(line(x, y, "logged", ink.measured, **width, **shared))
+        else:
+            small: Trace = {"marker": {"size": 4}}
+            traces.append(points(x, y, "logged", ink.measured, **small, **shared))
+        if fitted is not None:
+            curve = fitted[part, joint + (row - 1) * record.n]
+            traces.append(line(*thinned(time, curve), "fitted sine", ink.identified, **shared))
+    shapes = []
+    if periods is None and record.start > 0:
+        shapes.append(
+            {
+                "type": "rect",
+                "xref": "x",
+                "yref": "paper",
+                "x0": float(time[0]),
+                "x1": float(record.time_s[record.start]),
+                "y0": 0,
+                "y1": 1,
+                "fillcolor": ink.quiet,
+                "opacity": 0.25,
+                "line": {"width": 0},
+                "label": {"text": "not used", "textposition": "top left"},
+            }
+        )
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        shapes=shapes,
+        xaxis=linear_axis("Time (s)", anchor="y2"),
+        yaxis=linear_axis("Motor angle (rad)", domain=[0.54, 1.0]),
+        yaxis2=linear_axis("Motor torque (N·m)", domain=[0.0, 0.46]),
+    )
+
+
+def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
+    """Amplitude spectra of angle and torque of one joint, with the excitation and its harmonics marked.
+
+    Raises
+    ------
+    JointIdError
+        When the record is too short for a spectrum.
+    """
+    ink = colours(dark)
+    used = slice(record.start, None)
+    traces, shown = [], np.array([record.frequency_hz / 3, record.frequency_hz * 30])
+    for row, (signals, (quantity, unit)) in enumerate(
+        zip((record.theta_rad, record.tau_Nm), _QUANTITIES, strict=True), start=1
+    ):
+        frequency, amplitude = amplitude_spectrum(record.time_s[used], signals[used, joint])
+        shown = np.array([shown[0], min(shown[1], float(frequency[-1]))])
+        inside = (frequency >= shown[0] / 1.2) & (frequency <= shown[1] * 1.2)
+        f, a = frequency[inside], amplitude[inside]
+        x, y = thinned(f, np.maximum(a, 1e-9 * (a.max(initial=0.0) or 1.0)), peaks_only=True)
+        hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
+        style: Trace = {"line": {"width": 1.2}, "showlegend": False, "hovertemplate": hover}
+        traces.append(line(x, y, quantity, ink.measured, xaxis="x", yaxis=f"y{row}", **style))
+    marks = [
+        {
+            "type": "line",
+            "xref": "x",
+            "yref": "paper",
+            "x0": h * record.frequency_hz,
+            "x1": h * record.frequency_hz,
+            "y0": 0,
+            "y1": 1,
+            "layer": "below",
+            "line": {
+                "color": ink.identified if h == 1 else ink.quiet,
+                "width": 2 if h == 1 else 1,
+                "dash": "solid" if h == 1 else "dot",
+            },
+        }
+        for h in (1, 2, 3, 5, 7)
+        if h * record.frequency_hz < shown[1]
+    ]
+    decades = {"tickvals": None, "dtick": 1, "exponentformat": "power"}
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        shapes=marks,
+        xaxis=frequency_axis(shown, anchor="y2"),
+        yaxis=log_axis("Angle (rad)", domain=[0.54, 1.0], **decades),
+        yaxis2=log_axis("Torque (N·m)", domain=[0.0, 0.46], **decades),
+    )
+
+
+def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figure:
+    """Every column against the first, or against the row when there is only one; whatever is in it.
+
+    Raises
+    ------
+    JointIdError
+        When there is no column.
+    """
+    if not columns:
+        raise JointIdError("There is no column of numbers to show.")
+    ink = colours(dark)
+    names = list(columns)
+    first = np.asarray(columns[names[0]], float)
+    time = first if len(names) > 1 else np.arange(float(first.size))
+    shown = names[1:] or names
+    count = len(shown)
+    axes: dict[str, Any] = {}
+    traces = []
+    for row, name in enumerate(shown):
+        x, y = thinned(time, np.asarray(columns[name], float))
+        suffix = str(row + 1) if row else ""
+        traces.append(
+            line(x, y, name, ink.measured, yaxis=f"y{suffix}", line={"width": 1.2}, showlegend=False)
+        )
+        top = 1 - row / count
+        axes[f"yaxis{suffix}"] = linear_axis(_short(name), domain=[top - 0.88 / count, top], nticks=4)
+    axes["xaxis"] = linear_axis(
+        names[0] if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
+    )
+    return figure(traces, height=60 + 110 * count, dark=dark, **axes)
+
+
+def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, Floats]:
+    """Keep the smallest and the largest value of every stretch, so that no spike is lost."""
+    if y.size <= _MOST_POINTS:
+        return np.ascontiguousarray(x), np.ascontiguousarray(y)
+    stretch = -(-y.size // (_MOST_POINTS if peaks_only else _MOST_POINTS // 2))
+    begin = np.arange(0, y.size, stretch)
+    padded = np.full(begin.size * stretch, np.nan)
+    padded[: y.size] = y
+    rows = padded.reshape(begin.size, stretch)
+    high = begin + np.argmax(np.where(np.isnan(rows), -np.inf, rows), axis=1)
+    low = begin + np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1)
+    keep = high if peaks_only else np.sort(np.column_stack([low, high]), axis=1).ravel()
+    keep = np.minimum(keep, y.size - 1)
+    return x[keep], y[keep]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 22 else name[:21] + "…"

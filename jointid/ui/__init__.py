@@ -1,0 +1,1 @@
+"""What the pages share; streamlit lives here and in the pages only."""

@@ -1,0 +1,37 @@
+"""Results, computed once, keyed on the study's digest: by itself streamlit only samples large arrays."""
+
+from __future__ import annotations
+
+import inspect
+
+import streamlit as st
+
+from jointid import Analysis, Phasors, Study, analyse, extract_phasors
+from jointid.arrays import Floats
+from jointid.elasticity import METHODS
+from jointid.sine_fit import fit_sines
+
+DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
+"""The estimator that ``analyse`` takes when nobody chooses."""
+
+ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these records")} | METHODS
+"""Estimators with what each is, the default first."""
+
+
+@st.cache_resource(max_entries=12, show_spinner="Fitting sines, identifying the springs")
+def analysis(digest: str, method: str, _study: Study) -> Analysis:
+    """Run the whole method."""
+    return analyse(_study, method=method)
+
+
+@st.cache_resource(max_entries=12, show_spinner="Fitting sines")
+def phasors(digest: str, _study: Study) -> Phasors:
+    """Run the first step alone: it succeeds for records that tell nothing of the springs."""
+    return extract_phasors(_study.records)
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def fitted_sine(digest: str, record: int, _study: Study) -> Floats:
+    """Return the fitted fundamental with offset and drift at a record's times, (N, 2n)."""
+    chosen = _study.records[record]
+    return fit_sines([chosen])[0].at(chosen.time_s, chosen.omega)

@@ -1,0 +1,120 @@
+"""The pieces of the first screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import streamlit as st
+
+from jointid import Elasticity, ElasticityFit, Finding, Study
+from jointid.rounding import plain, significant, with_error
+from jointid.study_files import pack_study
+from jointid.ui.steps import METHOD
+
+_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
+_MOST_FINDINGS = 3
+
+
+def show_heading(study: Study) -> None:
+    """Name, where it comes from, and what it holds."""
+    st.title(study.name or "Study without a name", anchor=False)
+    f = sorted(record.frequency_hz for record in study.records)
+    band = f"{plain(round(f[0], 3))} Hz"
+    if f[-1] > f[0] * 1.001:
+        band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
+    facts = [
+        f":gray-badge[{_ORIGINS[study.origin]}]",
+        _counted(len(study.records), "record"),
+        _counted(study.inertia.n, "joint"),
+        band,
+    ]
+    if len(poses := {record.pose for record in study.records}) > 1:
+        facts.append(_counted(len(poses), "pose"))
+    st.markdown(" &nbsp;·&nbsp; ".join(facts))
+    if study.description:
+        st.caption(study.description)
+
+
+def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
+    """K and D of every joint with ± one standard error, against what the controller assumes."""
+    n = fit.n
+    tiles = (
+        [(q, j) for j in range(n) for q in "KD"] if n <= 2 else [(q, j) for q in "KD" for j in range(n)]
+    )
+    per_row = 2 * n if n <= 2 else min(n, 4)
+    for begin in range(0, len(tiles), per_row):
+        row = tiles[begin : begin + per_row]
+        for column, (quantity, j) in zip(st.columns(per_row), row, strict=False):
+            with column:
+                _tile(fit, nominal, quantity, j)
+
+
+def _tile(fit: ElasticityFit, nominal: Elasticity | None, quantity: str, j: int) -> None:
+    stiffness = quantity == "K"
+    value = float((fit.K if stiffness else fit.D)[j])
+    error = float(fit.standard_error[j if stiffness else fit.n + j])
+    unit = "N·m/rad" if stiffness else "N·m·s/rad"
+    assumed = None
+    if nominal is not None:
+        reference = float((nominal.K if stiffness else nominal.D)[j])
+        assumed = f"nominal {plain(reference)}"
+        if reference > 0:
+            assumed += f" ({_change(value / reference - 1, error / reference)})"
+    what = "Stiffness" if stiffness else "Damping"
+    st.metric(
+        f"{quantity}{j + 1} ({unit})",
+        with_error(value, error),
+        assumed,
+        delta_color="off",
+        delta_arrow="off",
+        border=True,
+        help=f"{what} of joint {j + 1} seen from the motor, ± one standard error. "
+        "Nominal is what the controller assumes today.",
+    )
+
+
+def _change(ratio: float, error: float) -> str:
+    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
+    if abs(ratio) <= 2 * error:
+        return "agrees"
+    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
+    return f"{'+' if ratio > 0 else '−'}{size} %"
+
+
+def show_findings(findings: Sequence[Finding]) -> None:
+    """At most three findings, most important first; the others on demand."""
+    for finding in findings[:_MOST_FINDINGS]:
+        _finding(finding)
+    if rest := findings[_MOST_FINDINGS:]:
+        with st.expander(f"{len(rest)} more finding{'s' if len(rest) > 1 else ''}"):
+            for finding in rest:
+                _finding(finding)
+
+
+def _finding(finding: Finding) -> None:
+    box = {"problem": st.error, "warning": st.warning, "good": st.success}[finding.level]
+    remedy = f"  \n*{finding.remedy}*" if finding.remedy else ""
+    box(f"**{finding.title}.** {finding.detail}{remedy}")
+
+
+def show_steps(study: Study) -> None:
+    """The way on: each step of the method in a line, and the study as a file."""
+    for step in METHOD:
+        st.page_link(step.path, label=f"**{step.name}** · {step.line}")
+    st.download_button(
+        "Save this study (.zip)",
+        data=lambda: pack_study(study),
+        file_name=f"{_file_name(study.name)}.zip",
+        mime="application/zip",
+        on_click="ignore",
+        help="study.toml and one CSV table per record: readable without this software.",
+    )
+
+
+def _file_name(name: str) -> str:
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"
+
+
+def _counted(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,0 +1,89 @@
+"""How every page begins: open_page() sets it up, shows the sidebar and says which study is chosen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import streamlit as st
+
+from jointid import Analysis, JointIdError, Phasors, Study
+from jointid.ui import cached
+from jointid.ui.charts import is_dark
+from jointid.ui.refused import show_refused
+from jointid.ui.sidebar import choose_study
+from jointid.ui.steps import IMPORT, RECORDS, SIMULATE
+from jointid.ui.workspace import open_study
+
+_ICON = Path(__file__).with_name("icon.svg")
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """What a page is about."""
+
+    key: str
+    """The study's name in the list."""
+    study: Study
+    digest: str
+    """Key for caches of results of this study."""
+    method: str
+    """The estimator chosen for the whole study."""
+    dark: bool
+    """Whether the theme is dark."""
+
+    def analysis(self) -> Analysis:
+        """Return the whole method's result, or say why there is none and end the page."""
+        try:
+            return cached.analysis(self.digest, self.method, self.study)
+        except JointIdError as error:
+            _say_why(error)
+            st.stop()
+
+    def phasors(self) -> Phasors:
+        """Return the phasors, or say why there are none and end the page."""
+        try:
+            return cached.phasors(self.digest, self.study)
+        except JointIdError as error:
+            _say_why(error)
+            st.stop()
+
+
+def start(title: str) -> None:
+    """Set up a page that needs no study, with its sidebar."""
+    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
+    choose_study()
+    show_refused()
+
+
+def open_page(title: str) -> Page:
+    """Begin a page about the chosen study; without one, say how to get one and end.
+
+    Parameters
+    ----------
+    title : str
+        For the browser's tab; the page writes its own heading.
+    """
+    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
+    choice = choose_study()
+    show_refused()
+    if choice is None:
+        st.title("No study yet")
+        st.write("There are no sample studies beside the app. Open a .zip at the side, or make records:")
+        st.page_link(SIMULATE.path, label=SIMULATE.name)
+        st.page_link(IMPORT.path, label=IMPORT.name)
+        st.stop()
+    key, method = choice
+    try:
+        opened = open_study(key)
+    except JointIdError as error:
+        st.title(title)
+        st.error(str(error))
+        st.stop()
+    return Page(key, opened.study, opened.digest, method, is_dark())
+
+
+def _say_why(error: JointIdError) -> None:
+    st.error(str(error))
+    st.write("The records themselves can still be looked at:")
+    st.page_link(RECORDS.path, label=RECORDS.name)

@@ -1,0 +1,32 @@
+"""The pages in the order of the method, each with a line that says what it does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Step:
+    """One page."""
+
+    path: str
+    """Relative to app.py."""
+    name: str
+    line: str
+    """What it does, in one line."""
+
+
+OVERVIEW = Step("app.py", "Study", "The answer, and what to know before it is trusted.")
+RECORDS = Step("pages/1_Records.py", "Records", "What was logged: each joint's angle and torque.")
+METHOD = (
+    RECORDS,
+    Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number."),
+    Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers."),
+    Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint."),
+)
+"""The steps of the method."""
+
+SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot whose springs are known.")
+IMPORT = Step(
+    "pages/9_Import_a_log.py", "Import a log", "One sine run from a CSV file of any controller."
+)

@@ -1,0 +1,62 @@
+"""What was logged."""
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.figures import spectra, waveforms
+from jointid.ui import cached
+from jointid.ui.charts import plot, side_by_side, table
+from jointid.ui.page import open_page
+from jointid.ui.quality import quality_table
+
+page = open_page("Records")
+st.title("Records", anchor=False)
+st.write(
+    "Each record is one experiment: the joints follow sines of one frequency while their controllers "
+    "stay on. The method uses the motors' angles and torques only. A sine, an offset and a drift are "
+    "fitted to each signal, and the sine is what goes on to the next step."
+)
+st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \qquad (2)")
+
+records = page.study.records
+number = st.selectbox(
+    "Record",
+    range(len(records)),
+    format_func=lambda i: f"{i + 1}: {records[i].label or f'{records[i].frequency_hz:g} Hz'}",
+    key="record",
+    bind="query-params",
+)
+record = records[number]
+fitted = cached.fitted_sine(page.digest, number, page.study)
+views = st.tabs(["A few periods", "Whole record", "Spectrum"])
+for view, periods in zip(views, (4.0, None), strict=False):
+    with view:
+        for joint, place in enumerate(side_by_side(record.n)):
+            place.markdown(f"**Joint {joint + 1}**")
+            with place:
+                what = f"Angle and torque of joint {joint + 1} over time with the fitted sine"
+                plot(waveforms(record, joint, fitted, periods=periods, dark=page.dark), what)
+with views[2]:
+    for joint, place in enumerate(side_by_side(record.n)):
+        place.markdown(f"**Joint {joint + 1}**")
+        with place:
+            what = f"Spectra of angle and torque of joint {joint + 1}"
+            plot(spectra(record, joint, dark=page.dark), what)
+with views[2]:
+    st.caption("Blue: the excitation. Dotted: its harmonics 2, 3, 5 and 7, where friction shows.")
+
+st.subheader("Quality of every record", anchor=False)
+try:
+    table(quality_table(records, cached.phasors(page.digest, page.study)))
+except JointIdError as error:
+    st.error(str(error))
+with st.expander("What the columns mean"):
+    st.markdown(
+        "These are the figures of the joint that moves most.\n"
+        "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
+        "- **Distortion**: amplitude of the harmonics over that of the sine. Friction makes it.\n"
+        "- **Settling**: how much the sine of the first quarter differs from that of the second half. "
+        "Above 1 % the robot had not settled.\n"
+        "- **Frequency found**: what the motor's angle has; it should be the stated one.\n"
+        "- **Jitter**: largest distance of a sample from its place on an even grid."
+    )

@@ -1,0 +1,54 @@
+"""One complex number per signal."""
+
+import streamlit as st
+
+from jointid.figures import phasor_plane
+from jointid.ui.charts import csv_bytes, plot, table
+from jointid.ui.page import open_page
+from jointid.ui.quality import phasor_columns, phasor_table
+
+page = open_page("Phasors")
+st.title("Phasors", anchor=False)
+st.write(
+    "A sine of known frequency is fully told by its amplitude and its phase, that is, by one complex "
+    "number: the phasor. Velocity and acceleration follow by multiplication with iω, so nothing is "
+    "differentiated numerically and encoder noise is not amplified. Torque that is held between "
+    "samples, or delayed, is corrected for."
+)
+st.latex(
+    r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, \quad \ddot\theta = (i\omega)^2\,\theta "
+    "\quad (3, 4)"
+)
+
+phasors = page.phasors()
+chosen = st.selectbox(
+    "Record drawn as arrows",
+    range(len(phasors.labels)),
+    format_func=lambda i: f"{i + 1}: {phasors.labels[i]}",
+    key="record",
+    bind="query-params",
+)
+left, right = st.columns(2)
+with left:
+    st.markdown("**Motor angle (rad)**")
+    plot(
+        phasor_plane(phasors, chosen=chosen, dark=page.dark),
+        "Phasors of the motor angles in the complex plane",
+    )
+with right:
+    st.markdown("**Motor torque (N·m)**")
+    what = "Phasors of the motor torques in the complex plane"
+    plot(phasor_plane(phasors, torque=True, chosen=chosen, dark=page.dark), what)
+st.caption(
+    "Distance from the centre is the amplitude, on a logarithmic scale when it varies much; direction "
+    "is the phase against sin ωt on the record's clock. Two records of one frequency must differ, or "
+    "they tell the same thing twice."
+)
+table(phasor_table(phasors))
+st.download_button(
+    "Save the phasors (.csv)",
+    data=lambda: csv_bytes(phasor_columns(phasors)),
+    file_name="phasors.csv",
+    mime="text/csv",
+    on_click="ignore",
+)

@@ -1,0 +1,66 @@
+"""Stiffness and damping of every joint."""
+
+import streamlit as st
+
+from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
+from jointid.ui.charts import plot, side_by_side
+from jointid.ui.estimates import show_estimates, show_matrix
+from jointid.ui.overview import show_tiles
+from jointid.ui.page import open_page
+
+page = open_page("Elasticity")
+st.title("Elasticity", anchor=False)
+st.write(
+    "Since the rigid-body inertias are known, every record tells how far each spring was deflected and "
+    "which torque it passed on. Their ratio is the dynamic stiffness: its real part is K at every "
+    "frequency, its imaginary part grows as ωD. The problem is linear, so no start values are needed."
+)
+st.latex(
+    r"""\begin{gathered}
+    (K_j + i\omega D_j)\,a_j = b_j \quad (8) \\
+    \mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q
+    - \mathbf M_2^{-1}\boldsymbol\tau \quad (9) \\
+    \mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q \quad (11)
+    \end{gathered}"""
+)
+analysis = page.analysis()
+fit, n = analysis.fit, page.study.inertia.n
+show_tiles(fit, page.study.nominal)
+
+st.subheader("Dynamic stiffness of each record", anchor=False)
+st.caption(
+    "Bars: ± one standard error. Points that leave the lines at some frequencies only tell of "
+    "friction, a torque delay, or inertias that are off; a joint that hardly moves in a record tells "
+    "little there."
+)
+for j, place in enumerate(side_by_side(n)):
+    with place:
+        st.markdown(f"**Joint {j + 1}**")
+        figure = dynamic_stiffness(fit, j, page.study.nominal, dark=page.dark)
+        plot(figure, f"Dynamic stiffness of joint {j + 1}")
+
+st.subheader("Every estimator", anchor=False)
+show_estimates(analysis)
+
+st.subheader("What the model leaves unexplained", anchor=False)
+st.caption(
+    "Points at the height of the dashes: noise explains the rest. Points far above: there the model is "
+    "wrong, not the noise, and the error bars are widened accordingly."
+)
+for j, place in enumerate(side_by_side(n)):
+    with place:
+        st.markdown(f"**Joint {j + 1}**")
+        plot(
+            unexplained_torque(fit, j, dark=page.dark),
+            f"Unexplained torque of joint {j + 1} against noise",
+        )
+if analysis.transfer_matrices:
+    st.subheader("Fit over measurement", anchor=False)
+    pose = next(iter(analysis.transfer_matrices))
+    for j, place in enumerate(side_by_side(n)):
+        with place:
+            st.markdown(f"**H{j + 1}{j + 1}**")
+            name = f"H{j + 1}{j + 1} over frequency, measured and modelled"
+            plot(element_response(analysis, j, j, pose=pose, dark=page.dark), name)
+with st.expander("The matrix A, its condition, and how the estimates are correlated"):
+    show_matrix(fit)

@@ -1,0 +1,40 @@
+"""A robot whose springs are known."""
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.ui.page import start
+from jointid.ui.simulation import ask, simulated_study
+from jointid.ui.steps import OVERVIEW
+from jointid.ui.workspace import keep
+
+start("Simulate a robot")
+st.title("Simulate a robot", anchor=False)
+st.write(
+    "A robot of your making moves in sines under joint control, with friction, noise and rounding as "
+    "you say. Its records become a study; the method must then find the springs again."
+)
+st.latex(
+    r"""\begin{gathered}
+    \mathbf M\ddot{\mathbf q} + \mathbf D(\dot{\mathbf q}-\dot{\mathbf q}_a)
+    + \mathbf K(\mathbf q-\mathbf q_a) = \boldsymbol\tau \quad (5) \\
+    \mathbf M_2\ddot{\mathbf q}_a + \mathbf D(\dot{\mathbf q}_a-\dot{\mathbf q})
+    + \mathbf K(\mathbf q_a-\mathbf q) = \mathbf 0 \quad (6)
+    \end{gathered}"""
+)
+try:
+    settings = ask()
+    if settings is not None:
+        count = len(settings.frequencies_hz) * settings.inertia.n
+        bar = st.progress(0.0, "Preparing")
+        st.button("Stop", help="Ends the simulation; nothing is kept of it.")
+        study = simulated_study(
+            settings,
+            lambda done: (
+                bar.progress(min(done, 1.0), f"Simulating {count} records: {done:.0%}") and None
+            ),
+        )
+        keep(study, "simulated")
+        st.switch_page(OVERVIEW.path)
+except JointIdError as error:
+    st.error(str(error))
