@@ -282,6 +282,37 @@ def test_single_record_errors_are_as_stated(method: str) -> None:
     assert np.all((ratio > 0.78) & (ratio < 1.28)), ratio
 
 
+def test_maximum_likelihood_is_unbiased_where_least_squares_is_not() -> None:
+    """Noise in the deflection pulls least squares off; errors in variables do not, and say their error."""
+    base = example()
+    noise = mild_noise(base, 0.04)
+    found: dict[str, list[np.ndarray]] = {"least-squares": [], "maximum-likelihood": []}
+    stated, misfit = [], []
+    for error in circular(np.random.default_rng(12), noise, 300):
+        for method in found:
+            fit = identify_elasticity(noisy(base, noise, error), SERIAL, method=method)
+            found[method].append(answer(fit))
+        stated.append(np.diag(fit.covariance) / max(1.0, fit.misfit))
+        misfit.append(fit.misfit)
+    plain, likely = (np.array(found[m]) for m in ("least-squares", "maximum-likelihood"))
+    bias = {
+        m: np.abs(x.mean(axis=0) - truth(2)) / x.std(axis=0) * np.sqrt(300)
+        for m, x in (("plain", plain), ("likely", likely))
+    }
+    assert bias["plain"].max() > 6
+    assert bias["likely"].max() < 4.5
+    ratio = likely.var(axis=0) / np.mean(stated, axis=0)
+    assert np.all((ratio > 0.7) & (ratio < 1.4)), ratio
+    assert np.mean(misfit) == pytest.approx(1.0, abs=0.08)
+    assert np.all(likely.std(axis=0) < 1.02 * plain.std(axis=0))
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
+    fit = identify_elasticity(example(n), ROBOTS[n][0], method="maximum-likelihood")
+    assert np.allclose(answer(fit), truth(n), rtol=1e-8)
+
+
 def test_correlations_are_as_stated() -> None:
     base = example()
     noise = mild_noise(base)
