@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,15 +51,15 @@ class Candidate:
     delay: bool
     reversal: float
     """Share of the largest velocity below which friction was left free."""
-    problem: str = ""
+    problem: str
     """Why it could not be fitted; empty when it could."""
-    cost: float = np.inf
-    expected_cost: float = 0.0
-    parameters: int = 0
+    cost: float
+    expected_cost: float
+    parameters: int
     """Real numbers fitted, the free shapes of friction included."""
-    criterion: float = np.inf
+    criterion: float
     """Schwarz's information criterion, cost over the best model's misfit."""
-    chosen: bool = False
+    chosen: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class ElasticityFit:
     delay_error: float | None = None
     """Standard error of ``delay``, s."""
     candidates: tuple[Candidate, ...] = ()
-    """The models that were compared, where there was a choice."""
+    """The models that were compared, best first."""
 
     @property
     def n(self) -> int:
@@ -184,81 +184,108 @@ def identify_elasticity(
             )
         return _fit(method, _LINEAR[method](equations), equations)
     start = weighted(equations).p
-    choices = [
-        (reversal, lag)
-        for reversal in (None, *_REVERSALS)
-        for lag in (False, True)
-        if (reversal is not None or not friction) and (lag or not delay)
-        if method == "auto" or ((reversal is not None) == friction and lag == delay)
-    ]
-    estimates: list[LikelihoodEstimate | JointIdError] = []
-    for reversal, lag in choices:
-        waveforms = None if reversal is None else friction_waveforms(phasors, reversal)
-        try:
-            estimates.append(maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=lag))
-        except JointIdError as error:
-            estimates.append(error)
-    candidates = _compare(choices, estimates, 2 * phasors.n * phasors.omega.size)
-    chosen = estimates[[candidate.chosen for candidate in candidates].index(True)]
+    tried: dict[_Choice, LikelihoodEstimate | JointIdError] = {}
+
+    def best(choices: Sequence[_Choice]) -> _Choice:
+        for choice in choices:
+            if choice not in tried:
+                tried[choice] = _attempt(phasors, inertia, start, choice)
+        criterion = _criteria({choice: tried[choice] for choice in choices}, phasors)
+        return min(choices, key=lambda choice: criterion[choice])
+
+    if method == "maximum-likelihood":
+        choice = best([_Choice(reversal, delay) for reversal in (_REVERSALS if friction else (None,))])
+    else:
+        # A wrong delay would pass for friction, so the shape of friction is chosen with the delay free.
+        shapes = _REVERSALS if friction else (None, *_REVERSALS)
+        shape = best([_Choice(reversal, True) for reversal in shapes]).reversal
+        best([_Choice(reversal, delay) for reversal in {shapes[0], shape}])
+        choice = best(list(tried))
+    chosen = tried[choice]
     if isinstance(chosen, JointIdError):
         raise chosen
-    return _likelihood_fit(method, chosen, spring_equations(chosen.phasors, inertia), candidates)
+    equations = spring_equations(chosen.phasors, inertia)
+    return _likelihood_fit(method, choice, chosen, equations, _candidates(tried, choice, phasors))
 
 
-def _compare(
-    choices: Sequence[tuple[float | None, bool]],
-    estimates: Sequence[LikelihoodEstimate | JointIdError],
-    rows: int,
-) -> tuple[Candidate, ...]:
+@dataclass(frozen=True)
+class _Choice:
+    reversal: float | None  # None: no friction
+    delay: bool
+
+
+def _attempt(
+    phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats, choice: _Choice
+) -> LikelihoodEstimate | JointIdError:
+    waveforms = None if choice.reversal is None else friction_waveforms(phasors, choice.reversal)
+    try:
+        return maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=choice.delay)
+    except JointIdError as error:
+        return error
+
+
+def _criteria(
+    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], phasors: Phasors
+) -> dict[_Choice, float]:
     """Schwarz's criterion, 2·cost + parameters · ln(rows), cost over the best model's misfit."""
-    fitted = [e for e in estimates if isinstance(e, LikelihoodEstimate)]
+    fitted = [e for e in tried.values() if isinstance(e, LikelihoodEstimate)]
     misfit = min((e.cost / e.expected_cost for e in fitted if e.expected_cost > 0), default=1.0)
+    penalty = np.log(2 * phasors.q.size)
+    return {
+        choice: np.inf
+        if isinstance(estimate, JointIdError)
+        else float(2 * estimate.cost / max(1.0, misfit) + estimate.parameters * penalty)
+        for choice, estimate in tried.items()
+    }
+
+
+def _candidates(
+    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], chosen: _Choice, phasors: Phasors
+) -> tuple[Candidate, ...]:
+    criterion = _criteria(tried, phasors)
     candidates = []
-    for (reversal, lag), estimate in zip(choices, estimates, strict=True):
-        parts = ["elasticity"] + ["friction"] * (reversal is not None) + ["delay"] * lag
-        candidate = Candidate(
-            name=" + ".join(parts) + (f", reversals free below {reversal:.0%}" if reversal else ""),
-            friction=reversal is not None,
-            delay=lag,
-            reversal=reversal or 0.0,
-            problem=str(estimate) if isinstance(estimate, JointIdError) else "",
-        )
-        if isinstance(estimate, LikelihoodEstimate):
-            scaled = 2 * estimate.cost / max(1.0, misfit)
-            candidate = replace(
-                candidate,
-                cost=estimate.cost,
-                expected_cost=estimate.expected_cost,
-                parameters=estimate.parameters,
-                criterion=float(scaled + estimate.parameters * np.log(rows)),
+    for choice, estimate in tried.items():
+        friction = choice.reversal is not None
+        parts = ["elasticity"] + ["friction"] * friction + ["delay"] * choice.delay
+        shape = f", reversals free below {choice.reversal:.0%}" if choice.reversal else ""
+        candidates.append(
+            Candidate(
+                name=" + ".join(parts) + shape,
+                friction=friction,
+                delay=choice.delay,
+                reversal=choice.reversal or 0.0,
+                problem=str(estimate) if isinstance(estimate, JointIdError) else "",
+                cost=np.inf if isinstance(estimate, JointIdError) else estimate.cost,
+                expected_cost=0.0 if isinstance(estimate, JointIdError) else estimate.expected_cost,
+                parameters=0 if isinstance(estimate, JointIdError) else estimate.parameters,
+                criterion=criterion[choice],
+                chosen=choice == chosen,
             )
-        candidates.append(candidate)
-    best = min(range(len(candidates)), key=lambda i: candidates[i].criterion)
-    candidates[best] = replace(candidates[best], chosen=True)
-    return tuple(candidates)
+        )
+    return tuple(sorted(candidates, key=lambda c: c.criterion))
 
 
 def _likelihood_fit(
     method: str,
+    choice: _Choice,
     estimate: LikelihoodEstimate,
     equations: SpringEquations,
     candidates: tuple[Candidate, ...],
 ) -> ElasticityFit:
-    candidate = next(c for c in candidates if c.chosen)
     n, p = equations.a.shape[1], estimate.p
     fit = _fit(method, estimate, equations)
     inflation = max(1.0, fit.misfit)
     error = np.sqrt(np.diag(estimate.covariance) * inflation)
     friction = (
         Friction(p[2 * n : 3 * n], p[3 * n : 4 * n], error[2 * n : 4 * n])
-        if candidate.friction
+        if choice.reversal is not None
         else None
     )
     return replace(
         fit,
         friction=friction,
-        delay=float(p[-1]) if candidate.delay else None,
-        delay_error=float(error[-1]) if candidate.delay else None,
+        delay=float(p[-1]) if choice.delay else None,
+        delay_error=float(error[-1]) if choice.delay else None,
         candidates=candidates,
     )
 

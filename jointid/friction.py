@@ -52,7 +52,7 @@ def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
     to_phasor = waves.T.conj() * (2j / _GRID)
     rate = 1j * phasors.omega[:, None] * orders
     angle = phasors.harmonics[..., :n]
-    velocity = np.einsum("rh,rhj,ht->rjt", rate, angle, waves).imag + phasors.drift[:, :, None]
+    velocity = ((rate[..., None] * angle).swapaxes(1, 2) @ waves).imag + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
     largest = np.abs(velocity).max(axis=2)

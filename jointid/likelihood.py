@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import qr
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -214,10 +215,11 @@ def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
 
 
 def _span(columns: Floats) -> Floats:
-    """Orthonormal basis of the columns' span."""
+    """Orthonormal basis of the columns' span, by QR with pivoting."""
     size = np.linalg.norm(columns, axis=0)
-    left, singular, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-6 * singular[:1].sum()])
+    columns = columns[:, size > 0] / size[size > 0]
+    basis, triangle, _ = qr(columns, mode="economic", pivoting=True, check_finite=False)
+    return np.asarray(basis[:, np.abs(np.diag(triangle)) > 1e-6])
 
 
 def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
