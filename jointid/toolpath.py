@@ -162,9 +162,9 @@ class Toolpath:
             times = self.time_s[:-1][turning, None] + share * self.duration_s[turning, None]
             chords = self.position(times.ravel())
             _, vertex = cKDTree(chords).query(flat)
-            corner = vertex // (_CHORDS + 1) * (_CHORDS + 1)
+            # From one corner's last vertex to the next corner's first the path is straight: a chord too.
             for neighbour in (vertex - 1, vertex + 1):
-                other = np.clip(neighbour, corner, corner + _CHORDS)
+                other = np.clip(neighbour, 0, len(chords) - 1)
                 np.minimum(closest, _segment_distance(flat, chords[vertex], chords[other]), out=closest)
         return closest.reshape(point.shape[:-1])
 
