@@ -1,0 +1,180 @@
+"""TOML whose keys are asked for by type: every fault is named with its file, table and key."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+
+from jointid.errors import JointIdError
+from jointid.wording import listed, nearest, shown
+
+MAX_TOML_BYTES = 1 << 20
+"""Largest TOML file that is parsed."""
+
+# The parser's memory grows with the square of a dotted key's length: one line of 200 kB fills gigabytes.
+_KEY = r"""(?:"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+'|[\w-]{1,200}+)"""
+_LONG_DOTTED_KEY = re.compile(rf"(?<![\w-]){_KEY}(?:[ \t]*+\.[ \t]*+{_KEY}){{32}}")
+
+
+class CheckedTable:
+    """One TOML table; ``where`` opens every message about it."""
+
+    def __init__(self, where: str, values: Mapping[str, object], examples: Mapping[str, str]) -> None:
+        """Check that no key is unknown.
+
+        Parameters
+        ----------
+        where : str
+            File and table, for messages.
+        values : mapping
+            The parsed table.
+        examples : mapping of str to str
+            Every valid key with an example of its value.
+        """
+        self.where = where
+        self._values = values
+        self._examples = examples
+        for key in values:
+            if key not in examples:
+                raise JointIdError(
+                    f'{where}: unknown key "{key[:60]}".{nearest(key, examples)} '
+                    f"Valid keys: {', '.join(examples)}."
+                )
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return a string."""
+        value = self._get(key, default)
+        if not isinstance(value, str):
+            raise self._wrong_type(key, value, "a text in quotes")
+        return value
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self._get(key, default)
+        if not isinstance(value, bool):
+            raise self._wrong_type(key, value, "true or false")
+        return value
+
+    def integer(self, key: str) -> int:
+        """Return a whole number."""
+        value = self._get(key)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self._wrong_type(key, value, "a whole number")
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Return a finite number."""
+        return self._number(key, self._get(key, default))
+
+    def numbers(self, key: str) -> list[float]:
+        """Return a list of finite numbers; a single number counts as a list of one."""
+        value = self._get(key)
+        return [self._number(key, item) for item in (value if isinstance(value, list) else [value])]
+
+    def matrix(self, key: str) -> list[list[float]]:
+        """Return rows of finite numbers, equally long; a single number counts as one row of one."""
+        value = self._get(key)
+        rows = value if isinstance(value, list) else [[value]]
+        if not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
+            raise self._wrong_type(key, value, "a list of equally long rows")
+        return [[self._number(key, item) for item in row] for row in rows]
+
+    def table(self, key: str, examples: Mapping[str, str]) -> CheckedTable:
+        """Return the table under ``key``."""
+        return self._subtable(f"[{key}]", key, self._get(key), examples)
+
+    def named_tables(self, key: str, examples: Mapping[str, str]) -> dict[str, CheckedTable]:
+        """Return the tables [key.NAME] by name, none when the key is absent."""
+        value = self._get(key, {})
+        if not isinstance(value, dict):
+            raise self._wrong_type(key, value, f"tables [{key}.NAME]")
+        return {
+            name: self._subtable(f"[{key}.{name[:60]}]", key, item, examples)
+            for name, item in value.items()
+        }
+
+    def tables(self, key: str, examples: Mapping[str, str]) -> list[CheckedTable]:
+        """Return the tables [[key]] in their order."""
+        value = self._get(key)
+        if not isinstance(value, list):
+            raise self._wrong_type(key, value, f"tables [[{key}]]")
+        return [
+            self._subtable(f"[[{key}]] number {number}", key, item, examples)
+            for number, item in enumerate(value, start=1)
+        ]
+
+    def _get(self, key: str, default: object = None) -> object:
+        value = self._values.get(key, default)
+        if value is None:
+            raise JointIdError(f"{self.where}: {key} is missing. Example: {self._examples[key]}.")
+        return value
+
+    def _number(self, key: str, value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self._wrong_type(key, value, "a number")
+        try:
+            number = float(value)
+        except OverflowError:  # an integer beyond 1.8e308
+            number = math.inf
+        if not math.isfinite(number):
+            raise JointIdError(f"{self.where}: {key} holds {number}; every value must be finite.")
+        return number
+
+    def _subtable(self, name: str, key: str, value: object, examples: Mapping[str, str]) -> CheckedTable:
+        if not isinstance(value, dict):
+            raise self._wrong_type(key, value, f"a table {name}")
+        return CheckedTable(f"{self.where}, {name}", value, examples)
+
+    def _wrong_type(self, key: str, value: object, expected: str) -> JointIdError:
+        return JointIdError(
+            f"{self.where}: {key} must be {expected}, but {shown(value)} stands there. "
+            f"Example: {self._examples[key]}."
+        )
+
+
+def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTable:
+    """Parse a TOML file.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    data : bytes
+        UTF-8 text.
+    examples : mapping of str to str
+        Every valid top-level key with an example of its value.
+
+    Raises
+    ------
+    JointIdError
+        When it is not UTF-8 or not TOML, too large, or has an unknown key.
+    """
+    if len(data) > MAX_TOML_BYTES:
+        raise JointIdError(
+            f"{file} has {len(data)} bytes, more than the limit of {MAX_TOML_BYTES}: "
+            "keep measurements in record files."
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise JointIdError(
+            f"{file}, line {line}: not UTF-8 text. Save the file with the encoding UTF-8."
+        ) from error
+    if match := _LONG_DOTTED_KEY.search(text):
+        line = text.count("\n", 0, match.start()) + 1
+        raise JointIdError(
+            f"{file}, line {line}: a key of more than 32 dotted parts. {listed(examples)} are known."
+        )
+    try:
+        values = tomllib.loads(text)
+    except RecursionError:
+        raise JointIdError(f"{file}: brackets are nested too deeply.") from None
+    except ValueError as error:
+        raise JointIdError(f"{file} is not valid TOML: {error!s:.200}.") from error
+    return CheckedTable(file, values, examples)

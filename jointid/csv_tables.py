@@ -1,0 +1,207 @@
+"""Columns of numbers out of a CSV file: fast when it is right, exact about the place when it is not."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+
+MAX_LINE = 1 << 16
+"""Longest line of a CSV file, bytes."""
+DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+"""What people use instead of commas."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_SOMETHING = re.compile(rb"[^\r\n]")
+ARROW_FAULTS = (
+    pa.ArrowException,
+    OSError,
+    ValueError,
+    KeyError,
+    IndexError,
+    TypeError,
+    MemoryError,
+    OverflowError,
+)
+"""What Arrow raises over a file it cannot read."""
+
+
+def read_header(file: str, data: bytes) -> tuple[list[str], int]:
+    """Read the column names.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    data : bytes
+        The file's content, not empty.
+
+    Returns
+    -------
+    names : list of str
+        The cells of the first line that is not blank, without blanks around them.
+    body : int
+        Where the line after it begins.
+
+    Raises
+    ------
+    JointIdError
+        When it is not UTF-8 text, has no rows, or is not separated by commas.
+    """
+    start = _SOMETHING.search(data, len(_BYTE_ORDER_MARK) if data.startswith(_BYTE_ORDER_MARK) else 0)
+    if start is None:
+        raise JointIdError(f"{file} holds only blank lines: export the record again.")
+    line = data[start.start() : start.start() + MAX_LINE]
+    end = re.search(rb"[\r\n]", line)
+    if end is None and len(line) == MAX_LINE:
+        raise JointIdError(f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.")
+    line = line[: end.start()] if end else line
+    if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in line:
+        raise JointIdError(
+            f"{file} is not UTF-8 text but binary or UTF-16. Export it as CSV with the encoding UTF-8."
+        )
+    try:
+        text = line.decode()
+        names = [name.strip() for name in next(csv.reader([text]))]
+    except UnicodeDecodeError as error:
+        raise JointIdError(
+            f"{file} is not UTF-8 text: its first line has the byte 0x{line[error.start]:02X}. "
+            "Save it with the encoding UTF-8."
+        ) from None
+    except csv.Error as error:
+        raise unreadable(file, "CSV", error) from error
+    body = start.start() + len(line)
+    if _SOMETHING.search(data, body) is None:
+        raise JointIdError(f"{file} has a header but no rows: export the record again.")
+    for delimiter, what in DELIMITERS.items():
+        if "time_s" not in names and text.count(delimiter) > text.count(","):
+            raise JointIdError(
+                f"{file} has {what} between its columns: expected commas. Save it with commas between "
+                "columns and points as decimal marks (0.25, not 0,25)."
+            )
+    return names, body
+
+
+def read_columns(
+    file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
+) -> list[Floats]:
+    """Read columns of finite numbers, the first of them strictly increasing.
+
+    Parameters
+    ----------
+    file, data
+        As for ``read_header``.
+    header, body
+        What ``read_header`` returned.
+    positions : sequence of int
+        Which columns; the others are ignored, whatever they hold.
+
+    Raises
+    ------
+    JointIdError
+        For the first row that does not fit, with line (the file's first line is 1), column,
+        value and remedy.
+    """
+    try:
+        # By position, not by name: the header was read above, with its blanks and quotes.
+        table = pa_csv.read_csv(
+            pa.BufferReader(memoryview(data)[body:]),
+            read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(len(header))]),
+            convert_options=pa_csv.ConvertOptions(
+                include_columns=[str(k) for k in positions],
+                column_types={str(k): pa.float64() for k in positions},
+                null_values=[],
+            ),
+        )
+        columns = [np.asarray(column.to_numpy()) for column in table.columns]
+    except ARROW_FAULTS as error:
+        _explain_fault(file, data, header, positions)
+        raise unreadable(file, "CSV", error) from error
+    if not are_usable(columns):
+        _explain_fault(file, data, header, positions)
+        raise unreadable(file, "CSV", "a value is not finite, or the times do not increase")
+    return columns
+
+
+def text_lines(file: str, data: bytes, *, errors: str, at_most: int | None = None) -> Iterator[str]:
+    """Yield lines one by one, so that a file of any size costs the memory of one line."""
+    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", errors=errors, newline="")
+    number = 0
+    while (line := text.readline(MAX_LINE)) and number != at_most:
+        number += 1
+        if len(line) == MAX_LINE:
+            raise JointIdError(
+                f"{file}, line {number}: longer than {MAX_LINE} characters: not a CSV table."
+            )
+        yield line
+
+
+def are_usable(columns: Sequence[Floats]) -> bool:
+    """Tell whether every value is finite and the first column increases."""
+    finite = all(np.isfinite(column).all() for column in columns)
+    return finite and bool(np.all(columns[0][1:] > columns[0][:-1]))
+
+
+def time_fault(where: str, time: float, previous: float, previous_where: str) -> JointIdError:
+    """Return the error for a time that does not increase."""
+    fault = "repeats" if time == previous else "goes back from"
+    return JointIdError(
+        f"{where}, column time_s: {time:.12g} s {fault} {previous:.12g} s of {previous_where}. "
+        "Times must increase: sort the rows, remove duplicates, and keep one experiment per file."
+    )
+
+
+def unreadable(file: str, kind: str, error: object) -> JointIdError:
+    """Return the error for a file that its reader refuses."""
+    message = " ".join(str(error).split())
+    return JointIdError(f"{file} cannot be read as {kind} ({message:.200}): export the record again.")
+
+
+def _explain_fault(file: str, data: bytes, header: Sequence[str], positions: Sequence[int]) -> None:
+    """Raise for the first row that a record cannot hold, in the order of the file."""
+    rows = csv.reader(text_lines(file, data, errors="backslashreplace"))
+    previous, previous_line = -np.inf, 0
+    try:
+        for index, row in enumerate(filter(None, rows)):
+            if index == 0:
+                continue
+            where = f"{file}, line {rows.line_num}"
+            if len(row) != len(header):
+                hint = " It has semicolons: expected commas." if ";" in "".join(row) else ""
+                raise JointIdError(
+                    f"{where}: {len(row)} value(s), but the header names {len(header)} columns.{hint} "
+                    "Repair or remove the line."
+                )
+            values = [_number(f"{where}, column {header[k]}", row[k]) for k in positions]
+            if values[0] <= previous:
+                raise time_fault(where, values[0], previous, f"line {previous_line}")
+            previous, previous_line = values[0], rows.line_num
+    except csv.Error as error:
+        raise unreadable(f"{file}, line {rows.line_num}", "CSV", error) from error
+
+
+def _number(where: str, cell: str) -> float:
+    text = cell.strip()
+    if not text:
+        raise JointIdError(f"{where}: the value is missing. Fill it in or remove the line.")
+    try:
+        value = float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        value = None
+    if value is None:
+        hint = " Write decimals with a point." if re.fullmatch(r"[-+]?\d*,\d+", text) else ""
+        raise JointIdError(
+            f'{where}: "{text:.60}" is not a number.{hint} Repair the value or remove the line.'
+        )
+    if not np.isfinite(value):
+        raise JointIdError(
+            f'{where}: "{text:.60}" is not a finite number. Repair the value or remove the line.'
+        )
+    return value

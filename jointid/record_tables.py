@@ -1,0 +1,264 @@
+"""One record's table, CSV or Parquet: bytes to arrays and back."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.containers import MAX_TOTAL_BYTES
+from jointid.csv_tables import (
+    ARROW_FAULTS,
+    DELIMITERS,
+    are_usable,
+    read_columns,
+    read_header,
+    text_lines,
+    time_fault,
+    unreadable,
+)
+from jointid.errors import JointIdError
+from jointid.records import SineRecord
+from jointid.wording import listed, nearest
+
+_JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
+
+
+@dataclass(frozen=True, eq=False)
+class RecordTable:
+    """The columns of one record, finite and in order of time."""
+
+    time_s: Floats
+    """Sample times, shape (N,), s."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), N·m."""
+
+
+def column_names(joints: int) -> list[str]:
+    """Return the columns of a record of ``joints`` joints: time, motor angles, motor torques."""
+    numbers = range(1, joints + 1)
+    return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
+
+
+def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
+    """Read the columns of one record; others are ignored.
+
+    Parameters
+    ----------
+    file : str
+        Name, which ends in .csv or .parquet.
+    data : bytes
+        The file's content.
+    joints : int
+        Number of joints of the study.
+
+    Raises
+    ------
+    JointIdError
+        When the table cannot be read, a column is missing, a value is not a finite number or
+        the times do not increase; with file, row, column, value and remedy.
+    """
+    if not data:
+        raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
+    kind = file.lower().rpartition(".")[2]
+    if kind == "csv":
+        header, body = read_header(file, data)
+        columns = read_columns(file, data, header, body, _find_columns(file, header, joints))
+    elif kind == "parquet":
+        columns = _read_parquet(file, data, joints)
+    else:
+        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
+    n = columns[0].size
+    theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
+    for j in range(joints):
+        theta[:, j], tau[:, j] = columns[1 + j], columns[1 + joints + j]
+    return RecordTable(columns[0], theta, tau)
+
+
+def write_record_table(record: SineRecord, record_format: str) -> bytes:
+    """Return a record's table as the bytes of a "csv" or "parquet" file, exact to the last bit."""
+    names = column_names(record.n)
+    arrays = [record.time_s, *record.theta_rad.T, *record.tau_Nm.T]
+    table = pa.table([pa.array(array) for array in arrays], names=names)
+    buffer = io.BytesIO()
+    if record_format == "parquet":
+        pa_parquet.write_table(table, buffer)
+    else:
+        # Arrow writes the shortest decimals that give the same float64 again.
+        buffer.write((",".join(names) + "\n").encode())
+        pa_csv.write_csv(table, buffer, pa_csv.WriteOptions(include_header=False))
+    return buffer.getvalue()
+
+
+def peek_table(file: str, data: bytes, rows: int) -> pd.DataFrame:
+    """Return the first rows of a table as they stand, whatever they are.
+
+    Parameters
+    ----------
+    file : str
+        Name, which ends in .csv or .parquet.
+    data : bytes
+        The file's content; for CSV its beginning is enough.
+    rows : int
+        How many rows at most.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns that hold only numbers as numbers, others as text.
+
+    Raises
+    ------
+    JointIdError
+        When nothing can be shown.
+    """
+    if not data:
+        raise JointIdError(f"{file} is empty (0 bytes).")
+    if file.lower().endswith(".parquet"):
+        try:
+            batches = pa_parquet.ParquetFile(pa.BufferReader(data)).iter_batches(batch_size=rows)
+            first = next(batches, None)
+            return pd.DataFrame() if first is None else first.to_pandas(ignore_metadata=True)
+        except ARROW_FAULTS as error:
+            raise unreadable(file, "Parquet", error) from error
+    lines = list(text_lines(file, data, errors="replace", at_most=rows + 1))
+    if "\0" in "".join(lines):
+        raise JointIdError(f"{file} is not text.")
+    delimiter = max([",", *DELIMITERS], key=lambda d: sum(line.count(d) for line in lines))
+    try:
+        table = [row for row in csv.reader(lines, delimiter=delimiter) if row]
+    except csv.Error as error:
+        raise unreadable(file, "CSV", error) from error
+    width = max((len(row) for row in table), default=0)
+    padded = [row + [""] * (width - len(row)) for row in table]
+    header = [name.strip() for name in padded[0]] if padded else []
+    if len(set(header)) < width or "" in header:  # a frame for the eye needs distinct names
+        header = [f"{k}: {name}" for k, name in enumerate(header, start=1)]
+    return pd.DataFrame(
+        {name: _numbers_or_text([row[k] for row in padded[1:]]) for k, name in enumerate(header)}
+    )
+
+
+def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
+    """Positions of the record's columns among those found."""
+    for name in found:
+        match = _JOINT_COLUMN.fullmatch(name)
+        number = int(match[1] or match[2]) if match else 0
+        if number > joints:
+            raise JointIdError(
+                f"{file} has the column {name}, but the inertia in study.toml has {joints} joint(s). "
+                f"Give M and M2 of all {number} joints, or remove the columns of joint {number}."
+            )
+    positions = []
+    expected = column_names(joints)
+    for name in expected:
+        count = found.count(name)
+        if count > 1:
+            raise JointIdError(f"{file} has {count} columns {name}: keep one and rename the others.")
+        if count == 0:
+            others = [other for other in found if other not in expected]
+            raise JointIdError(
+                f"{_meaning(name)} is missing in {file}: expected a column {name}."
+                f"{_conversion(name, others)} Columns found: {listed(found)}."
+            )
+        positions.append(found.index(name))
+    return positions
+
+
+def _meaning(column: str) -> str:
+    kind, _, rest = column.partition("_m")
+    what = {"theta": "Motor angle", "tau": "Torque"}.get(kind)
+    return f"{what} of joint {rest.partition('_')[0]}" if what else "Time"
+
+
+def _conversion(name: str, found: Sequence[str]) -> str:
+    """Say how a column in another unit becomes the one that is missing, or name the most similar."""
+    quantity = name.rpartition("_")[0]
+    for other, unit, how in (
+        (f"{quantity}_deg", "degrees to radians", "multiply by π/180"),
+        (f"{quantity}_ms", "milliseconds to seconds", "divide by 1000"),
+        (f"{quantity}_us", "microseconds to seconds", "divide by 1000000"),
+    ):
+        if other in found:
+            return f" Convert {other} from {unit} ({how})."
+    return nearest(name, found)
+
+
+def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
+    try:
+        source = pa_parquet.ParquetFile(pa.BufferReader(data))
+        names = list(source.schema_arrow.names)
+        types = list(source.schema_arrow.types)
+        rows = source.metadata.num_rows
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
+    positions = _find_columns(file, names, joints)
+    for k in positions:
+        if not (pa.types.is_floating(types[k]) or pa.types.is_integer(types[k])):
+            raise JointIdError(
+                f"{file}, column {names[k]}: holds {types[k]}; expected numbers (float64)."
+            )
+    if rows == 0:
+        raise JointIdError(f"{file} has columns but no rows: export the record again.")
+    try:
+        _require_bounded(file, source.metadata, len(positions))
+        table = source.read(columns=[names[k] for k in positions])
+        columns = []
+        for k in positions:
+            column = table.column(names[k])
+            if column.null_count:
+                row = int(np.argmax(column.is_null().to_numpy())) + 1
+                raise JointIdError(
+                    f"{file}, row {row}, column {names[k]}: the value is missing. "
+                    "Fill it in or remove the row."
+                )
+            columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
+    except JointIdError:
+        raise
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
+    if not are_usable(columns):
+        _explain_fault(file, column_names(joints), columns)
+    return columns
+
+
+def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:
+    """A few bytes of Parquet can stand for billions of equal values."""
+    # Not by column: Arrow ends the whole process over some damaged column metadata.
+    stated = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
+    size = max(metadata.num_rows * columns * 8, stated)
+    if size > MAX_TOTAL_BYTES:
+        raise JointIdError(
+            f"{file} would take {size / 2**20:.4g} MiB, more than the limit of "
+            f"{MAX_TOTAL_BYTES / 2**20:.4g} MiB. Split the record, or log less."
+        )
+
+
+def _explain_fault(file: str, names: Sequence[str], columns: Sequence[Floats]) -> None:
+    for name, column in zip(names, columns, strict=True):
+        if not np.isfinite(column).all():
+            row = int(np.argmin(np.isfinite(column)))
+            raise JointIdError(
+                f"{file}, row {row + 1}, column {name}: {column[row]} is not a finite number. "
+                "Repair the value or remove the row."
+            )
+    time = columns[0]
+    row = int(np.argmax(time[1:] <= time[:-1])) + 1
+    raise time_fault(f"{file}, row {row + 1}", time[row], time[row - 1], f"row {row}")
+
+
+def _numbers_or_text(cells: list[str]) -> pd.Series:
+    text = pd.Series(cells, dtype=str)
+    numbers = pd.to_numeric(text, errors="coerce")
+    return numbers if len(text) and numbers.notna().all() else text

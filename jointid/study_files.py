@@ -1,0 +1,246 @@
+"""A study on disk: study.toml and its records, in a folder or the same folder zipped.
+
+format = 1
+name = "Waterjet cell, axes 1 and 2"
+[inertia]
+M  = [0.0025, 0.0010]
+M2 = [[0.004104, 0.000395], [0.000395, 0.001889]]
+[[records]]
+file = "records/01.csv"
+frequency_hz = 3.0
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+import pandas as pd
+
+from jointid.arrays import Floats
+from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
+from jointid.containers import Container, Source, open_container, safe_name
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.record_tables import peek_table, read_record_table
+from jointid.records import SineRecord
+from jointid.study import Study
+from jointid.study_saving import STUDY_FILE, pack_study, save_study
+from jointid.wording import listed, nearest, shown
+
+__all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
+
+PEEK_ROWS = 500
+_PEEK_BYTES = 1 << 20
+
+_INERTIA_KEYS = {
+    "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
+    "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
+}
+_NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
+_TIMING_KEYS = {"torque_hold": "torque_hold = true", "torque_delay_s": "torque_delay_s = 0.0005"}
+_RECORD_KEYS = {
+    "file": 'file = "records/01.csv"',
+    "frequency_hz": "frequency_hz = 3.0",
+    "start_s": "start_s = 2.0",
+    "pose": 'pose = "stretched"',
+    "label": 'label = "axis 1 leads"',
+    **_TIMING_KEYS,
+}
+_STUDY_KEYS = {
+    "format": "format = 1",
+    "name": 'name = "Waterjet cell, axes 1 and 2"',
+    "origin": 'origin = "measured"',
+    "description": 'description = "Cold robot, no tool"',
+    "inertia": f"[inertia], {_INERTIA_KEYS['M']}, {_INERTIA_KEYS['M2']}",
+    "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
+    "timing": "[timing], torque_hold = true",
+    "poses": f"[poses.stretched], {_INERTIA_KEYS['M2']}",
+    "records": '[[records]], file = "records/01.csv", frequency_hz = 3.0',
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PeekedTable:
+    """The beginning of one table of a study, for the eye."""
+
+    name: str
+    """File name inside the study."""
+    frame: pd.DataFrame
+    """The first rows as they stand; empty when nothing could be read."""
+    error: str = ""
+    """Why nothing could be read, else empty."""
+
+
+def load_study(path_or_file: Source) -> Study:
+    """Read a study from a folder, or from the same folder zipped.
+
+    Parameters
+    ----------
+    path_or_file : path, bytes or binary file
+        The folder or .zip by its path, or the zip as bytes or as an open binary file. In a zip,
+        study.toml stands at the root or in the one folder that holds everything. Nothing is
+        unpacked to disk.
+
+    Returns
+    -------
+    Study
+        A record without a label carries its file's name.
+
+    Raises
+    ------
+    JointIdError
+        When anything in it cannot be used; the message names file, key or row, value and remedy.
+    """
+    with open_container(path_or_file, marker=STUDY_FILE) as container:
+        top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), _STUDY_KEYS)
+        _require_format_1(top)
+        name, origin, description = (top.text(key, "") for key in ("name", "origin", "description"))
+        inertia = _inertia(top.table("inertia", _INERTIA_KEYS))
+        poses = {
+            name: _inertia(table, inertia)
+            for name, table in top.named_tables("poses", _INERTIA_KEYS).items()
+        }
+        nominal = _elasticity(top.table("nominal", _NOMINAL_KEYS)) if "nominal" in top else None
+        timing = top.table("timing", _TIMING_KEYS) if "timing" in top else None
+        tables = top.tables("records", _RECORD_KEYS)
+        _require_different_files(tables)
+        records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
+    with _named(STUDY_FILE):
+        return Study(tuple(records), inertia, nominal, name, origin, description, poses)
+
+
+def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
+    """Return the beginning of every table in a study, also of one that ``load_study`` refuses.
+
+    Parameters
+    ----------
+    path_or_file : path, bytes or binary file
+        As for ``load_study``; study.toml may be missing or wrong.
+
+    Returns
+    -------
+    tuple of PeekedTable
+        One for each .csv or .parquet file, by name, with at most PEEK_ROWS rows.
+
+    Raises
+    ------
+    JointIdError
+        When the folder or archive itself cannot be read.
+    """
+    tables = []
+    with open_container(path_or_file, marker=STUDY_FILE) as container:
+        for name in container.names():
+            is_csv = name.lower().endswith(".csv")
+            if not (is_csv or name.lower().endswith(".parquet")):
+                continue
+            try:
+                data = container.read(name, at_most=_PEEK_BYTES if is_csv else None)
+                if is_csv and len(data) == _PEEK_BYTES:
+                    data = data[: data.rfind(b"\n") + 1] or data  # the last line may be cut
+                tables.append(PeekedTable(name, peek_table(name, data, PEEK_ROWS)))
+            except JointIdError as error:
+                tables.append(PeekedTable(name, pd.DataFrame(), str(error)))
+    return tuple(tables)
+
+
+def _require_format_1(top: CheckedTable) -> None:
+    if (version := top.integer("format")) != 1:
+        raise JointIdError(
+            f"{STUDY_FILE}: format = {shown(version)}, but this version reads format 1. "
+            "Update jointid, or write format = 1 if the file follows it."
+        )
+
+
+def _inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia:
+    M = default.M if default is not None and "M" not in table else table.numbers("M")
+    M2 = table.matrix("M2")
+    with _named(table.where):
+        return Inertia(M=M, M2=M2)
+
+
+def _elasticity(table: CheckedTable) -> Elasticity:
+    K, D = table.numbers("K"), table.numbers("D")
+    with _named(table.where):
+        return Elasticity(K=K, D=D)
+
+
+def _require_different_files(tables: Sequence[CheckedTable]) -> None:
+    seen: dict[str, str] = {}
+    for table in tables:
+        file = _record_file(table)
+        if file in seen:
+            raise JointIdError(
+                f"{table.where}: {file} is also the file of {seen[file]}. Give each record its own file."
+            )
+        seen[file] = table.where
+
+
+def _record_file(table: CheckedTable) -> str:
+    file = table.text("file")
+    with _named(table.where):
+        return safe_name(file)
+
+
+def _record(
+    table: CheckedTable,
+    timing: CheckedTable | None,
+    container: Container,
+    joints: int,
+    poses: tuple[str, ...],
+) -> SineRecord:
+    file = _record_file(table)
+    frequency = table.number("frequency_hz")
+    start = table.number("start_s") if "start_s" in table else None
+    pose = table.text("pose") if "pose" in table else None
+    label = table.text("label", PurePosixPath(file).name)
+    hold = timing.flag("torque_hold", False) if timing else False
+    delay = timing.number("torque_delay_s", 0.0) if timing else 0.0
+    hold, delay = table.flag("torque_hold", hold), table.number("torque_delay_s", delay)
+    if pose is not None and pose not in poses:
+        raise JointIdError(
+            f'{table.where} ({file}): pose "{pose:.60}" is not defined.{nearest(pose, poses)} '
+            f"Known poses: {listed(poses)}."
+        )
+    columns = read_record_table(file, container.read(file), joints)
+    try:
+        return SineRecord(
+            frequency_hz=frequency,
+            time_s=columns.time_s,
+            theta_rad=columns.theta_rad,
+            tau_Nm=columns.tau_Nm,
+            torque_hold=hold,
+            torque_delay_s=delay,
+            start_s=start,
+            pose=pose,
+            label=label,
+        )
+    except JointIdError as error:
+        raise JointIdError(f"{file}: {error}{_other_time_unit(frequency, columns.time_s)}") from error
+
+
+def _other_time_unit(frequency_hz: float, time: Floats) -> str:
+    """Suggest the unit in which the times would fit, when in seconds they cannot."""
+    span = float(time[-1] - time[0])
+    if time.size < 2 or frequency_hz * span < 0.5 * (time.size - 1):
+        return ""
+    for unit, per_second in (("milliseconds", 1e3), ("microseconds", 1e6)):
+        rate, periods = (time.size - 1) / span * per_second, frequency_hz * span / per_second
+        if frequency_hz < 0.5 * rate and periods >= 1:
+            return (
+                f" If time_s is in {unit}, the record has {rate:.4g} samples per second and "
+                f"{periods:.4g} periods of {frequency_hz:g} Hz: divide time_s by {per_second:.0f}."
+            )
+    return ""
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Open the message of a refused value with the place it came from."""
+    try:
+        yield
+    except JointIdError as error:
+        raise JointIdError(f"{where}: {error}") from error

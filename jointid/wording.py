@@ -1,0 +1,32 @@
+"""Small pieces of error messages."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def nearest(word: str, words: Iterable[str]) -> str:
+    """Return " Did you mean …?" with the most similar of ``words``, or nothing."""
+    matches = difflib.get_close_matches(word[:200], [candidate[:200] for candidate in words], n=1)
+    return f' Did you mean "{matches[0]}"?' if matches else ""
+
+
+def listed(words: Iterable[str], *, at_most: int = 20) -> str:
+    """Return words as one line for a message, shortened when there are many."""
+    words = list(words)
+    shown = ", ".join(word if len(word) <= 60 else word[:60] + "…" for word in words[:at_most])
+    more = f", … ({len(words) - at_most} more)" if len(words) > at_most else ""
+    return (shown or "none") + more
+
+
+def shown(value: object) -> str:
+    """Return a value from a file as a short piece of a message.
+
+    Tables and lists are named, not printed: a file can nest them too deeply for that.
+    """
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    if isinstance(value, int) and value.bit_length() > 128:
+        return "a very large integer"  # Python refuses to print the largest
+    return f"{value!r:.60}"
