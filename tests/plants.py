@@ -140,7 +140,7 @@ def exact_phasors(
         tau=tau,
         covariance=covariance,
         freedom=np.full(r, float(freedom)),
-        duration_s=10.0 / np.asarray(frequencies_hz, float),
+        duration_s=np.full(r, 2.0),
         harmonics=np.hstack([q, tau])[:, None],
         harmonic_covariance=covariance[:, None],
         drift=np.zeros((r, n)),

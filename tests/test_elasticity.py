@@ -51,11 +51,12 @@ def example(n: int = 2, frequencies: np.ndarray = BAND_HZ, count: int | None = N
     return plant_phasors(*ROBOTS[n], *campaign(frequencies, n, count))
 
 
-def mild_noise(phasors: Phasors, level: float = 1e-3, seed: int = 0) -> np.ndarray:
-    """Noise of the same size in every record, strongly correlated, as a logger would add."""
+def mild_noise(phasors: Phasors, level: float = 1e-3, unlike: float = 1.0) -> np.ndarray:
+    """Strongly correlated noise, in size alike in every record up to a factor ``unlike``."""
     scale = level * np.abs(phasors.z).min(axis=0)
-    rng = np.random.default_rng(seed)
-    return np.array([random_covariance(rng, scale) for _ in phasors.omega])
+    rng = np.random.default_rng(0)
+    louder = unlike ** rng.uniform(-1, 1, phasors.omega.size)
+    return np.array([random_covariance(rng, factor * scale) for factor in louder])
 
 
 # Without noise
@@ -240,18 +241,21 @@ def test_weighted_is_generalised_least_squares() -> None:
 
 
 @pytest.mark.parametrize("method", LINEAR)
+@pytest.mark.parametrize("unlike", [1.0, 4.0])
 @pytest.mark.parametrize(
-    ("n", "count", "freedom"),
-    [(2, 2, None), (1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (3, 3, 15), (1, 2, 7)],
+    ("n", "count", "freedom"), [(1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (1, 2, 7)]
 )
-def test_errors_are_as_stated(method: str, n: int, count: int | None, freedom: int | None) -> None:
+def test_errors_are_as_stated(
+    method: str, n: int, count: int, freedom: int | None, unlike: float
+) -> None:
     """320 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.
 
     The standard deviation of a variance ratio is 0.08: 0.7 to 1.35 is four of them. The misfit of a
-    right model is 1 on average.
+    right model is 1 on average. Where the noise of the records differs by a factor of sixteen and only a
+    few periods tell it, the error may be stated up to 1.6 times too wide, never too narrow.
     """
     runs, base, inertia = 320, example(n, count=count), ROBOTS[n][0]
-    noise = mild_noise(base)
+    noise = mild_noise(base, unlike=unlike)
     rng = np.random.default_rng(5)
     fits = []
     for error in circular(rng, noise, runs):
@@ -263,10 +267,12 @@ def test_errors_are_as_stated(method: str, n: int, count: int | None, freedom: i
     # Inflation by a misfit above 1 is a safeguard on top; half of all right models are above 1.
     stated = np.mean([np.diag(fit.covariance) / max(1.0, fit.misfit) for fit in fits], axis=0)
     ratio = found.var(axis=0) / stated
-    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
+    moderated = unlike > 1 and freedom is not None
+    assert np.all((ratio > (0.4 if moderated else 0.7)) & (ratio < 1.35)), ratio
     bias = (found.mean(axis=0) - truth(n)) / found.std(axis=0) * np.sqrt(runs)
     assert np.all(np.abs(bias) < 4.5), bias
-    assert np.mean([fit.misfit for fit in fits]) == pytest.approx(1.0, abs=0.08)
+    misfit = np.mean([fit.misfit for fit in fits])
+    assert (0.75 if moderated else 0.92) < misfit < 1.08
 
 
 @pytest.mark.parametrize("method", LINEAR)
@@ -282,29 +288,29 @@ def test_single_record_errors_are_as_stated(method: str) -> None:
     assert np.all((ratio > 0.78) & (ratio < 1.28)), ratio
 
 
-def test_maximum_likelihood_is_unbiased_where_least_squares_is_not() -> None:
-    """Noise in the deflection pulls least squares off; errors in variables do not, and say their error."""
+def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
+    """Noise in the deflection pulls a linear fit off; errors in variables know of it."""
     base = example()
-    noise = mild_noise(base, 0.04)
-    found: dict[str, list[np.ndarray]] = {"least-squares": [], "maximum-likelihood": []}
+    noise = mild_noise(base, 0.3)
+    found: dict[str, list[np.ndarray]] = {"weighted": [], "maximum-likelihood": []}
     stated, misfit = [], []
     for error in circular(np.random.default_rng(12), noise, 300):
-        for method in found:
+        for method, answers in found.items():
             fit = identify_elasticity(noisy(base, noise, error), SERIAL, method=method)
-            found[method].append(answer(fit))
+            answers.append(answer(fit))
         stated.append(np.diag(fit.covariance) / max(1.0, fit.misfit))
         misfit.append(fit.misfit)
-    plain, likely = (np.array(found[m]) for m in ("least-squares", "maximum-likelihood"))
-    bias = {
-        m: np.abs(x.mean(axis=0) - truth(2)) / x.std(axis=0) * np.sqrt(300)
-        for m, x in (("plain", plain), ("likely", likely))
-    }
-    assert bias["plain"].max() > 6
-    assert bias["likely"].max() < 4.5
+    linear, likely = (np.array(answers) for answers in found.values())
+
+    def bias(answers: np.ndarray) -> np.ndarray:
+        error = answers.std(axis=0) / np.sqrt(len(answers))
+        return np.abs(answers.mean(axis=0) - truth(2)) / error
+
+    assert bias(linear).max() > 7
+    assert bias(likely).max() < 4.5
     ratio = likely.var(axis=0) / np.mean(stated, axis=0)
-    assert np.all((ratio > 0.7) & (ratio < 1.4)), ratio
+    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     assert np.mean(misfit) == pytest.approx(1.0, abs=0.08)
-    assert np.all(likely.std(axis=0) < 1.02 * plain.std(axis=0))
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
