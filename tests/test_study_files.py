@@ -755,25 +755,25 @@ def test_what_is_mutated_is_a_valid_study() -> None:
     assert load_study(parquet_study(PARQUET)).records[0].time_s.size == 310
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(mutations(SMALL["study.toml"]))
 def test_mutated_toml(data: bytes) -> None:
     survives(zipped(SMALL | {"study.toml": data}))
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(mutations(SMALL["records/01.csv"]))
 def test_mutated_csv(data: bytes) -> None:
     survives(zipped(SMALL | {"records/01.csv": data}))
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(mutations(zipped(SMALL, compression=zipfile.ZIP_DEFLATED)))
 def test_mutated_zip(data: bytes) -> None:
     survives(data)
 
 
-@settings(max_examples=250, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(mutations(PARQUET))
 def test_mutated_parquet(data: bytes) -> None:
     survives(parquet_study(data))
