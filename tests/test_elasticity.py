@@ -438,7 +438,7 @@ def test_joint_that_does_not_move_is_named() -> None:
     phasors = plant_phasors(apart, PAPER, *campaign(BAND_HZ, 2))
     still = exact_phasors(BAND_HZ.repeat(2), phasors.q * [1, 0], phasors.tau * [1, 0])
     for method in LINEAR:
-        with pytest.raises(JointIdError, match=r"Joint 2 is not excited.*theta_m2_rad.*tau_m2_Nm"):
+        with pytest.raises(JointIdError, match=r"Joint 2 .*theta_m2_rad.*tau_m2_Nm"):
             identify_elasticity(still, apart, method=method)
 
 
