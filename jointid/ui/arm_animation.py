@@ -1,0 +1,136 @@
+"""The animated cut: a canvas component that runs in the browser by itself, without the server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import streamlit as st
+
+from jointid.arm import PlanarArm
+from jointid.arrays import Floats
+from jointid.figures.style import colours
+from jointid.outcome import Outcome, millimetres
+from jointid.tracking import TrackingRun
+
+_HERE = Path(__file__).parent
+_FRAME_S = 1e-3
+"""Time between two frames of data; the browser interpolates."""
+_MARGIN_M = 0.006
+_SHEET_M = 0.16
+
+_SPEEDS = {1.0: "true time", 0.5: "1/2", 0.2: "1/5", 0.1: "1/10", 0.05: "1/20"}
+
+_HTML = f"""
+<div class="cut-animation" tabindex="0" role="group"
+  aria-label="Animated cut. Space plays and pauses, arrow keys step.">
+  <div class="views">
+    <figure><figcaption>The arm, seen from above</figcaption>
+      <canvas class="arm" role="img" aria-label="The arm from above"></canvas></figure>
+    <figure><figcaption>The cut</figcaption>
+      <canvas class="cut" role="img"></canvas></figure>
+  </div>
+  <div class="readout">
+    <span>Time <span class="value time">0.000 s</span></span>
+    <span><span class="key wanted"></span>wanted</span>
+    <span><span class="key nominal"></span><span class="nominal-name">nominal</span>
+      <span class="value nominal-error"></span></span>
+    <span><span class="key identified"></span>identified
+      <span class="value identified-error"></span></span>
+  </div>
+  <div class="controls">
+    <button type="button" class="play">▶ Play</button>
+    <label class="scrub">Time <input type="range" min="0" max="1" step="any" value="0"></label>
+    <label class="speed">Speed <select>
+      {"".join(f'<option value="{value:g}">{name}</option>' for value, name in _SPEEDS.items())}
+    </select></label>
+    <label class="magnify">Magnify errors
+      <input type="range" min="0" max="9" step="1" value="0"><output>× 1</output></label>
+  </div>
+  <div class="keys">Keys: space plays and pauses, ← → step by 1 %, ↑ ↓ by 10 %, Home, End.</div>
+</div>
+"""
+
+_component = st.components.v2.component(
+    "jointid_cut",
+    html=_HTML,
+    css=(_HERE / "arm_animation.css").read_text("utf-8"),
+    js=(_HERE / "arm_animation.js").read_text("utf-8"),
+)
+
+
+def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
+    """Show both cuts of an outcome as one animation at true time.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    nominal_name : str
+        What the controller before the identification is called.
+    dark : bool
+    """
+    _component(key="cut_animation", data=animation_data(outcome, nominal_name, dark=dark))
+
+
+def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[str, Any]:
+    """Return what the browser needs; tracks as float32, which travel as Arrow."""
+    ink, arm = colours(dark), outcome.robot.arm
+    before = f"{nominal_name}: {millimetres(outcome.before_m)}"
+    after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
+    return {
+        "tracks": tracks(outcome.before, outcome.after),
+        "length_m": arm.length_m.tolist(),
+        "serial": arm.drive == "serial",
+        "cell_m": _cell(arm, outcome),
+        "sheet_m": _sheet(outcome.before),
+        "window_m": _window(outcome.before),
+        "nominal": ink.nominal,
+        "identified": ink.identified,
+        "nominal_name": nominal_name,
+        "description": f"Tool paths over the wanted path. Largest path error, {before}; {after}.",
+    }
+
+
+def tracks(before: TrackingRun, after: TrackingRun) -> Any:
+    """Time, wanted, nominal and identified tool position, both contour errors: (frames, 9), float32."""
+    frames = max(2, int(np.ceil(before.time_s[-1] / _FRAME_S)) + 1)
+    time = np.linspace(0.0, before.time_s[-1], frames)
+    columns = [time]
+    for track, run in ((before.wanted_m, before), (before.tool_m, before), (after.tool_m, after)):
+        columns += [np.interp(time, run.time_s, track[:, axis]) for axis in (0, 1)]
+    columns += [np.interp(time, run.time_s, run.contour_error_m) for run in (before, after)]
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def _window(run: TrackingRun) -> list[float]:
+    """Window of the cut's view: the wanted path with room for the error; x, y, width, height in m."""
+    margin = _MARGIN_M + 1.2 * min(run.max_contour_error_m, 0.03)
+    return _box(run.wanted_m, margin)
+
+
+def _sheet(run: TrackingRun) -> list[float]:
+    low, high = run.wanted_m.min(axis=0), run.wanted_m.max(axis=0)
+    side = max(_SHEET_M, float((high - low).max()) + 0.08)
+    x, y = 0.5 * (low + high) - 0.5 * side
+    return [float(x), float(y), side, side]
+
+
+def _cell(arm: PlanarArm, outcome: Outcome) -> list[float]:
+    """Window of the arm's view: base, elbow and sheet."""
+    elbow = arm.link_angles(outcome.before.joint_angle_rad[0])[0]
+    x, y, width, height = _sheet(outcome.before)
+    points = np.array(
+        [
+            [0.0, 0.0],
+            arm.length_m[0] * np.array([np.cos(elbow), np.sin(elbow)]),
+            [x, y],
+            [x + width, y + height],
+        ]
+    )
+    return _box(points, 0.13)
+
+
+def _box(points: Floats, margin: float) -> list[float]:
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    return [*low.tolist(), *(high - low).tolist()]
