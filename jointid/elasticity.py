@@ -116,8 +116,9 @@ class ElasticityFit:
 
     @property
     def condition(self) -> float:
-        """Condition number of the matrix A of equation (12), as it stands."""
-        return float(np.linalg.cond(self.equations.matrix()[0]))
+        """Condition number of A in equation (12), its columns in units of D1, K1, D2, K2, ..."""
+        p = np.stack([np.maximum(np.abs(self.D), self.standard_error[self.n :]), np.abs(self.K)], axis=1)
+        return float(np.linalg.cond(self.equations.matrix()[0] * p.ravel()))
 
     @property
     def elasticity(self) -> Elasticity:

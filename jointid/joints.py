@@ -62,6 +62,8 @@ class Inertia:
                 "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
             )
         object.__setattr__(self, "M", rotor)
+        arm = (arm + arm.T) / 2
+        arm.setflags(write=False)
         object.__setattr__(self, "M2", arm)
 
     @property
@@ -137,6 +139,31 @@ def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -
     return np.asarray(S @ np.linalg.inv(np.eye(inertia.n) + inertia.M[:, None] * S))
 
 
+def motor_impedance(
+    s: Complexes, M: Floats, arm: Floats, K: Floats, D: Floats
+) -> tuple[Complexes, Complexes]:
+    """Torque over angle at the motors, Z = s²(M + S⁻¹), the inverse of equation (16) times s².
+
+    Parameters
+    ----------
+    s : ndarray, shape (...,), complex
+        Laplace variable, rad/s.
+    M, arm : ndarray, shapes (..., n) and (..., n, n)
+        Rotor inertias and M2⁻¹.
+    K, D : ndarray, shape (n,)
+        Stiffness and damping; unlike those of a model they may have any sign.
+
+    Returns
+    -------
+    Z, stiff : ndarray, shape (..., n, n), complex
+        The impedance, N·m/rad, and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m².
+    """
+    eye = np.eye(K.size)
+    s2 = (s * s)[..., None, None]
+    stiff = np.linalg.inv(arm + s2 * eye / (K + s[..., None] * D)[..., None])
+    return np.asarray(s2 * (M[..., None] * eye + stiff)), np.asarray(stiff)
+
+
 def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
     """Arm acceleration over arm torque with every motor held still, (M2 s² + sD + K)⁻¹ s².
 
@@ -151,9 +178,11 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
         Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
     """
     s2, spring = _laplace(omega, inertia, elasticity)
-    return np.asarray(
-        s2[:, None, None] * np.linalg.inv(inertia.M2 * s2[:, None, None] + _diagonal(spring))
-    )
+    dynamic = inertia.M2 * s2[:, None, None] + _diagonal(spring)
+    response = np.full(dynamic.shape, np.inf + 0j)
+    regular = np.abs(np.linalg.det(dynamic)) > 0
+    response[regular] = s2[regular, None, None] * np.linalg.inv(dynamic[regular])
+    return response
 
 
 def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:

@@ -20,11 +20,11 @@ from scipy.linalg import qr
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.friction import FrictionWaveforms
-from jointid.joints import Inertia
+from jointid.joints import Inertia, motor_impedance
 from jointid.linear_fit import Estimate
-from jointid.noise import Noise, pooled_noise
+from jointid.noise import Noise
 from jointid.phasors import Phasors
-from jointid.spring_equations import inertia_arrays
+from jointid.spring_equations import inertia_arrays, spring_equations
 
 _PASSES = 50
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
@@ -102,7 +102,7 @@ def maximum_likelihood(
     problem = _Problem(
         s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
         z=phasors.harmonics,
-        noise=pooled_noise(phasors),
+        noise=spring_equations(phasors, inertia).noise,
         known=np.any(phasors.harmonics != 0, axis=2),
         M=M,
         arm=arm,
@@ -111,6 +111,7 @@ def maximum_likelihood(
     )
     p = np.concatenate([start, np.zeros(len(names) - 2 * n)])
     scale = np.ones(problem.s.shape[1])
+    _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
     # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
     scale = np.maximum(1.0, _misfit_by_harmonic(problem, p))
@@ -120,6 +121,7 @@ def maximum_likelihood(
     measured = problem.known.sum() * n * 2
     first = problem.z[:, 0]
     clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - _taken(problem, p, scale))
+    clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
     return LikelihoodEstimate(
         p=p,
         covariance=0.5 * information,
@@ -128,6 +130,15 @@ def maximum_likelihood(
         parameters=rank + len(names),
         phasors=clean,
     )
+
+
+def _require_rows(problem: _Problem, p: Floats) -> None:
+    _, _, rank = _whitened(problem, p, np.ones(problem.s.shape[1]))
+    if rank > 0 and 2 * problem.n * problem.known.sum() < rank + 2 * p.size:
+        raise JointIdError(
+            "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
+            "harmonics=31, or sample faster."
+        )
 
 
 def _minimise(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
@@ -227,9 +238,7 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
     n, s = problem.n, problem.s
     K, D = p[:n], p[n : 2 * n]
     spring = K + s[..., None] * D
-    s2 = (s * s)[..., None, None]
-    stiff = np.linalg.inv(problem.arm[:, None] + s2 * np.eye(n) / spring[..., None])  # S⁻¹
-    Z = s2 * (problem.M[:, None, None] * np.eye(n) + stiff)
+    Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], K, D)
     z = problem.z.copy()
     if problem.names[-1] == "delay":
         z[..., n:] *= np.exp(-s * p[-1])[..., None]
@@ -245,7 +254,7 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
     J = np.zeros((*r.shape, p.size), complex)
     # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
     pull = (stiff @ smooth[..., :n, None])[..., 0] / spring**2
-    J[..., :n] = -(s2**2) * stiff * pull[..., None, :]
+    J[..., :n] = -(s[..., None, None] ** 4) * stiff * pull[..., None, :]
     J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
     if problem.friction is not None:
         J[..., 2 * n : 3 * n] = -problem.friction.coulomb[..., None] * np.eye(n)
@@ -263,8 +272,7 @@ def _misfit_by_harmonic(problem: _Problem, p: Floats) -> Floats:
     squares = np.sum([row**2 for row in rows], axis=0).reshape(2, H, n).sum(axis=(0, 2))
     measured = problem.known.sum(axis=0) * n
     left = 1 - rank / max(2 * n * problem.known.sum(), 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.nan_to_num(squares / (measured * left)))
+    return np.asarray(squares / np.maximum(measured * left, 1.0))
 
 
 def _inverse(problem: _Problem, normal: Floats) -> Floats:

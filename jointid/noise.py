@@ -1,15 +1,28 @@
-"""The noise of a record's phasors, as the estimators use it: pooled over records of one frequency."""
+"""The noise of the phasors as the estimators use it: each record's own, moderated by all records'.
+
+A few periods tell a covariance badly, and bad covariances make bad weights. But the sensors are the same
+in all records. In the torque balance r = τ − Z q the noise of the sensors remains, while everything
+that the motors and torques really do, loop noise included, cancels; so the covariances V = E C Eᴴ with
+E = [−Z, I] of all records follow from 2n sensor variances. As far as they do, within what their degrees
+of freedom let expect, each record's own covariance is shrunk towards that model (empirical Bayes; Smyth,
+Statistical Applications in Genetics and Molecular Biology 3, 2004).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq, nnls
+from scipy.special import polygamma
 
 from jointid.arrays import Complexes, Floats
+from jointid.joints import motor_impedance
 from jointid.phasors import Phasors
 
-_FLOOR = 1e-9  # of the largest phasor of its kind: nothing is measured better than that
+_FLOOR = 1e-9  # of the largest phasor of a signal: nothing is measured better than that
+_MOST_LENT = 1e3  # degrees of freedom that the records together can lend to one
+_LEAST_LENT = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,23 +53,76 @@ class Noise:
         return np.asarray(self.freedom**2 / ((self.freedom - n) ** 2 - 1))
 
 
-def pooled_noise(phasors: Phasors) -> Noise:
-    """Average the covariances of records of the same frequency, each weighted by its freedom.
+def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floats) -> Noise:
+    """Noise of the records, each shrunk towards what the sensors' noise makes of it.
 
-    A few periods tell a covariance badly, and a bad one makes bad weights; the noise of the sensors and
-    of the control loop is the same in the records of one frequency, per unit of time. Where even the
-    pooled covariance has too few degrees of freedom to be inverted, its off-diagonal part is dropped.
+    Parameters
+    ----------
+    phasors : Phasors
+    M, arm : ndarray, shapes (r, n) and (r, n, n)
+        Rotor inertias and M2⁻¹ of every record.
+    K, D : ndarray, shape (n,)
+        A first estimate; the impedance Z hangs on it.
     """
+    _, H, channels = phasors.harmonics.shape
     n = phasors.n
-    covariance = np.array(phasors.harmonic_covariance)
-    freedom = np.array(phasors.freedom)
-    for _, group in phasors.by_frequency():
-        share = phasors.freedom[group] * phasors.duration_s[group]
-        density = np.einsum("r,rhab->hab", share, covariance[group]) / phasors.freedom[group].sum()
-        covariance[group] = density / phasors.duration_s[group][:, None, None, None]
-        freedom[group] = phasors.freedom[group].sum()
-        if freedom[group[0]] <= n + 2:
-            covariance[group] *= np.eye(2 * n)
-            freedom[group] = n + 3
-    largest = np.array([np.abs(phasors.q).max()] * n + [np.abs(phasors.tau).max()] * n)
+    known = np.any(phasors.harmonics != 0, axis=2)
+    s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, H + 1))
+    Z, _ = motor_impedance(s, M[:, None], arm[:, None], K, D)
+    E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
+    density = phasors.harmonic_covariance * phasors.duration_s[:, None, None, None]
+    own = np.einsum("rhja,rhab,rhjb->rhj", E, density, E.conj()).real
+    sensors = np.array(
+        [_sensor_variances(np.abs(E[known[:, h], h]) ** 2, own[known[:, h], h]) for h in range(H)]
+    )
+    modelled = np.einsum("rhja,ha->rhj", np.abs(E) ** 2, sensors)
+    lent, scale = _lent_freedom(
+        own[known], modelled[known], np.repeat(phasors.freedom, known.sum(axis=1))
+    )
+    sensors = scale * sensors
+    share = (phasors.freedom / (phasors.freedom + lent))[:, None, None, None]
+    density = share * density + (1 - share) * sensors[:, :, None] * np.eye(channels)
+    freedom = phasors.freedom + lent
+    if freedom.min() <= n + 2:  # cannot be inverted, or hardly
+        density = density * np.eye(channels)
+        freedom = np.maximum(freedom, n + 3.0)
+    covariance = density / phasors.duration_s[:, None, None, None]
+    largest = np.abs(phasors.z).max(axis=0)
     return Noise(covariance + np.diag((_FLOOR * largest) ** 2), freedom)
+
+
+def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
+    """Non-negative sensor variances (2n,) from gains (r, n, 2n) and what they make, (r, n)."""
+    rows, values = gains.reshape(-1, gains.shape[-1]), variances.reshape(-1)
+    use = values > 0
+    if not use.any():
+        return np.zeros(rows.shape[1])
+    rows, values = rows[use], values[use]
+    weight = 1 / values
+    for _ in range(8):  # relative errors count, and relative to the model they are unbiased
+        scale = 1 / np.maximum(np.linalg.norm(rows * weight[:, None], axis=0), 1e-300)
+        solution = nnls(rows * weight[:, None] * scale, values * weight)[0] * scale
+        model = rows @ solution
+        weight = 1 / np.maximum(model, 1e-3 * values)
+    return np.asarray(solution)
+
+
+def _lent_freedom(own: Floats, modelled: Floats, freedom: Floats) -> tuple[float, float]:
+    """Degrees of freedom d that the model is worth, and the factor that makes it typical.
+
+    The log variances scatter around the model's as trigamma(d), beyond their own degrees of freedom.
+    """
+    rows = np.all((own > 0) & (modelled > 0), axis=1)
+    if rows.sum() < 3:
+        return 0.0, 1.0
+    ratio = (
+        np.log(own[rows] / modelled[rows])
+        - (polygamma(0, freedom[rows]) - np.log(freedom[rows]))[:, None]
+    )
+    excess = (ratio**2 - polygamma(1, freedom[rows])[:, None]).mean()
+    if excess <= polygamma(1, _MOST_LENT):
+        return _MOST_LENT, 1.0
+    if excess >= polygamma(1, _LEAST_LENT):
+        return 0.0, 1.0
+    lent = float(brentq(lambda d: polygamma(1, d) - excess, _LEAST_LENT, _MOST_LENT))
+    return lent, float(np.exp(ratio.mean() + polygamma(0, lent) - np.log(lent)))

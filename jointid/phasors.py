@@ -30,8 +30,9 @@ class Phasors:
     tau: Complexes
     """Motor torques as they act, corrected for hold and delay, shape (r, n), N·m."""
     covariance: Complexes
-    """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n); a diagonal entry is the variance
-    of a complex number, twice that of its real part."""
+    """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n), the leakage of harmonics over a
+    broken period included; a diagonal entry is the variance of a complex number, twice that of its
+    real part."""
     freedom: Floats
     """Degrees of freedom of each covariance, shape (r,); few periods make few."""
     duration_s: Floats
@@ -40,7 +41,7 @@ class Phasors:
     """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without the leakage
     of harmonics over a broken period. Zero where the samples cannot tell."""
     harmonic_covariance: Complexes
-    """Noise covariance of each harmonic, shape (r, H, 2n, 2n); row 0 is ``covariance``."""
+    """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
     drift: Floats
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
     settling: Floats
@@ -79,8 +80,9 @@ class Phasors:
         """Amplitude of the harmonics above the first over that of the first, (r, 2n); NaN if unknown."""
         if self.harmonics.shape[1] == 1:
             return np.full(self.z.shape, np.nan)
+        overtones = np.linalg.norm(self.harmonics[:, 1:], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(np.linalg.norm(self.harmonics[:, 1:], axis=1) / np.abs(self.z))
+            return np.asarray(overtones / np.abs(self.harmonics[:, 0]))
 
     def by_frequency(self) -> list[tuple[float, np.ndarray]]:
         """Angular frequencies in ascending order, each with the indices of its records."""
@@ -130,13 +132,19 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance = np.array([fit.covariance + _rounding(fit) for fit in fits])
+    if count > 3:
+        repeated = [_repeated_rounding(r, f) for r, f in zip(records, fits, strict=True)]
+        covariance += np.array(repeated)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
+    # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
+    leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
+    plain = covariance[:, 0] + leakage[:, :, None] * leakage[:, None].conj()
     settling, noise = _settling(fits)
     return Phasors(
         omega=omega,
         q=z[:, :n],
         tau=z[:, n:],
-        covariance=covariance[:, 0],
+        covariance=plain,
         freedom=np.array([float(fit.freedom) for fit in fits]),
         duration_s=np.array([record.periods / record.frequency_hz for record in records]),
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
@@ -173,11 +181,41 @@ def _rounding(fit: SineFit) -> Complexes:
     return np.diag((1e-14 * size) ** 2).astype(complex)
 
 
+def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
+    """Variance that a sensor's quantisation adds when the same samples come back period by period.
+
+    Where the frequency divides the sample rate, or nearly so, rounding to steps of Δ repeats with the
+    motion: it does not scatter, and does not average out beyond the m samples that differ. Its variance
+    is Δ²/12 per sample, less by exp(−4π²σ²/Δ²) where other noise of σ per sample dithers it.
+    """
+    samples = record.time_s.size - record.start
+    period = 1 / (record.frequency_hz * record.interval_s)
+    cycles = period * np.arange(1, int(record.periods) + 1)
+    repeats = np.abs(cycles - np.round(cycles)) < 0.02
+    different = round(cycles[np.argmax(repeats)]) if repeats.any() else samples
+    step = np.concatenate([_quantum(record.theta_rad), _quantum(record.tau_Nm)])
+    scatter = np.abs(np.diag(fit.covariance[0])) * samples / 4
+    with np.errstate(divide="ignore", invalid="ignore"):
+        undithered = np.exp(-4 * np.pi**2 * scatter / step**2)
+    variance = np.where(step > 0, step**2 / 3 / different * undithered, 0.0)
+    return np.diag(variance).astype(complex)
+
+
+def _quantum(signal: Floats) -> Floats:
+    """Step of which all differences between samples are multiples, shape (n,); 0 if there is none."""
+    difference = np.abs(np.diff(signal[:4096], axis=0))
+    difference[difference < 1e-12 * np.abs(signal[:4096]).max(axis=0)] = np.inf
+    step = difference.min(axis=0)
+    multiple = np.where(np.isfinite(difference), difference, 0.0) / step
+    whole = np.abs(multiple - np.round(multiple)).max(axis=0) < 0.01
+    return np.where(whole & np.isfinite(step), step, 0.0)
+
+
 def _distorted(fit: SineFit) -> bool:
-    """Whether a harmonic stands six standard deviations above noise and above 1e-5 of its signal."""
+    """Whether a harmonic stands six standard deviations above noise and above 1e-6 of its signal."""
     overtones = np.abs(fit.harmonics[1:]) ** 2
     noise = np.abs(np.einsum("hjj->hj", fit.covariance[1:]))
-    visible = overtones > (1e-5 * np.abs(fit.harmonics[0])) ** 2
+    visible = overtones > (1e-6 * np.abs(fit.harmonics[0])) ** 2
     return bool(np.any(visible & (overtones > 36 * noise)))
 
 
@@ -209,15 +247,21 @@ def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
 
 def _frequency_found(record: SineRecord, fit: SineFit) -> float:
     """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
-    largest = int(np.argmax(np.abs(fit.fundamental[: record.n])))
+    strength = np.abs(fit.harmonics[:, : record.n])
+    order, largest = np.unravel_index(np.argmax(strength), strength.shape)
     phasor, local = fit.fundamental[largest], len(fit.deviations) * fit.deviations[:, largest]
     scatter = np.sqrt(np.mean(np.abs(local) ** 2))
     if np.ptp(record.theta_rad[record.start :, largest]) == 0:
         return record.frequency_hz  # nothing moves, so nothing contradicts
-    if abs(phasor) == 0 or scatter > 0.5 * abs(phasor):
-        return _spectral_peak_hz(record, largest)
+    if order > 0 or abs(phasor) == 0:
+        return _spectral_peak_hz(record, int(largest))
     if len(local) < 3:
-        return record.frequency_hz
+        used = record.theta_rad[record.start :, largest]
+        left = used - fit.at(record.time_s[record.start :], record.omega)[:, largest]
+        wrong = left.std() > 0.3 * abs(phasor)
+        return _spectral_peak_hz(record, int(largest)) if wrong else record.frequency_hz
+    if scatter > 0.5 * abs(phasor):
+        return _spectral_peak_hz(record, int(largest))
     span = record.interval_s * (record.time_s.size - record.start)
     time = span * (np.arange(len(local)) - (len(local) - 1) / 2) / len(local)
     turning = float((local / phasor).imag @ time / (time @ time))

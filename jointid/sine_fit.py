@@ -90,6 +90,8 @@ def _fit_one(record: SineRecord, harmonics: int) -> SineFit:
             f"needs {FEWEST_SAMPLES}. Sample faster, or record longer."
         )
     highest = min(0.45 / (record.frequency_hz * record.interval_s), samples / 8 - 1, harmonics)
+    if record.periods < 2:  # within little more than a period, harmonics and drift look alike
+        highest = 1
     orders = np.arange(1, max(1, int(highest)) + 1)
     if is_uniform(record) and _block_layout(record)[1] >= FEWEST_BLOCKS:
         return _fit_blocks(record, orders, harmonics)
@@ -126,7 +128,7 @@ class _Plan:
     odd_alone: Floats
 
 
-@lru_cache(maxsize=128)
+@lru_cache(maxsize=16)
 def _plan(x: float, samples: int, block: int, count: int) -> _Plan:
     orders = np.arange(1, count + 1)
     waves = _powers(x, block, count)
@@ -256,10 +258,17 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
     owner = np.minimum(np.arange(samples) // block, blocks - 1)
     deviations = np.zeros((blocks, count, 2 * record.n), complex)
     power = np.zeros((2 * record.n, 2 * record.n))
+    lines = _free_lines(record, orders)
+    beside = np.zeros((lines.size, 2 * record.n), complex)
+    fitted = np.zeros((lines.size, size), complex)
     done = 0
     for columns, data in _chunks(record, orders, middle_s, span):
         residual = data - columns @ solution
         power += residual.T @ residual
+        time = record.time_s[record.start + done : record.start + done + len(data)] - middle_s
+        neighbours = np.exp(-1j * np.outer(lines, time))
+        beside += neighbours @ residual
+        fitted += neighbours @ columns
         waves = columns[:, :count] - 1j * columns[:, count:-2]
         for each in np.unique(owner[done : done + len(data)]):
             inside = owner[done : done + len(data)] == each
@@ -267,13 +276,19 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
         done += len(data)
     clock = np.exp(-1j * record.omega * middle_s * orders)
     deviations = (2j / samples * clock[:, None] * deviations).swapaxes(0, 1)
+    # White noise of covariance R: a coefficient's variance is R times the inverse Gram's diagonal.
+    spread = np.diag(inverse)[:count] + np.diag(inverse)[count:-2]
+    covariance = (spread[:, None, None] * power / (samples - size)).astype(complex)
+    freedom = samples - size
+    # The fit has removed part of the noise at each line; what it left of white noise is known.
+    left = 1 - np.einsum("lc,cd,ld->l", fitted.conj(), inverse, fitted).real / samples
+    beside, left = beside[left > 0.1], left[left > 0.1]
     if blocks >= FEWEST_BLOCKS:
         covariance, freedom = _scatter(deviations), blocks - 1
-    else:
-        # White noise of covariance R: a coefficient's variance is R times the inverse Gram's diagonal.
-        freedom = samples - size
-        spread = np.diag(inverse)[:count] + np.diag(inverse)[count:-2]
-        covariance = (spread[:, None, None] * power / freedom).astype(complex)
+    elif left.size > 0:
+        density = np.einsum("la,lb->ab", beside / left[:, None], beside.conj()) / (left.size * samples)
+        covariance[0] = spread[0] * density
+        freedom = left.size
     return SineFit(
         fundamental=(alone[1] + 1j * alone[0]) * clock[0],
         harmonics=_padded((solution[count:-2] + 1j * solution[:count]) * clock[:, None], harmonics),
@@ -284,6 +299,15 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
         covariance=_padded(covariance, harmonics),
         freedom=freedom,
     )
+
+
+def _free_lines(record: SineRecord, orders: np.ndarray) -> Floats:
+    """Spectral lines beside the fundamental that the fit leaves free, where the noise shows, rad/s."""
+    steps = np.array([-3, -2, -1, 1, 2, 3]) / record.periods
+    place = 1 + steps  # in units of the fundamental
+    taken = np.concatenate([[0.0], orders])
+    distance = np.abs(place[:, None] - taken).min(axis=1)
+    return np.asarray(record.omega * place[distance > 0.6 / record.periods])
 
 
 def _chunks(

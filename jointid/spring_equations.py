@@ -18,7 +18,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
-from jointid.noise import Noise, pooled_noise
+from jointid.noise import Noise, moderated_noise
 from jointid.phasors import Phasors
 
 
@@ -37,7 +37,9 @@ class SpringEquations:
     of_b: Complexes
     """Matrix with b = of_b z, shape (r, n, 2n)."""
     noise: Noise
-    """Noise of z."""
+    """Noise of z at every harmonic."""
+    leakage: Complexes
+    """Covariance that z has beyond the noise, from harmonics over a broken period, (r, 2n, 2n)."""
 
     @property
     def deflection(self) -> Complexes:
@@ -63,7 +65,7 @@ class SpringEquations:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
         spring = K + 1j * self.omega[:, None] * D
         E = self.of_b - spring[:, :, None] * self.of_a
-        return np.asarray(E @ self.noise.covariance[:, 0] @ E.conj().swapaxes(1, 2))
+        return np.asarray(E @ (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2))
 
     @property
     def excitation(self) -> Floats:
@@ -98,18 +100,28 @@ def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> 
         When the inertias do not fit the records, or a joint's spring is not deflected.
     """
     z = phasors.z
+    empty = ~np.any(z != 0, axis=0)
+    if np.any(empty[: phasors.n] & empty[phasors.n :]):
+        j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
+        raise JointIdError(
+            f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm hold no sine in any "
+            f"record, so K{j} and D{j} cannot be found. Move joint {j}."
+        )
     M, arm = inertia_arrays(phasors, inertia)
     eye = np.eye(phasors.n)
     s2 = -(phasors.omega[:, None, None] ** 2)
     of_a = np.concatenate([(eye + arm * M[:, None]) * s2, -arm], axis=2).astype(complex)
     of_b = np.concatenate([-M[:, None] * eye * s2**2, eye * s2], axis=2).astype(complex)
+    a, b = np.einsum("rij,rj->ri", of_a, z), np.einsum("rij,rj->ri", of_b, z)
+    K, D = pseudo_inverse(phasors.omega, a, b)
     equations = SpringEquations(
         omega=phasors.omega,
-        a=np.einsum("rij,rj->ri", of_a, z),
-        b=np.einsum("rij,rj->ri", of_b, z),
+        a=a,
+        b=b,
         of_a=of_a,
         of_b=of_b,
-        noise=pooled_noise(phasors),
+        noise=moderated_noise(phasors, M, arm, K, D),
+        leakage=phasors.covariance - phasors.harmonic_covariance[:, 0],
     )
     # Noise alone gives an excitation of 1 ± 1/√r; three standard deviations above is not by chance.
     lost = equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)
@@ -121,6 +133,15 @@ def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> 
             f"and tau_m{j}_Nm."
         )
     return equations
+
+
+def pseudo_inverse(omega: Floats, a: Complexes, b: Complexes) -> tuple[Floats, Floats]:
+    """K and D of equations (13)-(14): Σ Re(a*b) / Σ|a|² and Σ ω Im(a*b) / Σ ω²|a|², each shape (n,)."""
+    power, product = np.abs(a) ** 2, a.conj() * b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        K = product.real.sum(axis=0) / power.sum(axis=0)
+        D = omega @ product.imag / (omega**2 @ power)
+    return K, D
 
 
 def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tuple[Floats, Floats]:

@@ -120,6 +120,8 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     JointIdError
         When no estimate is possible.
     """
+    if not isinstance(study, Study):
+        raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     names = dict.fromkeys([method, "weighted", "least-squares", "explicit"])

@@ -27,7 +27,7 @@ class TransferMatrix:
     condition: Floats
     """Condition number of the torque matrix T with rows of unit length, shape (f,)."""
     reciprocity_error: Floats
-    """Largest |H_ij − H_ji| over the largest |H_ij|, shape (f,); noise and unequal inertias make it."""
+    """Largest |H_ij − H_ji| over √|H_ii H_jj|, shape (f,); noise makes it, or wrong units and signs."""
     rejected: tuple[str, ...]
     """Frequencies that were not inverted, each with the reason and the remedy."""
 
@@ -69,13 +69,14 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
         )
     omegas, matrices, covariances, conditions = zip(*kept, strict=True)
     H = np.array(matrices)
-    largest = np.abs(H).max(axis=(1, 2))
+    size = np.sqrt(np.abs(np.einsum("fii->fi", H)))
+    asymmetry = np.abs(H - H.swapaxes(1, 2)) / (size[:, :, None] * size[:, None])
     return TransferMatrix(
         omega=np.array(omegas),
         H=H,
         covariance=np.array(covariances),
         condition=np.array(conditions),
-        reciprocity_error=np.abs(H - H.swapaxes(1, 2)).max(axis=(1, 2)) / largest,
+        reciprocity_error=np.asarray(asymmetry.max(axis=(1, 2))),
         rejected=tuple(rejected),
     )
 
