@@ -36,6 +36,7 @@ and the neighbour's controller shows in a single record."""
 
 
 def paper() -> Study:
+    """Two coupled joints in the cutting pose, light friction."""
     records = simulate_records(
         CUTTING_POSE,
         PAPER,
@@ -58,6 +59,7 @@ def paper() -> Study:
 
 
 def heavy_friction() -> Study:
+    """The same robot, worn, with a logger that does not know when the torque acts."""
     records = simulate_records(
         CUTTING_POSE,
         PAPER,
@@ -81,6 +83,7 @@ def heavy_friction() -> Study:
 
 
 def single_joint() -> Study:
+    """One joint, nothing in the way."""
     inertia, elasticity = Inertia(M=[0.003], M2=[[0.005]]), Elasticity(K=[30.0], D=[0.05])
     records = simulate_records(
         inertia,
@@ -102,6 +105,7 @@ def single_joint() -> Study:
 
 
 def manutec_r3() -> Study:
+    """Two joints whose coupling inertia is nearly as large as it can be."""
     inertia = Inertia(M=[0.0013, 0.0013], M2=[[0.002274, 0.003522], [0.003522, 0.007068]])
     elasticity = Elasticity(K=[8.0, 58.0], D=[0.01, 0.04])
     records = simulate_records(
@@ -117,8 +121,8 @@ def manutec_r3() -> Study:
     return Study(
         name="Manutec r3, axes 2 and 3, strongly coupled",
         origin="simulated",
-        description="Inertias with 15 kg load and stretched arm, K = 8 and 58 N·m/rad and D = 0.01 and "
-        "0.04 N·m·s/rad as published with the Modelica Standard Library; light friction.",
+        description="Inertias with 15 kg load and stretched arm, K = 8 and 58 N·m/rad, D = 0.01 and "
+        "0.04 N·m·s/rad, as published with the Modelica Standard Library; light friction.",
         records=_compact(records),
         inertia=inertia,
         nominal=Elasticity(K=[10.0, 50.0], D=[0.01, 0.04]),
