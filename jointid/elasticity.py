@@ -84,6 +84,8 @@ class ElasticityFit:
     """What ``cost`` is on average when the model is right and the noise as stated; 0 for one record."""
     equations: SpringEquations
     """The springs' equations, their torque freed from friction and delay where these were fitted."""
+    phasors: Phasors
+    """The phasors in these equations: those given, freed from friction and delay likewise."""
     friction: Friction | None = None
     """Friction that was fitted together with K and D, if it was."""
     delay: float | None = None
@@ -162,7 +164,7 @@ def identify_elasticity(
         Known rigid-body inertia, motor side; one per record when they come from several poses.
     method : {"auto", "maximum-likelihood", "weighted", "least-squares", "explicit"}
         See ``METHODS``. "auto" compares models with and without friction and delay and takes the one
-        of the smallest information criterion.
+        of the smallest information criterion; where none can be fitted, it is "weighted".
     friction : bool, default False
         Fit Coulomb and viscous friction at the motors together with K and D ("auto": always, rather
         than when the data ask for it).
@@ -183,7 +185,7 @@ def identify_elasticity(
             raise JointIdError(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
             )
-        return _fit(method, _LINEAR[method](equations), equations)
+        return _fit(method, _LINEAR[method](equations), equations, phasors)
     start = weighted(equations).p
     tried: dict[_Choice, LikelihoodEstimate | JointIdError] = {}
 
@@ -204,6 +206,9 @@ def identify_elasticity(
         choice = best(list(tried))
     chosen = tried[choice]
     if isinstance(chosen, JointIdError):
+        if method == "auto":  # better an answer that shows what is wrong than none
+            fit = _fit("weighted", weighted(equations), equations, phasors)
+            return replace(fit, candidates=_candidates(tried, None, phasors))
         raise chosen
     equations = spring_equations(chosen.phasors, inertia)
     return _likelihood_fit(method, choice, chosen, equations, _candidates(tried, choice, phasors))
@@ -231,7 +236,7 @@ def _criteria(
     """Schwarz's criterion, 2·cost + parameters · ln(rows), cost over the best model's misfit."""
     fitted = [e for e in tried.values() if isinstance(e, LikelihoodEstimate)]
     misfit = min((e.cost / e.expected_cost for e in fitted if e.expected_cost > 0), default=1.0)
-    penalty = np.log(2 * phasors.q.size)
+    penalty = np.log(2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]))
     return {
         choice: np.inf
         if isinstance(estimate, JointIdError)
@@ -241,7 +246,7 @@ def _criteria(
 
 
 def _candidates(
-    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], chosen: _Choice, phasors: Phasors
+    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], chosen: _Choice | None, phasors: Phasors
 ) -> tuple[Candidate, ...]:
     criterion = _criteria(tried, phasors)
     candidates = []
@@ -274,7 +279,7 @@ def _likelihood_fit(
     candidates: tuple[Candidate, ...],
 ) -> ElasticityFit:
     n, p = equations.a.shape[1], estimate.p
-    fit = _fit(method, estimate, equations)
+    fit = _fit(method, estimate, equations, estimate.phasors)
     inflation = max(1.0, fit.misfit)
     error = np.sqrt(np.diag(estimate.covariance) * inflation)
     friction = (
@@ -291,7 +296,7 @@ def _likelihood_fit(
     )
 
 
-def _fit(method: str, estimate: Estimate, equations: SpringEquations) -> ElasticityFit:
+def _fit(method: str, estimate: Estimate, equations: SpringEquations, phasors: Phasors) -> ElasticityFit:
     n = equations.a.shape[1]
     K, D = estimate.p[:n], estimate.p[n : 2 * n]
     squared = equations.omega[:, None] ** 2
@@ -307,4 +312,5 @@ def _fit(method: str, estimate: Estimate, equations: SpringEquations) -> Elastic
         cost=estimate.cost,
         expected_cost=estimate.expected_cost,
         equations=equations,
+        phasors=phasors,
     )

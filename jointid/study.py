@@ -96,6 +96,8 @@ class Analysis:
     """Equations (2)-(4), in the order of the study's records."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """Equations (16)-(18) by pose, "" being records without one; a pose that allows none is missing."""
+    freed_transfer_matrices: Mapping[str, TransferMatrix]
+    """The same from torques freed of the friction and delay that ``fit`` found: what M, M2, K and D make."""
     transfer_problem: str
     """Why a pose has no transfer matrix, with the remedy; empty when every pose has one."""
     fit: ElasticityFit
@@ -126,10 +128,12 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     names = dict.fromkeys([method, "weighted", "least-squares", "explicit"])
     fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in names}
+    freed, _ = _transfer_matrices(study, fits[method].phasors)
     return Analysis(
         study=study,
         phasors=phasors,
         transfer_matrices=MappingProxyType(transfer_matrices),
+        freed_transfer_matrices=MappingProxyType(freed),
         transfer_problem=problem,
         fit=fits[method],
         fits=MappingProxyType(fits),
