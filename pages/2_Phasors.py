@@ -16,8 +16,8 @@ st.write(
     "samples, or delayed, is corrected for."
 )
 st.latex(
-    r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, \quad \ddot\theta = (i\omega)^2\,\theta "
-    "\quad (3, 4)"
+    r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, "
+    r"\quad \ddot\theta = (i\omega)^2\,\theta \quad (3, 4)"
 )
 
 phasors = page.phasors()

@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
 from jointid.ui.charts import plot, side_by_side
-from jointid.ui.estimates import show_estimates, show_matrix
+from jointid.ui.estimates import show_also_fitted, show_estimates, show_matrix
 from jointid.ui.overview import show_tiles
 from jointid.ui.page import open_page
 
@@ -41,6 +41,7 @@ for j, place in enumerate(side_by_side(n)):
 
 st.subheader("Every estimator", anchor=False)
 show_estimates(analysis)
+show_also_fitted(fit)
 
 st.subheader("What the model leaves unexplained", anchor=False)
 st.caption(

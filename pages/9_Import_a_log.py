@@ -39,9 +39,9 @@ shown = {name: columns[name] for name in (mapped.time, *mapped.positions, *mappe
 plot(raw_columns(shown, dark=is_dark()), "The chosen columns over time")
 try:
     time, theta, tau = signals(columns, mapped)
-    answer = ask_rest(file.name, len(mapped.positions), proposed_frequency_hz(time, theta))
-    if answer is not None:
-        keep(imported_study(file.name, *answer, time, theta, tau), file.name)
+    experiment = ask_rest(file.name, len(mapped.positions), proposed_frequency_hz(time, theta))
+    if experiment is not None:
+        keep(imported_study(file.name, experiment, time, theta, tau), file.name)
         st.switch_page(OVERVIEW.path)
 except JointIdError as error:
     st.error(str(error))

@@ -318,8 +318,9 @@ class CutAnimation {
     pen.fillStyle = this.ink.text;
     pen.font = `13px ${getComputedStyle(this.root).fontFamily}`;
     pen.textAlign = "center";
+    pen.textBaseline = "bottom";
+    pen.fillText(this.data.serial ? "motor 1" : "motors 1, 2", view.x(0), view.y(0) - 20);
     pen.textBaseline = "top";
-    pen.fillText(this.data.serial ? "motor 1" : "motors 1, 2", view.x(0), view.y(0) + 20);
     if (this.data.serial) {
       const pose = reach(now.identified, l1, l2);
       if (pose) pen.fillText("motor 2", view.x(pose.x), view.y(pose.y) + 16);
@@ -345,7 +346,8 @@ class CutAnimation {
     pen.globalAlpha = 0.7;
     if (!this.data.serial) {
       // The crank of motor 2 and its rod stay parallel to link 2 and link 1.
-      const back = { x: (-0.18 * (tool.x - elbow.x)) / l2, y: (-0.18 * (tool.y - elbow.y)) / l2 };
+      const share = -this.data.crank_m / l2;
+      const back = { x: share * (tool.x - elbow.x), y: share * (tool.y - elbow.y) };
       const heel = { x: elbow.x + back.x, y: elbow.y + back.y };
       link(base, back, 4);
       link(back, heel, 4);

@@ -19,6 +19,8 @@ _FRAME_S = 1e-3
 """Time between two frames of data; the browser interpolates."""
 _MARGIN_M = 0.006
 _SHEET_M = 0.16
+_CRANK_M = 0.18
+"""Length of the crank by which motor 2 of a parallelogram drive turns link 2; drawn only."""
 
 _SPEEDS = {1.0: "true time", 0.5: "1/2", 0.2: "1/5", 0.1: "1/10", 0.05: "1/20"}
 
@@ -81,6 +83,7 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
     return {
         "tracks": tracks(outcome.before, outcome.after),
         "length_m": arm.length_m.tolist(),
+        "crank_m": _CRANK_M,
         "serial": arm.drive == "serial",
         "cell_m": _cell(arm, outcome),
         "sheet_m": _sheet(outcome.before),
@@ -117,18 +120,13 @@ def _sheet(run: TrackingRun) -> list[float]:
 
 
 def _cell(arm: PlanarArm, outcome: Outcome) -> list[float]:
-    """Window of the arm's view: base, elbow and sheet."""
-    elbow = arm.link_angles(outcome.before.joint_angle_rad[0])[0]
+    """Window of the arm's view: base, elbow with what sticks out behind it, and sheet."""
+    first, second = arm.link_angles(outcome.before.joint_angle_rad[0])
+    elbow = arm.length_m[0] * np.array([np.cos(first), np.sin(first)])
+    back = -_CRANK_M * np.array([np.cos(second), np.sin(second)])
     x, y, width, height = _sheet(outcome.before)
-    points = np.array(
-        [
-            [0.0, 0.0],
-            arm.length_m[0] * np.array([np.cos(elbow), np.sin(elbow)]),
-            [x, y],
-            [x + width, y + height],
-        ]
-    )
-    return _box(points, 0.13)
+    corners = [[x, y], [x + width, y + height]]
+    return _box(np.array([[0.0, 0.0], elbow, back, elbow + back, *corners]), 0.08)
 
 
 def _box(points: Floats, margin: float) -> list[float]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit
+from jointid.elasticity import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.cached import ESTIMATORS
 from jointid.ui.charts import Table, table
@@ -25,6 +28,48 @@ def show_estimates(analysis: Analysis) -> None:
             "The D formula that the paper prints as (15) weights the records differently from its "
             "pseudo-inverse (13)–(14). Both are exact without noise."
         )
+
+
+def show_also_fitted(fit: ElasticityFit) -> None:
+    """What was found together with K and D: friction, delay, and which models were compared."""
+    if fit.friction is not None:
+        n, friction = fit.n, fit.friction
+        error = friction.standard_error
+        st.write("Friction at the motors, fitted together with K and D:")
+        columns = {
+            "": [f"joint {j + 1}" for j in range(n)],
+            "Coulomb (N·m)": [with_error(friction.coulomb[j], error[j]) for j in range(n)],
+            "Viscous (N·m·s/rad)": [with_error(friction.viscous[j], error[n + j]) for j in range(n)],
+        }
+        st.table(columns, hide_index=True)
+    if fit.delay is not None:
+        delay = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
+        st.write(f"The torque lags by {delay} ms beyond what the records state.")
+    if fit.candidates:
+        with st.expander("Which models were compared"):
+            _show_candidates(fit.candidates)
+
+
+def _show_candidates(candidates: Sequence[Candidate]) -> None:
+    st.write(
+        "The simplest model that the data support is taken: the one with the smallest criterion, which "
+        "weighs what is left unexplained against the number of parameters."
+    )
+    st.table(
+        {
+            "Model": [c.name + (" (taken)" if c.chosen else "") for c in candidates],
+            "Parameters": [str(c.parameters) for c in candidates],
+            "Left over / noise": [_left_over(c) for c in candidates],
+            "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
+        },
+        hide_index=True,
+    )
+
+
+def _left_over(candidate: Candidate) -> str:
+    if candidate.problem or candidate.expected_cost <= 0:
+        return "–"
+    return significant(float(np.sqrt(candidate.cost / candidate.expected_cost)), 2)
 
 
 def estimates_table(analysis: Analysis) -> Table:

@@ -37,6 +37,16 @@ class Mapped:
     angle_unit_rad: float
 
 
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """What a log does not say of itself."""
+
+    frequency_hz: float
+    inertia: Inertia
+    start_s: float
+    torque_hold: bool
+
+
 def choose_columns(columns: Columns) -> Mapped:
     """Ask which column is what; names that say it are proposed."""
     names = list(columns)
@@ -82,8 +92,14 @@ def proposed_frequency_hz(time_s: Floats, theta_rad: Floats) -> float | None:
         return None
 
 
-def ask_rest(file: str, joints: int, proposed_hz: float | None) -> tuple[float, Inertia] | None:
-    """Ask for frequency and inertias; None until the form is sent."""
+def ask_rest(file: str, joints: int, proposed_hz: float | None) -> Experiment | None:
+    """Ask for frequency, timing and inertias; None until the form is sent.
+
+    Raises
+    ------
+    JointIdError
+        When something is missing or is no inertia.
+    """
     with st.form("import", border=False):
         left, middle, right = st.columns(3)
         frequency = left.number_input(
@@ -105,6 +121,14 @@ def ask_rest(file: str, joints: int, proposed_hz: float | None) -> tuple[float, 
             help="The method takes the rigid-body inertias, seen from the motors, as known. "
             "K and D are as right as they are.",
         )
+        start = left.number_input(
+            "Settled from (s)", value=0.0, key="import_start", help="Earlier rows are kept but not used."
+        )
+        held = st.checkbox(
+            "The torque is held from sample to sample, as by a digital controller",
+            key="import_held",
+            persist_state="session",
+        )
         if not st.form_submit_button("Make a study of it", type="primary"):
             return None
     if not frequency:
@@ -112,18 +136,18 @@ def ask_rest(file: str, joints: int, proposed_hz: float | None) -> tuple[float, 
     if not M.strip() or not M2.strip():
         raise JointIdError(
             "The inertias are missing: give M and M2 of the joints, motor side, in kg·m². "
-            "Without them the records can be looked at, but K and D cannot be found."
+            "K and D cannot be found without them."
         )
     inertia = Inertia(numbers_in("Rotor inertias M", M), matrix_in("Arm inertia M2", M2))
     if inertia.n != joints:
         raise JointIdError(
             f"The inertias are those of {inertia.n} joint(s), the log has {joints}: make them agree."
         )
-    return float(frequency), inertia
+    return Experiment(float(frequency), inertia, float(start), held)
 
 
 def imported_study(
-    file: str, frequency_hz: float, inertia: Inertia, time_s: Floats, theta_rad: Floats, tau_Nm: Floats
+    file: str, experiment: Experiment, time_s: Floats, theta_rad: Floats, tau_Nm: Floats
 ) -> Study:
     """Make a study of one record.
 
@@ -133,14 +157,20 @@ def imported_study(
         When the samples are no sine record.
     """
     record = SineRecord(
-        frequency_hz=frequency_hz, time_s=time_s, theta_rad=theta_rad, tau_Nm=tau_Nm, label=file
+        frequency_hz=experiment.frequency_hz,
+        time_s=time_s,
+        theta_rad=theta_rad,
+        tau_Nm=tau_Nm,
+        torque_hold=experiment.torque_hold,
+        start_s=max(experiment.start_s, float(time_s[0])),
+        label=file,
     )
     return Study(
         records=(record,),
-        inertia=inertia,
+        inertia=experiment.inertia,
         name=PurePath(file).stem.replace("_", " "),
         origin="measured",
-        description=f"Imported from {file}: one record at {plain(frequency_hz)} Hz.",
+        description=f"Imported from {file}: one record at {plain(experiment.frequency_hz)} Hz.",
     )
 
 

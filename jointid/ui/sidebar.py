@@ -17,21 +17,7 @@ def choose_study() -> tuple[str, str] | None:
         for step in (OVERVIEW, *METHOD):
             st.page_link(step.path, label=step.name)
         st.divider()
-        keys = [*opened_here(), *sample_paths()]
-        wanted = st.query_params.get("study")
-        if (following := st.session_state.pop("next_study", None)) in keys:
-            st.session_state["study"] = following
-        elif wanted is not None and wanted not in keys:
-            st.info(f'"{wanted}" was opened in another session and is not here any more. Open it again.')
-        key = st.selectbox(
-            "Study",
-            keys,
-            index=_first_sample(keys),
-            key="study",
-            bind="query-params",
-            disabled=not keys,
-            help="Sample studies, and what was opened, simulated or imported in this session.",
-        )
+        key = _choose()
         _open_file()
         st.page_link(IMPORT.path, label=IMPORT.name, help=IMPORT.line)
         st.page_link(SIMULATE.path, label=SIMULATE.name, help=SIMULATE.line)
@@ -48,9 +34,30 @@ def choose_study() -> tuple[str, str] | None:
     return None if key is None else (key, method)
 
 
-def _first_sample(keys: list[str]) -> int:
-    """A fresh session begins with the first sample."""
-    return min(len(opened_here()), max(len(keys) - 1, 0))
+def _choose() -> str | None:
+    """Ask which study. The choice lives in the session, and in the address so that it survives F5."""
+    keys = [*opened_here(), *sample_paths()]
+    wanted = st.session_state.get("chosen") or st.query_params.get("study")
+    if wanted is not None and wanted not in keys:
+        st.info(f'"{wanted}" was opened in another session and is not here any more. Open it again.')
+    if wanted not in keys:
+        wanted = next(iter(sample_paths()), keys[0] if keys else None)
+    st.session_state["chosen"] = st.session_state["study"] = wanted
+    st.selectbox(
+        "Study",
+        keys,
+        key="study",
+        on_change=_take_choice,
+        disabled=not keys,
+        help="Sample studies, and what was opened, simulated or imported in this session.",
+    )
+    if wanted is not None:
+        st.query_params["study"] = wanted  # links between pages drop it
+    return wanted
+
+
+def _take_choice() -> None:
+    st.session_state["chosen"] = st.session_state["study"]
 
 
 def _open_file() -> None:

@@ -77,7 +77,7 @@ def keep(study: Study, name: str) -> None:
     opened[key] = Opened(key, digest, study)
     while len(opened) > _MOST_OPENED:
         del opened[next(iter(opened))]
-    st.session_state["next_study"] = key
+    st.session_state["chosen"] = key
     st.session_state.pop("refused", None)
 
 

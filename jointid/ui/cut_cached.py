@@ -1,0 +1,72 @@
+"""Cuts, computed once for each study and settings."""
+
+from __future__ import annotations
+
+import streamlit as st
+
+from jointid import Analysis
+from jointid.outcome import (
+    Outcome,
+    assumed_elasticity,
+    cut_outcome,
+    cut_robot,
+    study_outcome,
+)
+from jointid.tolerance import ToleranceMap
+from jointid.tracking import TrackingRun, track
+from jointid.ui.cut_settings import CutSettings
+
+MapKey = tuple[str, str, CutSettings, bool]
+_MOST_MAPS = 12
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def outcome(digest: str, method: str, settings: CutSettings, _analysis: Analysis) -> Outcome:
+    """Cut before and after, with the path error that the identification promises."""
+    robot = cut_robot(_analysis, settings.drive)
+    return cut_outcome(
+        robot,
+        settings.toolpath,
+        assumed_elasticity(robot, settings.assumption, settings.custom),
+        servo=settings.servo,
+        friction=settings.friction,
+    )
+
+
+@st.cache_resource(max_entries=128, show_spinner=False)
+def pair(
+    digest: str, method: str, settings: CutSettings, zone_m: float, _outcome: Outcome
+) -> tuple[TrackingRun, TrackingRun]:
+    """Cut before and after by the robots of an outcome with ``settings``, with another corner zone."""
+    if zone_m == settings.zone_m:
+        return _outcome.before, _outcome.after
+    robot, path = _outcome.robot, settings.with_zone(zone_m).toolpath
+    before, after = (
+        track(robot.arm, path, true, assumed, servo=settings.servo, friction=settings.friction)
+        for true, assumed in ((robot.elasticity, _outcome.assumed), (_outcome.edge, robot.elasticity))
+    )
+    return before, after
+
+
+@st.cache_resource(max_entries=12, show_spinner="Cutting")
+def overview(digest: str, method: str, _analysis: Analysis) -> Outcome | None:
+    """What the identification changes on the paper's path."""
+    return study_outcome(_analysis)
+
+
+@st.cache_resource(show_spinner=False)
+def _maps() -> dict[MapKey, ToleranceMap]:
+    return {}
+
+
+def kept_map(key: MapKey) -> ToleranceMap | None:
+    """Return a tolerance map that was computed before."""
+    return _maps().get(key)
+
+
+def keep_map(key: MapKey, tolerance: ToleranceMap) -> None:
+    """Keep a tolerance map; a function that shows progress cannot be cached by itself."""
+    maps = _maps()
+    maps[key] = tolerance
+    while len(maps) > _MOST_MAPS:
+        maps.pop(next(iter(maps)), None)

@@ -1,0 +1,227 @@
+"""What a person may change about the cut, and what the paper says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import get_args
+
+import streamlit as st
+
+from jointid import Elasticity
+from jointid.arm import Drive
+from jointid.outcome import CUTTING_POINT_M, Assumption, CutRobot
+from jointid.servo import MotorFrictionLike, Servo
+from jointid.toolpath import Toolpath, rectangle
+from jointid.ui.numbers_in import numbers_in, numbers_out
+
+NOMINAL: dict[str, Assumption] = {
+    "Study's own": "study",
+    "Rigid": "rigid",
+    "0.4 K": "soft",
+    "3 K": "stiff",
+    "Custom": "custom",
+}
+"""Choices of the nominal controller, as a person reads them."""
+
+_HINT = (
+    "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
+    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times that. The paper does "
+    "not say what its non-optimal parameters were; these are our choice."
+)
+
+
+@dataclass(frozen=True)
+class MotorFriction:
+    """Friction at the motors, the same in the robot and in the servo's compensation."""
+
+    coulomb: tuple[float, ...]
+    """N·m."""
+    viscous: tuple[float, ...]
+    """N·m·s/rad."""
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """Everything that decides how the cut comes out, besides the study; a key for caches."""
+
+    assumption: Assumption
+    custom_K: tuple[float, ...]
+    custom_D: tuple[float, ...]
+    zone_m: float
+    width_m: float
+    height_m: float
+    speed_m_s: float
+    rate_hz: float
+    delay_samples: int
+    encoder_bits: int
+    coulomb_Nm: tuple[float, ...]
+    compensated: bool
+    drive: Drive
+
+    @property
+    def custom(self) -> Elasticity | None:
+        """The custom nominal values."""
+        return Elasticity(self.custom_K, self.custom_D) if self.assumption == "custom" else None
+
+    @property
+    def toolpath(self) -> Toolpath:
+        """The wanted path."""
+        return rectangle(
+            width_m=self.width_m,
+            height_m=self.height_m,
+            speed_m_s=self.speed_m_s,
+            zone_m=self.zone_m,
+            centre_m=CUTTING_POINT_M,
+        )
+
+    @property
+    def friction(self) -> MotorFriction | None:
+        """Friction at the motors; None without."""
+        return MotorFriction(self.coulomb_Nm, (0.0, 0.0)) if any(self.coulomb_Nm) else None
+
+    @property
+    def servo(self) -> Servo:
+        """Settings of the joint controllers."""
+        compensation: MotorFrictionLike | None = self.friction if self.compensated else None
+        return Servo(
+            sample_rate_hz=self.rate_hz,
+            delay_samples=self.delay_samples,
+            encoder_bits=self.encoder_bits or None,
+            differentiated_velocity=self.encoder_bits > 0,
+            friction_compensation=compensation,
+        )
+
+    def with_zone(self, zone_m: float) -> CutSettings:
+        """The same cut with another corner zone."""
+        return replace(self, zone_m=zone_m)
+
+
+def ask(robot: CutRobot) -> CutSettings:
+    """Draw the controls and return what was chosen.
+
+    Parameters
+    ----------
+    robot : CutRobot
+        The robot of the study as it comes, with the drive that suits its inertias.
+
+    Raises
+    ------
+    JointIdError
+        When what was typed is not a number.
+    """
+    left, right = st.columns([3, 2])
+    with left:
+        names = [name for name, value in NOMINAL.items() if value != "study" or robot.nominal]
+        chosen = st.segmented_control(
+            "Nominal controller",
+            names,
+            default=names[0],
+            required=True,
+            key="cut_nominal",
+            bind="query-params",
+            help=_HINT,
+        )
+    assumption = NOMINAL[chosen or names[0]]
+    with right:
+        zone = st.slider(
+            "Corner zone (mm)",
+            0.5,
+            14.0,
+            10.0,
+            0.5,
+            format="%g",
+            key="cut_zone",
+            bind="query-params",
+            help="How far before a corner the tool begins to turn: the corner is rounded, so that it "
+            "can be passed without stopping.",
+        )
+    reference = robot.nominal or robot.elasticity
+    K, D = numbers_out(reference.K), numbers_out(reference.D)
+    if assumption == "custom":
+        left, right = st.columns(2)
+        K = left.text_input("Nominal K1, K2 (N·m/rad)", K, key="cut_K", bind="query-params")
+        D = right.text_input("Nominal D1, D2 (N·m·s/rad)", D, key="cut_D", bind="query-params")
+    with st.expander("Path, controller and drive"):
+        one, two, three = st.columns(3)
+        with one:
+            st.markdown("**Path**")
+            width = _number("Width (mm)", 28.0, (2.0, 150.0), "width")
+            height = _number("Height (mm)", 45.0, (2.0, 150.0), "height")
+            speed = _number("Speed (mm/s)", 300.0, (10.0, 1000.0), "speed")
+        with two:
+            st.markdown("**Controller**")
+            rate = _number("Control rate (Hz)", 4000.0, (500.0, 8000.0), "rate")
+            delay = _whole(
+                "Delay (samples)",
+                0,
+                (0, 5),
+                "delay",
+                "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
+            )
+            bits = _whole(
+                "Encoder (bits per turn), 0: ideal",
+                0,
+                (0, 24),
+                "bits",
+                "With an encoder, the velocity is the difference of two positions.",
+            )
+        with three:
+            st.markdown("**Robot**")
+            coulomb = st.text_input(
+                "Coulomb friction (N·m)",
+                "0, 0",
+                key="cut_coulomb",
+                bind="query-params",
+                help="At motors 1 and 2: constant, against the motion; a motor at rest sticks.",
+            )
+            drives = get_args(Drive)
+            drive = st.selectbox(
+                "Drive",
+                drives,
+                index=drives.index(robot.arm.drive),
+                key="cut_drive",
+                bind="query-params",
+                help="Parallelogram: both motors sit on the base. Serial: motor 2 sits on link 1.",
+            )
+            compensated = st.checkbox(
+                "The servo compensates friction",
+                True,
+                key="cut_compensated",
+                bind="query-params",
+                help="It then knows the friction exactly.",
+            )
+    custom = assumption == "custom"
+    return CutSettings(
+        assumption=assumption,
+        custom_K=numbers_in("Nominal K", K, count=2) if custom else (),
+        custom_D=numbers_in("Nominal D", D, count=2) if custom else (),
+        zone_m=1e-3 * zone,
+        width_m=1e-3 * width,
+        height_m=1e-3 * height,
+        speed_m_s=1e-3 * speed,
+        rate_hz=rate,
+        delay_samples=int(delay),
+        encoder_bits=int(bits) if bits >= 4 else 0,
+        coulomb_Nm=numbers_in("Coulomb friction", coulomb, count=2),
+        compensated=compensated,
+        drive=drive,
+    )
+
+
+def nominal_name(assumption: Assumption) -> str:
+    """What the controller before the identification is called in a figure."""
+    return {
+        "study": "nominal",
+        "rigid": "nominal (rigid)",
+        "soft": "nominal (0.4 K)",
+        "stiff": "nominal (3 K)",
+        "custom": "nominal (custom)",
+    }[assumption]
+
+
+def _number(label: str, value: float, limits: tuple[float, float], key: str) -> float:
+    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params")
+
+
+def _whole(label: str, value: int, limits: tuple[int, int], key: str, hint: str) -> int:
+    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params", help=hint)

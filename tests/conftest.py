@@ -1,0 +1,84 @@
+"""Studies to look at, and a browser to look with."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants import PAPER, PARALLELOGRAM, ROBOTS
+
+from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
+from jointid.study_files import save_study
+
+FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
+
+
+def simulated(joints: int, *, seed: int = 1) -> Study:
+    """A small campaign of a robot with noise but without friction."""
+    inertia, elasticity = (PARALLELOGRAM, PAPER) if joints == 2 else ROBOTS[joints]
+    records = simulate_records(
+        inertia,
+        elasticity,
+        FREQUENCIES_HZ,
+        excitation=Excitation(duration_s=1.5),
+        controller=Controller(sample_rate_hz=1000.0),
+        measurement=Measurement(encoder_counts=1 << 20, torque_noise_Nm=0.005),
+        seed=seed,
+    )
+    return Study(
+        records=records,
+        inertia=inertia,
+        nominal=Elasticity(K=0.5 * elasticity.K, D=elasticity.D),
+        name=f"Test cell with {joints} joint(s)",
+        origin="simulated",
+        description="Made by the tests.",
+    )
+
+
+@pytest.fixture(scope="session")
+def studies() -> dict[int, Study]:
+    """Studies of one, two and three joints."""
+    return {joints: simulated(joints) for joints in (1, 2, 3)}
+
+
+@pytest.fixture(scope="session")
+def sample_folder(studies: dict[int, Study], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What stands beside the app: "paper" zipped, "one_joint" as a folder, "three_joints" zipped."""
+    folder = tmp_path_factory.mktemp("sample_data")
+    save_study(studies[2], folder / "paper.zip")
+    save_study(studies[1], folder / "one_joint")
+    save_study(studies[3], folder / "three_joints.zip", record_format="parquet")
+    return folder
+
+
+@pytest.fixture
+def jittered_log() -> bytes:
+    """A log of one actuator at 1 Hz, some 100 Hz with jitter and a spring of 40 N·m/rad, unloaded."""
+    rng = np.random.default_rng(5)
+    time = np.arange(999) / 100.0 + rng.uniform(0, 0.7e-3, 999)
+    position = 0.4 * np.sin(2 * np.pi * time - 1.2) + 0.06
+    deflection = 1.3e-3 * np.sin(2 * np.pi * time + 0.4) + 1e-5 * rng.standard_normal(999)
+    rows = np.column_stack([time, position, np.gradient(position, time), -40 * deflection, deflection])
+    lines = [",".join(f"{value:.18e}" for value in row) for row in rows]
+    return "\n".join(["t,position,velocity,effort,deflection", *lines, ""]).encode()
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of the browser; without one the test is skipped, or fails when one is required."""
+    found = next(
+        (
+            path
+            for name in ("chromium", "chromium-browser", "google-chrome")
+            if (path := shutil.which(name))
+        ),
+        None,
+    )
+    if found is None:
+        if os.environ.get("JOINTID_BROWSER") == "required":
+            pytest.fail("JOINTID_BROWSER=required, but there is no chromium on the PATH.")
+        pytest.skip("There is no chromium on the PATH.")
+    return found

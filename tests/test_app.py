@@ -1,0 +1,331 @@
+"""The app as a person clicks it, without a browser."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from jointid import Inertia, Study
+from jointid.study_files import pack_study
+from jointid.ui import workspace
+
+APP = Path(__file__).parents[1] / "app.py"
+TITLES = {
+    "pages/1_Records.py": "Records",
+    "pages/2_Phasors.py": "Phasors",
+    "pages/3_Transfer_matrix.py": "Transfer matrix",
+    "pages/4_Elasticity.py": "Elasticity",
+    "pages/8_Simulate.py": "Simulate a robot",
+    "pages/9_Import_a_log.py": "Import a log",
+}
+FIGURES = {
+    "pages/1_Records.py": 6,
+    "pages/2_Phasors.py": 2,
+    "pages/3_Transfer_matrix.py": 3,
+    "pages/4_Elasticity.py": 6,
+}
+"""How many figures each page shows of two joints."""
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    return AppTest.from_file(str(APP), default_timeout=60)
+
+
+def shown(at: AppTest) -> AppTest:
+    """The page, after making sure that nothing was raised."""
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def figures(at: AppTest) -> int:
+    return len(at.get("plotly_chart"))
+
+
+def metric(at: AppTest, name: str) -> tuple[float, float]:
+    value = next(m.value for m in at.metric if m.label.startswith(name))
+    number, _, error = value.partition(" ± ")
+    return float(number.replace("−", "-")), float(error.lstrip("<"))
+
+
+def repacked(study: Study, change: dict[str, bytes | None]) -> bytes:
+    """A study's zip with some files replaced, or left out."""
+    buffer = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(pack_study(study))) as old,
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as new,
+    ):
+        for name in old.namelist():
+            data = change.get(name, old.read(name))
+            if data is not None:
+                new.writestr(name, data)
+    return buffer.getvalue()
+
+
+def upload(at: AppTest, data: bytes, name: str = "mine.zip") -> AppTest:
+    at.file_uploader(key="uploaded").set_value((name, data, "application/zip"))
+    return shown(at.run())
+
+
+class TestFirstScreen:
+    def test_it_gives_the_answer_of_the_papers_study(self, app: AppTest) -> None:
+        at = shown(app.run())
+        assert at.title[0].value == "Test cell with 2 joint(s)"
+        for name, truth in {"K1": 43.0, "K2": 7.5, "D1": 0.10, "D2": 0.015}.items():
+            value, error = metric(at, name)
+            assert abs(value - truth) < 5 * error + 0.003 * truth, name
+        assert "2.0 times as stiff as the controller assumes" in at.subheader[0].value
+        assert figures(at) == 2
+
+    def test_it_says_where_the_study_comes_from(self, app: AppTest) -> None:
+        facts = " ".join(m.value for m in shown(app.run()).markdown)
+        for fact in ("simulated", "12 records", "2 joints", "3–29 Hz"):
+            assert fact in facts
+
+    @pytest.mark.parametrize(("key", "joints"), [("one joint", 1), ("three joints", 3)])
+    def test_it_suits_any_number_of_joints(self, app: AppTest, key: str, joints: int) -> None:
+        at = shown(app.run())
+        at = shown(at.selectbox(key="study").set_value(key).run())
+        expected = {f"{q}{j}" for q in "KD" for j in range(1, joints + 1)}
+        assert {m.label.split()[0] for m in at.metric} == expected
+        assert figures(at) == joints
+
+    def test_the_address_chooses_the_study(self, app: AppTest) -> None:
+        app.query_params["study"] = "three joints"
+        assert shown(app.run()).title[0].value == "Test cell with 3 joint(s)"
+
+    def test_an_address_of_a_study_that_is_gone_is_said(self, app: AppTest) -> None:
+        app.query_params["study"] = "long gone.zip"
+        at = shown(app.run())
+        assert any("long gone.zip" in info.value for info in at.info)
+        assert at.title[0].value == "Test cell with 2 joint(s)"
+
+    def test_without_samples_it_says_how_to_get_a_study(
+        self, app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(workspace, "SAMPLES", tmp_path / "nowhere")
+        at = shown(app.run())
+        assert at.title[0].value == "No study yet"
+
+
+@pytest.mark.parametrize("page", TITLES)
+class TestEveryPage:
+    def test_it_opens_alone(self, app: AppTest, page: str) -> None:
+        at = shown(app.switch_page(page).run())
+        assert at.title[0].value == TITLES[page]
+        assert not at.error
+        assert figures(at) == FIGURES.get(page, 0)
+
+    @pytest.mark.parametrize("key", ["one joint", "three joints"])
+    def test_it_suits_any_number_of_joints(self, app: AppTest, page: str, key: str) -> None:
+        app.query_params["study"] = key
+        at = shown(app.switch_page(page).run())
+        assert not at.error
+        assert at.selectbox(key="study").value == key
+
+
+class TestTheWayThrough:
+    def test_the_chosen_study_and_estimator_stay_from_page_to_page(self, app: AppTest) -> None:
+        at = shown(app.run())
+        at = shown(at.selectbox(key="study").set_value("three joints").run())
+        at = shown(at.selectbox(key="estimator").set_value("least-squares").run())
+        for page in FIGURES:
+            at = shown(at.switch_page(page).run())
+            assert at.selectbox(key="study").value == "three joints"
+            assert at.selectbox(key="estimator").value == "least-squares"
+        table = at.table[0].value
+        assert table.iloc[0, 0] == "least-squares"
+
+    def test_the_chosen_record_is_the_one_that_is_drawn(self, app: AppTest) -> None:
+        at = shown(app.switch_page("pages/1_Records.py").run())
+        first = at.get("plotly_chart")[0].proto.spec
+        at = shown(at.selectbox(key="record").set_value(7).run())
+        assert at.get("plotly_chart")[0].proto.spec != first
+
+    def test_a_record_that_the_next_study_does_not_have_is_no_problem(self, app: AppTest) -> None:
+        at = shown(app.switch_page("pages/1_Records.py").run())
+        at = shown(at.selectbox(key="record").set_value(11).run())
+        at = shown(at.selectbox(key="study").set_value("one joint").run())
+        assert at.selectbox(key="record").value in range(6)
+
+    def test_off_diagonal_elements_are_shown_as_a_pair(self, app: AppTest) -> None:
+        at = shown(app.switch_page("pages/3_Transfer_matrix.py").run())
+        at = shown(at.button_group(key="element").set_value("H12 and H21").run())
+        assert any("H12 and H21 must be equal" in caption.value for caption in at.caption)
+
+
+class TestOpeningAFile:
+    def test_a_study_of_ones_own(self, app: AppTest, studies: dict[int, Study]) -> None:
+        at = upload(shown(app.run()), pack_study(studies[1]))
+        assert at.title[0].value == "Test cell with 1 joint(s)"
+        assert at.selectbox(key="study").value == "mine.zip"
+        at = shown(at.switch_page("pages/4_Elasticity.py").run())
+        assert at.selectbox(key="study").value == "mine.zip"
+
+    def test_no_zip_is_refused_and_nothing_is_lost(self, app: AppTest) -> None:
+        at = upload(shown(app.run()), b"this is no archive")
+        assert len(at.error) == 1
+        assert "mine.zip was not opened" in at.error[0].value
+        assert at.title[0].value == "Test cell with 2 joint(s)"
+
+    def test_a_missing_column_is_named_and_the_data_stay_visible(
+        self, app: AppTest, studies: dict[int, Study]
+    ) -> None:
+        bad = b"time_s,theta_m1_rad\n0,0.1\n0.001,0.2\n0.002,0.3\n"
+        at = upload(shown(app.run()), repacked(studies[1], {"records/01.csv": bad}))
+        assert len(at.error) == 1
+        assert "tau_m1_Nm" in at.error[0].value
+        assert "records/01.csv" in at.error[0].value
+        frame = at.dataframe[0].value
+        assert list(frame["theta_m1_rad"]) == [0.1, 0.2, 0.3]
+        assert figures(at) == 2 + 1
+        at = shown(at.button(key="put_away").click().run())
+        assert not at.error
+        assert figures(at) == 2
+
+    def test_the_refusal_follows_to_other_pages(self, app: AppTest, studies: dict[int, Study]) -> None:
+        at = upload(shown(app.run()), repacked(studies[1], {"study.toml": b"format = 1\n"}))
+        at = shown(at.switch_page("pages/2_Phasors.py").run())
+        assert "mine.zip was not opened" in at.error[0].value
+        assert at.title[0].value == "Phasors"
+
+    def test_two_files_of_one_name_do_not_hide_each_other(
+        self, app: AppTest, studies: dict[int, Study]
+    ) -> None:
+        at = upload(shown(app.run()), pack_study(studies[1]))
+        at = upload(at, pack_study(studies[3]))
+        assert {"mine.zip", "mine.zip (2)"} <= set(at.selectbox(key="study").options)
+        assert at.title[0].value == "Test cell with 3 joint(s)"
+
+
+class TestAnalysisThatFails:
+    @pytest.fixture
+    def still(self, studies: dict[int, Study]) -> bytes:
+        """Joint 2 neither moves nor gets torque."""
+        study = studies[2]
+        change: dict[str, bytes | None] = {}
+        for number, record in enumerate(study.records, start=1):
+            zero = np.zeros_like(record.time_s)
+            columns = (record.time_s, record.theta_rad[:, 0], zero, record.tau_Nm[:, 0], zero)
+            rows = "\n".join(",".join(map(repr, map(float, row))) for row in zip(*columns, strict=True))
+            head = "time_s,theta_m1_rad,theta_m2_rad,tau_m1_Nm,tau_m2_Nm\n"
+            change[f"records/{number:02}.csv"] = (head + rows + "\n").encode()
+        # Uncoupled, so that nothing reaches joint 2.
+        toml = zipfile.ZipFile(io.BytesIO(pack_study(study))).read("study.toml").decode()
+        change["study.toml"] = toml.replace("0.000395", "0.0").encode()
+        return repacked(study, change)
+
+    def test_the_records_remain_visible(self, app: AppTest, still: bytes) -> None:
+        at = upload(shown(app.run()), still)
+        assert len(at.error) == 1
+        assert "2" in at.error[0].value
+        assert not at.metric
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        assert figures(at) >= 4
+
+    def test_springs_that_are_none_are_said_to_be_none(
+        self, app: AppTest, studies: dict[int, Study]
+    ) -> None:
+        right = studies[2].inertia
+        wrong = replace(studies[2], inertia=Inertia(0.5 * right.M, 2 * right.M2))
+        at = upload(shown(app.run()), pack_study(wrong))
+        at = shown(at.selectbox(key="estimator").set_value("least-squares").run())
+        assert "do not tell the stiffness" in at.subheader[0].value
+        assert any("K2 is negative" in box.value for box in at.error)
+        for page, count in FIGURES.items():
+            at = shown(at.switch_page(page).run())
+            assert figures(at) == count
+
+
+class TestSimulating:
+    @pytest.fixture
+    def form(self, app: AppTest) -> AppTest:
+        at = shown(app.switch_page("pages/8_Simulate.py").run())
+        at.number_input(key="sim_count").set_value(4)
+        at.number_input(key="sim_seconds").set_value(1.0)
+        at.text_input(key="sim_coulomb").set_value("0")
+        return at
+
+    def test_the_robot_becomes_a_study_and_its_springs_are_found(self, form: AppTest) -> None:
+        form.text_input(key="sim_K").set_value("30, 12")
+        at = shown(form.button[0].click().run())
+        assert not at.error
+        assert at.title[0].value.startswith("Simulated robot")
+        assert any("simulated" in m.value for m in at.markdown)
+        assert metric(at, "K1")[0] == pytest.approx(30, rel=0.02)
+        assert metric(at, "K2")[0] == pytest.approx(12, rel=0.02)
+
+    def test_one_joint(self, form: AppTest) -> None:
+        for key, value in {"K": "43", "D": "0.1", "M": "0.0025", "M2": "0.0041", "viscous": "0"}.items():
+            form.text_input(key=f"sim_{key}").set_value(value)
+        at = shown(form.button[0].click().run())
+        assert {m.label.split()[0] for m in at.metric} == {"K1", "D1"}
+
+    @pytest.mark.parametrize(
+        ("field", "value", "said"),
+        [
+            ("K", "43, -7.5", "must be positive"),
+            ("K", "43, soft", '"soft" is not a number'),
+            ("M", "0.0025", "M2 has shape"),
+            ("M2", "0.004, 0.0004; 0.0004", "rows have 2, 1 values"),
+            ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
+            ("coulomb", "1, 2, 3", "3 values for 2 joint(s)"),
+        ],
+    )
+    def test_what_is_no_robot_is_said_and_the_entries_stay(
+        self, form: AppTest, field: str, value: str, said: str
+    ) -> None:
+        form.text_input(key=f"sim_{field}").set_value(value)
+        at = shown(form.button[0].click().run())
+        assert len(at.error) == 1
+        assert said in at.error[0].value
+        assert at.text_input(key=f"sim_{field}").value == value
+
+
+class TestImportingALog:
+    @pytest.fixture
+    def page(self, app: AppTest, jittered_log: bytes) -> AppTest:
+        at = shown(app.switch_page("pages/9_Import_a_log.py").run())
+        at.file_uploader(key="log_file").set_value(("actuator.csv", jittered_log, "text/csv"))
+        return shown(at.run())
+
+    def test_columns_and_frequency_are_proposed(self, page: AppTest) -> None:
+        assert page.selectbox(key="import_time").value == "t"
+        assert page.selectbox(key="import_position_0").value == "position"
+        assert page.selectbox(key="import_torque_0").value == "effort"
+        frequency = next(w for w in page.number_input if w.label.startswith("Frequency"))
+        assert frequency.value == pytest.approx(1.0, abs=0.005)
+        assert figures(page) == 1
+
+    def test_it_becomes_a_study_of_one_record(self, page: AppTest) -> None:
+        page.text_input(key="import_M").set_value("0.001")
+        page.text_input(key="import_M2").set_value("0.002")
+        at = shown(page.button[0].click().run())
+        assert at.title[0].value == "actuator"
+        facts = " ".join(m.value for m in at.markdown)
+        assert "measured" in facts
+        assert "1 record" in facts
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        assert figures(at) == 3
+        at = shown(at.switch_page("pages/2_Phasors.py").run())
+        assert figures(at) == 2
+
+    def test_without_inertias_it_says_what_they_are_for(self, page: AppTest) -> None:
+        at = shown(page.button[0].click().run())
+        assert "inertias are missing" in at.error[0].value
+        assert figures(at) == 1
+
+    @pytest.mark.parametrize("data", [b"", b"\x00\x01\x02", b"hello", b"a,b\nx,y\n"])
+    def test_what_is_no_log_is_said(self, app: AppTest, data: bytes) -> None:
+        at = shown(app.switch_page("pages/9_Import_a_log.py").run())
+        at.file_uploader(key="log_file").set_value(("bad.csv", data, "text/csv"))
+        at = shown(at.run())
+        assert len(at.error) == 1
+        assert "bad.csv" in at.error[0].value

@@ -1,0 +1,88 @@
+"""A digest tells any two studies apart, however small the difference, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointid import Elasticity, Inertia, SineRecord, Study
+from jointid.digest import study_digest
+
+TIME = np.arange(4000) / 1000.0
+
+
+def study(**changes: object) -> Study:
+    record = SineRecord(
+        frequency_hz=3.0,
+        time_s=TIME,
+        theta_rad=np.sin(2 * np.pi * 3 * TIME)[:, None] * [1.0, 0.5],
+        tau_Nm=np.cos(2 * np.pi * 3 * TIME)[:, None] * [1.0, 0.5],
+        label="a",
+    )
+    made = Study(
+        records=(record,),
+        inertia=Inertia([0.0025, 0.001], [[0.004, 0.0004], [0.0004, 0.002]]),
+        nominal=Elasticity([20.0, 3.5], [0.1, 0.015]),
+        name="cell",
+        poses={"p": Inertia([0.0025, 0.001], [[0.005, 0.0004], [0.0004, 0.002]])},
+    )
+    return replace(made, **changes)
+
+
+def changed_record(**changes: object) -> Study:
+    record = study().records[0]
+    fields = ("frequency_hz", "time_s", "theta_rad", "tau_Nm", "torque_hold", "torque_delay_s")
+    kept = {name: getattr(record, name) for name in (*fields, "start_s", "pose", "label")}
+    return study(records=(SineRecord(**(kept | changes)),))
+
+
+def nudged(array: np.ndarray, index: int) -> np.ndarray:
+    copy = array.copy()
+    copy[index] = np.nextafter(copy[index], np.inf)
+    return copy
+
+
+def test_equal_studies_share_it() -> None:
+    assert study_digest(study()) == study_digest(study())
+
+
+def test_any_single_difference_changes_it() -> None:
+    record = study().records[0]
+    others = [
+        study(name="cel"),
+        study(description="x"),
+        study(origin="measured"),
+        study(nominal=None),
+        study(nominal=Elasticity([20.0, 3.5], [0.1, 0.0150001])),
+        study(inertia=Inertia([0.0025, 0.001], [[0.004, 0.0005], [0.0005, 0.002]])),
+        study(poses={}),
+        study(poses={"q": study().poses["p"]}),
+        study(records=study().records * 2),
+        changed_record(frequency_hz=3.0000001),
+        changed_record(torque_hold=True),
+        changed_record(torque_delay_s=1e-6),
+        changed_record(start_s=0.0),
+        changed_record(pose="p"),
+        changed_record(label="b"),
+        changed_record(time_s=TIME + 1.0),
+        changed_record(theta_rad=nudged(record.theta_rad, 2717)),
+        changed_record(tau_Nm=nudged(record.tau_Nm, 3999)),
+        changed_record(theta_rad=record.tau_Nm, tau_Nm=record.theta_rad),
+    ]
+    digests = [study_digest(s) for s in (study(), *others)]
+    assert len(set(digests)) == len(digests)
+
+
+@pytest.mark.parametrize(("first", "second"), [(("ab", "c"), ("a", "bc")), (("", "x"), ("x", ""))])
+def test_texts_do_not_run_into_each_other(first: tuple[str, str], second: tuple[str, str]) -> None:
+    one, two = (study(name=n, description=d) for n, d in (first, second))
+    assert study_digest(one) != study_digest(two)
+
+
+def test_the_layout_in_memory_does_not_matter() -> None:
+    record = study().records[0]
+    assert study_digest(
+        changed_record(theta_rad=np.ascontiguousarray(record.theta_rad))
+    ) == study_digest(study())

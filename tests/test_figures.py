@@ -1,0 +1,238 @@
+"""Figures show what the results hold: values, units, uncertainty, one colour per meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from jointid import Analysis, Inertia, JointIdError, SineRecord, Study, analyse, motor_response
+from jointid.figures import (
+    dynamic_stiffness,
+    element_response,
+    model_over_measurement,
+    phasor_plane,
+    raw_columns,
+    single_record,
+    spectra,
+    torque_condition,
+    unexplained_torque,
+    waveforms,
+)
+from jointid.figures.style import DARK, LIGHT, frequency_axis
+from jointid.figures.waveforms import thinned
+
+
+@pytest.fixture(scope="module")
+def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
+    return {n: analyse(study, method="weighted") for n, study in studies.items()}
+
+
+def every_figure(analysis: Analysis, dark: bool) -> dict[str, go.Figure]:
+    study, last = analysis.study, analysis.study.inertia.n - 1
+    record = study.records[3]
+    return {
+        "waveforms": waveforms(record, last, dark=dark),
+        "spectra": spectra(record, last, dark=dark),
+        "phasors": phasor_plane(analysis.phasors, chosen=1, dark=dark),
+        "torque phasors": phasor_plane(analysis.phasors, torque=True, dark=dark),
+        "element": element_response(analysis, last, 0, dark=dark),
+        "single": single_record(analysis, last, dark=dark),
+        "small": model_over_measurement(analysis, last, dark=dark),
+        "condition": torque_condition(analysis.transfer_matrices[""], dark=dark),
+        "stiffness": dynamic_stiffness(analysis.fit, last, study.nominal, dark=dark),
+        "unexplained": unexplained_torque(analysis.fit, last, dark=dark),
+    }
+
+
+def trace(figure: go.Figure, name: str, which: int = 0) -> Any:
+    found = [t for t in figure.data if t.name == name]
+    assert found, [t.name for t in figure.data]
+    return found[which]
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+@pytest.mark.parametrize("dark", [False, True])
+def test_every_figure_names_its_axes_with_units_and_its_meanings_once(
+    analyses: dict[int, Analysis], joints: int, dark: bool
+) -> None:
+    for name, figure in every_figure(analyses[joints], dark).items():
+        layout = figure.to_dict()["layout"]
+        axes = [axis for key, axis in layout.items() if key.startswith(("xaxis", "yaxis"))]
+        for axis in axes:
+            text = axis["title"]["text"]
+            assert "(" in text or text.startswith("Condition"), (name, text)
+        legend = [t.name for t in figure.data if t.showlegend is not False]
+        assert len(legend) == len(set(legend)), (name, legend)
+        ink = DARK if dark else LIGHT
+        for t in figure.data:
+            colour = t.marker.color if "markers" in t.mode else t.line.color
+            assert colour in (ink.measured, ink.nominal, ink.identified, ink.quiet), name
+            if t.name.startswith("nominal"):
+                assert colour == ink.nominal
+            if t.name.startswith(("identified", "fitted")):
+                assert colour == ink.identified
+
+
+def test_measured_points_and_model_of_h_are_those_of_the_analysis(analyses: dict[int, Analysis]) -> None:
+    analysis = analyses[2]
+    figure = element_response(analysis, 1, 1)
+    matrix = analysis.transfer_matrices[""]
+    points = trace(figure, "measured H₂₂")
+    np.testing.assert_allclose(points.y, np.abs(matrix.H[:, 1, 1]))
+    np.testing.assert_allclose(points.x, matrix.omega / (2 * np.pi))
+    np.testing.assert_allclose(points.error_y.array, matrix.standard_deviation[:, 1, 1] / np.sqrt(2))
+    model = trace(figure, "identified model")
+    H = motor_response(2 * np.pi * model.x, analysis.study.inertia, analysis.fit.elasticity)
+    np.testing.assert_allclose(model.y, np.abs(H[:, 1, 1]))
+    phase = trace(figure, "identified model", 1)
+    np.testing.assert_allclose(np.exp(1j * np.radians(phase.y)), np.exp(1j * np.angle(H[:, 1, 1])))
+
+
+@pytest.mark.parametrize(("i", "j"), [(0, 0), (1, 1), (0, 1)])
+def test_phases_stay_on_the_branch_of_the_model(analyses: dict[int, Analysis], i: int, j: int) -> None:
+    figure = element_response(analyses[2], i, j)
+    model = [t for t in figure.data if t.name == "identified model"][1]
+    measured = [t for t in figure.data if t.name.startswith("measured")]
+    assert np.abs(np.diff(model.y)).max() < 90
+    for points in (t for t in measured if t.yaxis == "y2"):
+        near = np.interp(np.log(points.x), np.log(model.x), model.y)
+        assert np.abs(points.y - near).max() < 30
+
+
+def test_an_off_diagonal_element_comes_with_its_mirror_image(analyses: dict[int, Analysis]) -> None:
+    figure = element_response(analyses[2], 0, 1)
+    one, other = trace(figure, "measured H₁₂"), trace(figure, "measured H₂₁")
+    assert one.marker.symbol != other.marker.symbol
+    np.testing.assert_allclose(one.y, other.y, rtol=0.05)
+
+
+def test_single_records_show_every_record_once_on_the_scale_of_h(analyses: dict[int, Analysis]) -> None:
+    analysis = analyses[2]
+    figure = single_record(analysis, 0)
+    phasors = analysis.phasors
+    shown = np.concatenate([t.y for t in figure.data if t.name.startswith("record") and t.yaxis != "y2"])
+    expected = np.abs(-(phasors.omega**2) * phasors.q[:, 0] / phasors.tau[:, 0])
+    np.testing.assert_allclose(np.sort(shown), np.sort(expected))
+    assert figure.layout.yaxis.range == element_response(analysis, 0, 0).layout.yaxis.range
+
+
+def test_dynamic_stiffness_is_flat_at_k_and_rises_with_omega_d(analyses: dict[int, Analysis]) -> None:
+    fit = analyses[2].fit
+    figure = dynamic_stiffness(fit, 0)
+    flat, rising = trace(figure, "identified"), trace(figure, "identified", 1)
+    np.testing.assert_allclose(flat.y, fit.K[0])
+    np.testing.assert_allclose(rising.y, 2 * np.pi * rising.x * fit.D[0])
+    points = trace(figure, "each record")
+    pull = (points.y - fit.K[0]) / points.error_y.array
+    # Two numbers of twelve records are fitted; the bars must be those of the scatter.
+    assert 0.3 < np.sqrt(np.mean(pull**2)) < 2.5
+
+
+def test_ticks_are_those_of_the_house() -> None:
+    axis = frequency_axis(np.array([3.0, 30.0]))
+    low, high = 10 ** np.array(axis["range"])
+    assert [t for t in axis["ticktext"] if low <= float(t) <= high] == ["3", "5", "10", "20", "30"]
+    assert axis["type"] == "log"
+
+
+def test_phase_ticks_are_every_90_degrees(analyses: dict[int, Analysis]) -> None:
+    axis = element_response(analyses[2], 0, 0).layout.yaxis2
+    assert (axis.dtick, axis.tick0) == (90, 0)
+
+
+def test_waveforms_show_the_samples_and_the_fitted_sine(studies: dict[int, Study]) -> None:
+    record = studies[2].records[0]
+    fitted = np.column_stack([record.theta_rad, record.tau_Nm]) + 1.0
+    figure = waveforms(record, 1, fitted, periods=2.0)
+    last = int(np.searchsorted(record.time_s, 2 / record.frequency_hz)) + 1
+    for logged, sine, signal in zip(
+        [t for t in figure.data if t.name == "logged"],
+        [t for t in figure.data if t.name == "fitted sine"],
+        (record.theta_rad[:, 1], record.tau_Nm[:, 1]),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(logged.y, signal[:last])
+        np.testing.assert_array_equal(sine.y, signal[:last] + 1.0)
+
+
+def test_rows_that_are_not_used_are_marked() -> None:
+    time = np.arange(2000) / 500.0
+    record = SineRecord(2.0, time, np.sin(12.566 * time), np.sin(12.566 * time), start_s=1.5)
+    shapes = waveforms(record, 0).layout.shapes
+    assert [(s.x0, s.x1) for s in shapes] == [(0.0, 1.5)]
+    assert not waveforms(record, 0, periods=3).layout.shapes
+    assert waveforms(record, 0, periods=3).data[0].x[0] == 1.5
+
+
+def test_the_spectrum_peaks_at_the_marked_excitation(studies: dict[int, Study]) -> None:
+    record = studies[2].records[4]
+    figure = spectra(record, 0)
+    peak = figure.data[0].x[np.argmax(figure.data[0].y)]
+    assert peak == pytest.approx(record.frequency_hz, rel=0.1)
+    assert figure.layout.shapes[0].x0 == record.frequency_hz
+
+
+def test_thinning_loses_no_spike() -> None:
+    x = np.arange(1_000_003.0)
+    y = np.sin(x / 1e4)
+    y[[777_777, 123_456]] = 9.0, -9.0
+    few_x, few_y = thinned(x, y)
+    assert few_y.size <= 2002
+    assert (few_y.max(), few_y.min()) == (9.0, -9.0)
+    assert few_x[np.argmax(few_y)] == 777_777
+    assert np.all(np.diff(few_x) >= 0)
+
+
+def test_raw_columns_show_also_what_is_no_record() -> None:
+    columns = {"t": np.arange(5.0), "a": np.array([1.0, np.nan, 3.0, 4.0, 5.0]), "b": np.zeros(5)}
+    figure = raw_columns(columns)
+    assert [t.name for t in figure.data] == ["a", "b"]
+    alone = raw_columns({"only": np.arange(4.0)})
+    np.testing.assert_array_equal(alone.data[0].x, np.arange(4.0))
+    with pytest.raises(JointIdError, match="no column"):
+        raw_columns({})
+
+
+def no_spring(analysis: Analysis) -> Analysis:
+    """The same records with inertias so wrong that K2 comes out negative."""
+    right = analysis.study.inertia
+    wrong = Inertia(0.5 * right.M, 2 * right.M2)
+    study = Study(analysis.study.records, wrong, nominal=analysis.study.nominal)
+    return analyse(study, method="least-squares")
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda a: element_response(a, 0, 0),
+        lambda a: single_record(a, 0),
+        lambda a: model_over_measurement(a, 0),
+        lambda a: dynamic_stiffness(a.fit, 0, a.study.nominal),
+        lambda a: unexplained_torque(a.fit, 0),
+    ],
+)
+def test_an_estimate_that_is_no_spring_still_shows_the_measurement(
+    analyses: dict[int, Analysis], draw: Callable[[Analysis], go.Figure]
+) -> None:
+    analysis = no_spring(analyses[2])
+    with pytest.raises(JointIdError):
+        _ = analysis.fit.elasticity
+    figure = draw(analysis)
+    assert any("markers" in t.mode and len(t.x) for t in figure.data)
+    assert not any(t.name == "identified model" for t in figure.data)
+
+
+def test_a_joint_at_rest_breaks_no_figure(studies: dict[int, Study]) -> None:
+    study = studies[2]
+    quiet = np.array([1.0, 0.0])
+    records = [
+        SineRecord(r.frequency_hz, r.time_s, r.theta_rad * quiet, r.tau_Nm * quiet)
+        for r in study.records
+    ]
+    analysis = analyse(Study((*study.records, *records), study.inertia), method="weighted")
+    for figure in every_figure(analysis, dark=False).values():
+        assert figure.data

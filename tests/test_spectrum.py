@@ -1,0 +1,47 @@
+"""A sine is found where it is, with its amplitude."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from jointid import JointIdError
+from jointid.spectrum import amplitude_spectrum, largest_line_hz
+
+
+@settings(derandomize=True, max_examples=60)
+@given(st.floats(0.9, 40.0), st.floats(0.0, 6.28), st.floats(-5.0, 5.0), st.floats(-1.0, 1.0))
+def test_the_largest_line_is_the_sine_also_on_a_drift(
+    frequency: float, phase: float, offset: float, drift: float
+) -> None:
+    time = np.arange(2000) / 200.0
+    signal = np.sin(2 * np.pi * frequency * time + phase) + offset + drift * time
+    assert largest_line_hz(time, signal) == pytest.approx(frequency, abs=0.02)
+
+
+def test_the_amplitude_is_that_of_the_sine() -> None:
+    time = np.arange(1000) / 100.0
+    frequency, amplitude = amplitude_spectrum(time, 0.3 * np.sin(2 * np.pi * 5 * time))
+    assert frequency[np.argmax(amplitude)] == pytest.approx(5.0)
+    assert amplitude.max() == pytest.approx(0.3, rel=0.01)
+
+
+def test_jitter_does_not_hide_the_sine() -> None:
+    rng = np.random.default_rng(2)
+    time = np.arange(1000) / 100.0 + rng.uniform(0, 0.7e-3, 1000)
+    assert largest_line_hz(time, np.sin(2 * np.pi * time)) == pytest.approx(1.0, abs=0.01)
+
+
+def test_what_does_not_move_has_no_frequency() -> None:
+    time = np.arange(100) / 100.0
+    with pytest.raises(JointIdError, match="does not move"):
+        largest_line_hz(time, np.zeros(100))
+
+
+def test_a_few_samples_have_no_spectrum() -> None:
+    with pytest.raises(JointIdError, match="at least 8 samples"):
+        amplitude_spectrum(np.arange(5.0), np.arange(5.0))
+    with pytest.raises(JointIdError, match="over 0 s"):
+        amplitude_spectrum(np.zeros(20), np.arange(20.0))
