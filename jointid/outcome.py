@@ -244,7 +244,7 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
 def millimetres(length_m: float) -> str:
     """Write a path error for a person, "2.9 mm"; what the simulation does not resolve is not shown."""
     if length_m < _SMALLEST_SHOWN_M:
-        return f"below {significant(1e3 * _SMALLEST_SHOWN_M, 1)} mm"
+        return f"under {significant(1e3 * _SMALLEST_SHOWN_M, 1)} mm"
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"
 
 
