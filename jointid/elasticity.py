@@ -58,7 +58,7 @@ class Candidate:
     parameters: int
     """Real numbers fitted, the free shapes of friction included."""
     criterion: float
-    """Schwarz's information criterion, cost over the best model's misfit."""
+    """Information criterion, 2 · cost over the best model's misfit + penalty; the least is chosen."""
     chosen: bool
 
 
@@ -233,14 +233,22 @@ def _attempt(
 def _criteria(
     tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], phasors: Phasors
 ) -> dict[_Choice, float]:
-    """Schwarz's criterion, 2·cost + parameters · ln(rows), cost over the best model's misfit."""
+    """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
+
+    Schwarz's penalty ln(rows) for what is asked for (K, D, friction, delay); Akaike's 2 for the free
+    shapes of the reversals, of which there are many and none matters by itself.
+    """
     fitted = [e for e in tried.values() if isinstance(e, LikelihoodEstimate)]
     misfit = min((e.cost / e.expected_cost for e in fitted if e.expected_cost > 0), default=1.0)
-    penalty = np.log(2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]))
+    rows = 2 * np.count_nonzero(phasors.harmonics[..., : phasors.n])
     return {
         choice: np.inf
         if isinstance(estimate, JointIdError)
-        else float(2 * estimate.cost / max(1.0, misfit) + estimate.parameters * penalty)
+        else float(
+            2 * estimate.cost / max(1.0, misfit)
+            + np.log(rows) * estimate.p.size
+            + 2 * (estimate.parameters - estimate.p.size)
+        )
         for choice, estimate in tried.items()
     }
 

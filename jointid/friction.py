@@ -61,41 +61,45 @@ def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
     standing = share > 0.5
 
     carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
-    coulomb = np.zeros((r, H, n), complex)
+    signs = np.sign(velocity)
     reversals = []
     for record in range(r):
-        free = []
+        free = [np.zeros((0, H, n), complex)]
         for joint in range(n):
             if standing[record, joint]:
                 shapes = np.concatenate([np.eye(H), 1j * np.eye(H)])
+                signs[record, joint] = 0
             else:
                 threshold = share[record, joint] * largest[record, joint] if window > 0 else 0.0
-                sign, bumps = _sliding(velocity[record, joint], threshold, int(carried[record]))
-                coulomb[record, :, joint] = sign @ to_phasor
-                shapes = bumps @ to_phasor
+                shapes = _free_shapes(
+                    velocity[record, joint],
+                    signs[record, joint],
+                    threshold,
+                    to_phasor,
+                    int(carried[record]),
+                )
             placed = np.zeros((len(shapes), H, n), complex)
             placed[:, :, joint] = shapes
             free.append(placed)
         reversals.append(np.concatenate(free))
-    return FrictionWaveforms(coulomb, tuple(reversals), standing)
+    return FrictionWaveforms((signs @ to_phasor).swapaxes(1, 2), tuple(reversals), standing)
 
 
-def _sliding(velocity: Floats, threshold: float, harmonics: int) -> tuple[Floats, Floats]:
-    """Sign of the velocity outside the reversals; hat functions (m, grid) that span each reversal."""
+def _free_shapes(
+    velocity: Floats, sign: Floats, threshold: float, to_phasor: Complexes, harmonics: int
+) -> Complexes:
+    """Phasors (m, H) of hats that span each reversal; puts the jump of ``sign`` in its middle."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
     direction = np.sign(velocity[slides])
-    sign = np.sign(velocity)
-    bumps: list[Floats] = []
     following = np.roll(slides, -1)
+    shapes = [np.zeros((0, to_phasor.shape[1]), complex)]
     for at in np.flatnonzero(direction != np.roll(direction, -1)):
         length = int((following[at] - slides[at]) % _GRID)
-        inside = (slides[at] + np.arange(length + 1)) % _GRID
-        sign[inside] = np.where(np.arange(length + 1) < length / 2, direction[at], -direction[at])
-        if threshold == 0:
-            continue
-        pieces = int(np.ceil(_HATS_PER_HARMONIC * harmonics * length / _GRID))
-        hats = 1 - np.abs(np.arange(length + 1) * pieces / length - np.arange(pieces + 1)[:, None])
-        bump = np.zeros((pieces + 1, _GRID))
-        bump[:, inside] = np.maximum(hats, 0)
-        bumps.append(bump)
-    return sign, np.concatenate(bumps) if bumps else np.zeros((0, _GRID))
+        steps = np.arange(length + 1)
+        inside = (slides[at] + steps) % _GRID
+        sign[inside] = np.where(steps < length / 2, direction[at], -direction[at])
+        if threshold > 0:
+            pieces = int(np.ceil(_HATS_PER_HARMONIC * harmonics * length / _GRID))
+            hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])
+            shapes.append(np.maximum(hats, 0) @ to_phasor[inside])
+    return np.concatenate(shapes)

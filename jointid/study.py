@@ -97,7 +97,7 @@ class Analysis:
     transfer_matrices: Mapping[str, TransferMatrix]
     """Equations (16)-(18) by pose, "" being records without one; a pose that allows none is missing."""
     freed_transfer_matrices: Mapping[str, TransferMatrix]
-    """The same from torques freed of the friction and delay that ``fit`` found: what M, M2, K and D make."""
+    """The same from torques freed of the friction and delay that ``fit`` found."""
     transfer_problem: str
     """Why a pose has no transfer matrix, with the remedy; empty when every pose has one."""
     fit: ElasticityFit
