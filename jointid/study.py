@@ -14,7 +14,7 @@ from jointid.joints import Elasticity, Inertia
 from jointid.phasors import Phasors, extract_phasors
 from jointid.records import SineRecord
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
-from jointid.verdict import Finding, findings
+from jointid.verdict import Evidence, Finding, findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,16 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
         transfer_problem=problem,
         fit=fits[method],
         fits=MappingProxyType(fits),
-        findings=findings(phasors, fits[method], transfer_matrices),
+        findings=findings(
+            Evidence(
+                records=study.records,
+                inertias=study.inertias,
+                phasors=phasors,
+                fit=fits[method],
+                paper=fits["least-squares"],
+                transfer_matrices=transfer_matrices,
+            )
+        ),
     )
 
 

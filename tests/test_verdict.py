@@ -109,6 +109,6 @@ def test_reversed_torque_is_a_problem() -> None:
 
 def test_frequency_without_transfer_matrix_is_mentioned() -> None:
     analysis = analysed(sound()[:-1], method="weighted")
-    found = [f for f in unsound(analysis) if "transfer matrix" in f.title]
+    found = [f for f in analysis.findings if "transfer matrix" in f.title]
     assert len(found) == 1
     assert "28.9 Hz" in found[0].detail

@@ -1,0 +1,100 @@
+"""What the rules of the verdict look at, and what they say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.elasticity import ElasticityFit
+from jointid.joints import Inertia
+from jointid.phasors import Phasors
+from jointid.records import SineRecord
+from jointid.transfer_matrix import TransferMatrix
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing found in the data, with its figure and its remedy."""
+
+    level: str
+    """"problem" (the answer is not usable), "warning" (it is worse than it looks), "good" (nothing is to
+    mend; says what limits the answer) or "note" (worth knowing; the answer already allows for it)."""
+    title: str
+    """The finding as a short sentence."""
+    detail: str
+    """The figure behind it, and where."""
+    remedy: str
+    """What to do; empty when nothing needs doing."""
+    weight: float
+    """How much it changes the answer, for the order: from 100 for problems, from 10 for warnings, 5 for
+    "good", from 0 for notes; on top of that the relative change in K or D, as far as it is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One analysis, as the rules see it."""
+
+    records: tuple[SineRecord, ...]
+    inertias: Sequence[Inertia]
+    """Inertia of each record."""
+    phasors: Phasors
+    fit: ElasticityFit
+    """The chosen estimate."""
+    paper: ElasticityFit
+    """The paper's least squares on the same records."""
+    transfer_matrices: Mapping[str, TransferMatrix]
+    """By pose."""
+
+    @property
+    def poses(self) -> tuple[str, ...]:
+        """Pose of each record, "" being none."""
+        return tuple(record.pose or "" for record in self.records)
+
+    @property
+    def frequency_hz(self) -> Floats:
+        """Frequency of each record, shape (r,)."""
+        return np.asarray(self.phasors.omega / (2 * np.pi))
+
+    def of_pose(self, pose: str) -> tuple[np.ndarray, Inertia]:
+        """Indices of a pose's records, and its inertia."""
+        index = np.array([i for i, name in enumerate(self.poses) if name == pose], int)
+        return index, self.inertias[int(index[0])]
+
+
+def problem(title: str, detail: str, remedy: str, effect: float) -> Finding:
+    """Return a finding that makes the answer useless."""
+    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect))
+
+
+def warning(title: str, detail: str, remedy: str, effect: float) -> Finding:
+    """Return a finding that changes the answer by ``effect``, relative, in a way the error bars hide."""
+    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect))
+
+
+def note(title: str, detail: str, remedy: str, effect: float) -> Finding:
+    """Return a finding that the answer allows for already; without it, it would change by ``effect``."""
+    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)))
+
+
+def good(title: str, detail: str) -> Finding:
+    """Return the finding that nothing is to mend."""
+    return Finding("good", title, detail, "", 5.0)
+
+
+def percent(share: float) -> str:
+    """Write a share in percent with two digits, more below a tenth of a percent."""
+    value = 100 * abs(share)
+    return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
+
+
+def some(names: Sequence[str], at_most: int = 3) -> str:
+    """List a few names, and how many more there are."""
+    more = f" and {len(names) - at_most} more" if len(names) > at_most else ""
+    return ", ".join(names[:at_most]) + more
+
+
+def _bounded(effect: float) -> float:
+    return float(np.clip(np.nan_to_num(effect, nan=0.0, posinf=80.0), 0.0, 80.0))

@@ -1,0 +1,248 @@
+"""Does the model hold? What it predicts where it was not fitted, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.elasticity import ElasticityFit, identify_elasticity
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia, motor_response
+from jointid.phasors import Phasors
+from jointid.transfer_matrix import estimate_transfer_matrix
+
+
+def freed_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
+    """The fundamentals with the torque freed from the friction and delay that the fit found.
+
+    Returns
+    -------
+    Phasors
+        Without harmonics: those of friction are gone, and the springs have none.
+    """
+    equations, n = fit.equations, fit.n
+    z = np.linalg.solve(
+        np.concatenate([equations.of_a, equations.of_b], axis=1),
+        np.concatenate([equations.a, equations.b], axis=1)[..., None],
+    )[..., 0]
+    return replace(
+        phasors,
+        q=z[:, :n],
+        tau=z[:, n:],
+        harmonics=z[:, None],
+        harmonic_covariance=phasors.covariance[:, None],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """H at frequencies that K and D were not fitted to, measured and predicted."""
+
+    omega: Floats
+    """Frequencies left out, shape (f,), rad/s."""
+    measured: Complexes
+    """Equations (17)-(18), friction and delay taken off as the fit found them, shape (f, n, n)."""
+    predicted: Complexes
+    """Equation (16) with K and D of the other frequencies, shape (f, n, n)."""
+    relative_error: Floats
+    """|measured − predicted| over |measured|, Frobenius norms, shape (f,)."""
+    score: Floats
+    """Squared deviation over what the errors of H and of K and D explain, shape (f,); about 1."""
+    estimates: tuple[Elasticity, ...]
+    """K and D of each fold."""
+
+    @property
+    def misfit(self) -> float:
+        """Mean score: about 1 when the model holds and the noise is as stated."""
+        return float(self.score.mean())
+
+
+def predict_left_out(
+    phasors: Phasors, inertia: Inertia, fit: ElasticityFit, *, folds: int = 2
+) -> Prediction:
+    """Fit K and D to some frequencies and predict H at the others, until each was left out once.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        Of one pose, n or more records per frequency.
+    inertia : Inertia
+    fit : ElasticityFit
+        Of the same records. Its friction and delay are taken off first; K and D are found anew.
+    folds : int, default 2
+        Every ``folds``-th frequency is left out at a time.
+
+    Raises
+    ------
+    JointIdError
+        With fewer frequencies than twice the folds, or without any measured H.
+    """
+    free = freed_phasors(phasors, fit)
+    groups = free.by_frequency()
+    if not isinstance(folds, int) or folds < 2 or len(groups) < 2 * folds:
+        raise JointIdError(
+            f"{len(groups)} frequencies and folds = {folds!r}: each fold needs at least two "
+            "frequencies, and there must be two folds or more."
+        )
+    method = "weighted" if fit.method == "weighted" else "maximum-likelihood"
+    if fit.method in ("least-squares", "explicit"):
+        method = fit.method
+    inflation = max(1.0, fit.misfit)
+    rows, estimates = [], []
+    for fold in range(folds):
+        out = np.concatenate([group for _, group in groups[fold::folds]])
+        kept = np.setdiff1d(np.arange(free.omega.size), out)
+        part = identify_elasticity(free.select(kept), inertia, method=method)
+        estimates.append(part.elasticity)
+        matrix = estimate_transfer_matrix(free.select(out))
+        predicted = motor_response(matrix.omega, inertia, part.elasticity)
+        slope = _slope_of_response(matrix.omega, inertia, part.elasticity)
+        # Both errors grow with what the model leaves unexplained.
+        covariance = matrix.covariance * inflation
+        own = part.covariance * inflation / max(1.0, part.misfit)
+        covariance = covariance + slope @ own @ slope.conj().swapaxes(1, 2)
+        apart = (matrix.H - predicted).reshape(len(predicted), -1, 1)
+        floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
+        covariance += floor[:, None, None] * np.eye(apart.shape[1])
+        squares = (apart.conj() * np.linalg.solve(covariance, apart)).real.sum((1, 2))
+        size = np.linalg.norm(matrix.H, axis=(1, 2))
+        rows.append(
+            (matrix.omega, matrix.H, predicted, np.linalg.norm(apart[..., 0], axis=1) / size,
+             squares / apart.shape[1])
+        )  # fmt: skip
+    omega, measured, predicted, error, score = (np.concatenate(part) for part in zip(*rows, strict=True))
+    order = np.argsort(omega)
+    return Prediction(
+        omega[order], measured[order], predicted[order], error[order], score[order], tuple(estimates)
+    )
+
+
+def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) -> Complexes:
+    """Derivative of the elements of H by K1 ... Kn, D1 ... Dn, shape (f, n², 2n)."""
+    n, s = inertia.n, 1j * omega
+    H = motor_response(omega, inertia, elasticity)
+    # H⁻¹ = M + S⁻¹ with ∂S = −s² ∂spring/spring² gives ∂H = −s² (H S⁻¹) e eᵀ (S⁻¹ H) ∂spring/spring².
+    share = np.eye(n) - H * inertia.M  # H S⁻¹ = I − H M
+    other = np.eye(n) - inertia.M[:, None] * H
+    spring = elasticity.K + s[:, None] * elasticity.D
+    by_K = -np.einsum("fij,fjk,fj->fikj", share, other, (s**2)[:, None] / spring**2)
+    slope = np.concatenate([by_K, s[:, None, None, None] * by_K], axis=3)
+    return np.asarray(slope.reshape(omega.size, n * n, 2 * n))
+
+
+@dataclass(frozen=True, eq=False)
+class RecordResiduals:
+    """What K and D leave unexplained, record by record."""
+
+    labels: tuple[str, ...]
+    frequency_hz: Floats
+    """Shape (r,), Hz."""
+    relative: Floats
+    """Residual torque over spring torque of each joint, shape (r, n)."""
+    normalised: Floats
+    """Residual torque over what noise makes of it, shape (r, n); root mean square about 1."""
+
+    @property
+    def worst(self) -> tuple[int, int]:
+        """Record and joint of the largest normalised residual."""
+        record, joint = np.unravel_index(np.argmax(self.normalised), self.normalised.shape)
+        return int(record), int(joint)
+
+
+def record_residuals(phasors: Phasors, fit: ElasticityFit) -> RecordResiduals:
+    """Residuals of each record against their expected size."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.abs(fit.residual) / np.abs(fit.equations.spring_torque)
+        normalised = np.abs(fit.residual) / fit.residual_noise
+    return RecordResiduals(
+        labels=phasors.labels,
+        frequency_hz=phasors.omega / (2 * np.pi),
+        relative=np.nan_to_num(relative),
+        normalised=np.nan_to_num(normalised),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicContent:
+    """What stands at multiples of the excitation frequency: linear springs put nothing there."""
+
+    odd: Floats
+    """Amplitude of the odd harmonics from the third on over the fundamental, shape (r, 2n)."""
+    even: Floats
+    """The same for the even harmonics."""
+    significance: Floats
+    """Root mean square of the harmonics in units of their noise, shape (r, 2n); about 1 for noise."""
+
+
+def harmonic_content(phasors: Phasors) -> HarmonicContent:
+    """Distortion of angle and torque of every joint; odd is friction, even a lopsided load or play.
+
+    Raises
+    ------
+    JointIdError
+        When the phasors were extracted without harmonics.
+    """
+    above = phasors.harmonics[:, 1:]
+    if above.shape[1] < 2:
+        raise JointIdError(
+            "These phasors hold the fundamental alone: extract them with harmonics=3 or more."
+        )
+    known = np.any(above != 0, axis=2)
+    variance = np.abs(np.einsum("rhjj->rhj", phasors.harmonic_covariance[:, 1:]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        size = np.abs(phasors.harmonics[:, 0])
+        odd = np.linalg.norm(above[:, 1::2], axis=1) / size
+        even = np.linalg.norm(above[:, ::2], axis=1) / size
+        squares = np.where(known[..., None], np.abs(above) ** 2 / variance, 0.0)
+        significance = np.sqrt(squares.sum(axis=1) / known.sum(axis=1)[:, None])
+    return HarmonicContent(*(np.nan_to_num(x) for x in (odd, even, significance)))
+
+
+@dataclass(frozen=True, eq=False)
+class AmplitudeDependence:
+    """Whether the stiffness changes with the deflection, at frequencies with several amplitudes."""
+
+    deflection_rad: Floats
+    """Deflection amplitudes compared, smallest and largest, shape (n, 2), rad; NaN without any."""
+    change: Floats
+    """Relative change of stiffness from the smallest to the largest deflection, shape (n,)."""
+    standard_error: Floats
+    """Of ``change``, shape (n,); inf where no frequency has several amplitudes."""
+
+
+def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> AmplitudeDependence:
+    """Regress each record's stiffness on the logarithm of its deflection, frequency by frequency.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    ratio : float, default 1.3
+        A frequency counts when its deflections differ by at least this factor.
+    """
+    equations, n = fit.equations, fit.n
+    K = equations.stiffness.real
+    deflection = np.abs(equations.deflection)
+    inflation = max(1.0, fit.misfit)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = inflation * 0.5 * (fit.residual_noise / deflection) ** 2
+    ends = np.full((n, 2), np.nan)
+    change, error = np.zeros(n), np.full(n, np.inf)
+    _, group_of = np.unique(np.round(np.log(equations.omega), 9), return_inverse=True)
+    for j in range(n):
+        numerator, information, used = 0.0, 0.0, []
+        for group in range(group_of.max() + 1):
+            rows = np.flatnonzero((group_of == group) & (deflection[:, j] > 0))
+            if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
+                continue
+            x, w = np.log(deflection[rows, j]), 1 / np.maximum(variance[rows, j], 1e-300)
+            x = x - (w * x).sum() / w.sum()
+            numerator += float((w * x * K[rows, j]).sum())
+            information += float((w * x * x).sum())
+            used.extend(deflection[rows, j])
+        if used:
+            ends[j] = min(used), max(used)
+            span = np.log(ends[j, 1] / ends[j, 0]) / fit.K[j]
+            change[j], error[j] = span * numerator / information, abs(span) / np.sqrt(information)
+    return AmplitudeDependence(ends, change, error)
