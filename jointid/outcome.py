@@ -16,7 +16,8 @@ cut is always made by the example arm, and this file says which springs that arm
 
 The identified values are the best knowledge of the real robot. So the robot before has exactly these
 springs, and its servo the nominal ones. The robot after differs from the identified values as far as
-their covariance allows, while its servo assumes them.
+their covariance allows, while its servo assumes them. Both have the friction that the fit found, if it
+looked for any (in *relative* times the same factor), and the same everyday controller.
 """
 
 from __future__ import annotations
@@ -44,6 +45,10 @@ CUTTING_POINT_M = (1.15, 0.0)
 """Where the example arm cuts, and where its inertias are compared with a study's."""
 PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 """The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
+EVERYDAY_SERVO = Servo(
+    sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
+)
+"""A controller as there are many, this software's own choice; friction is not compensated."""
 SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two controllers that do not fit; this software's own choice."""
 
@@ -54,6 +59,16 @@ _DEMONSTRATED = np.array([0.005, 0.005, 0.025, 0.025])
 """Relative standard errors of K1, K2, D1, D2 of the demonstration: half of 1 % and of 5 %."""
 _SMALLEST_SHOWN_M = 1e-6
 """The simulated arm is exact to about 1 µm."""
+
+
+@dataclass(frozen=True)
+class CutFriction:
+    """Friction at the two motors, motor side."""
+
+    coulomb: tuple[float, ...]
+    """N·m."""
+    viscous: tuple[float, ...]
+    """N·m·s/rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +84,8 @@ class CutRobot:
     """Their covariance in the order K1, K2, D1, D2, shape (4, 4)."""
     nominal: Elasticity | None
     """What the study's controller assumes today; None when the study does not say."""
+    friction: CutFriction | None
+    """What the fit found at the motors; None when it did not look for any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +136,15 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
     if fit.n != 2:
         value = np.concatenate([PAPER.K, PAPER.D])
         arm = PlanarArm.example(drive or "parallelogram")
-        return CutRobot("demonstration", arm, PAPER, np.diag((_DEMONSTRATED * value) ** 2), None)
+        return CutRobot("demonstration", arm, PAPER, np.diag((_DEMONSTRATED * value) ** 2), None, None)
     identified = fit.elasticity
     matching = _matching_drive([study.inertia, *study.poses.values()])
     drive = drive or matching or "parallelogram"
     arm = PlanarArm.example(drive)
     if matching is not None:
         rule: Rule = "direct" if drive == matching else "springs"
-        return CutRobot(rule, arm, identified, fit.covariance, study.nominal)
+        friction = _friction(analysis, np.ones(2))
+        return CutRobot(rule, arm, identified, fit.covariance, study.nominal, friction)
     factor = PAPER.K / identified.K
     both = np.concatenate([factor, factor])
     return CutRobot(
@@ -135,6 +153,7 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
         _scaled(identified, factor),
         np.asarray(both[:, None] * fit.covariance * both),
         None if study.nominal is None else _scaled(study.nominal, factor),
+        _friction(analysis, factor),
     )
 
 
@@ -190,7 +209,8 @@ def cut_outcome(
     assumed : Elasticity or None
         What the servo assumed before, motor side; None is a rigid controller.
     servo, friction
-        As in :func:`~jointid.tracking.track`; the same before and after.
+        As in :func:`~jointid.tracking.track`; the same before and after. Left out: the everyday
+        controller, and no friction.
     samples : int
         Robots drawn from the fit's covariance.
     seed : int
@@ -201,7 +221,7 @@ def cut_outcome(
     JointIdError
         When a cut cannot be made: the path leaves the workspace, or the loop is unstable.
     """
-    identified = robot.elasticity
+    identified, servo = robot.elasticity, servo or EVERYDAY_SERVO
     before = track(robot.arm, toolpath, identified, assumed, servo=servo, friction=friction)
     edge, distribution, problem = identified, None, ""
     try:
@@ -238,7 +258,8 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
     robot = cut_robot(analysis)
     if robot.rule == "demonstration":
         return None
-    return cut_outcome(robot, rectangle(centre_m=CUTTING_POINT_M), robot.nominal)
+    path = rectangle(centre_m=CUTTING_POINT_M)
+    return cut_outcome(robot, path, robot.nominal, friction=robot.friction)
 
 
 def millimetres(length_m: float) -> str:
@@ -260,6 +281,15 @@ def _matching_drive(inertias: list[Inertia]) -> Drive | None:
             if max(rotors, links) <= _SAME_INERTIA:
                 return drive
     return None
+
+
+def _friction(analysis: Analysis, factor: Floats) -> CutFriction | None:
+    """Friction of the fit times a factor; what noise made negative counts as none."""
+    found = analysis.fit.friction
+    if found is None:
+        return None
+    coulomb, viscous = (factor * np.maximum(v, 0.0) for v in (found.coulomb, found.viscous))
+    return CutFriction(tuple(coulomb.tolist()), tuple(viscous.tolist()))
 
 
 def _scaled(elasticity: Elasticity, factor: Floats) -> Elasticity:

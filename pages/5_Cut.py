@@ -25,8 +25,10 @@ st.write(
     "where these are wrong, the cut is wrong."
 )
 st.latex(
-    r"\mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q} + \mathbf c(\mathbf q, \dot{\mathbf q}), "
-    r"\quad \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \quad \theta_j = q_j + x_j"
+    r"""\begin{gathered}
+    \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q} + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
+    \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
+    \end{gathered}"""
 )
 analysis = page.analysis()
 try:
@@ -40,7 +42,7 @@ name = nominal_name(settings.assumption)
 st.subheader(headline(outcome), anchor=False)
 show_rule(outcome.robot, page.study.inertia.n)
 show_animation(outcome, name, dark=page.dark)
-show_meaning(outcome)
+show_meaning(outcome, settings)
 
 st.subheader("Three corner zones", anchor=False)
 st.caption(
@@ -108,9 +110,9 @@ with st.expander("What the paper states, and what is our assumption"):
         "largest error of several millimetres with non-optimal parameters at the largest zone.\n\n"
         "**Our assumption**, because the paper prints none of it: link lengths, masses, gear ratios and "
         "inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); the law by "
-        "which the servo compensates the springs, and its feedback (10 Hz); the sizes of the zones (1, "
-        "5 and 10 mm) and how a corner is rounded; an acceleration of at most 15 m/s² and ramps of at "
-        "least 50 ms; which parameters were non-optimal.\n\n"
+        "which the servo compensates the springs, its feedback (10 Hz), rate, delay and encoders; the "
+        "sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an acceleration of at most "
+        "15 m/s² and ramps of at least 50 ms; which parameters were non-optimal.\n\n"
         "**Both robots are simulated.** The identified values are the best that is known of the real "
         "robot, so the robot before has exactly these springs. After the identification the servo has "
         "them too, and what is left is the uncertainty of the fit: the blue path is that of a robot at "

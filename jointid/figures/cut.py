@@ -16,7 +16,8 @@ _STRIDE = 4
 """Every millisecond is enough to look at."""
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""
-_LEVELS_MM = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+_MOST_LEVELS = 4
+_LEVELS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def path_error_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
@@ -164,25 +165,24 @@ def tolerance_heatmap(
     ink = colours(dark)
     x, y = tolerance.ratios_1, tolerance.ratios_2
     error = 1e3 * np.maximum(tolerance.max_contour_error_m.T, 1e-7)
-    levels = [v for v in _LEVELS_MM if error.min() < v < error.max()]
+    levels = [v for v in _LEVELS_MM if error.min() < v < error.max()][-_MOST_LEVELS:]
     low, high = float(np.log10(error.min())), float(np.log10(error.max()))
-    ticks = [v for v in (1e-3, *_LEVELS_MM, 10.0) if low - 0.05 <= np.log10(v) <= high + 0.05]
+    shades = ["#1B1B1B", "#6E6E6E"] if dark else ["#FFFFFF", "#B5B5B5"]
     hover = "K̂1/K1 = %{x:.4g}<br>K̂2/K2 = %{y:.4g}<br>%{customdata:.3g} mm<extra>path error</extra>"
     shared = {"x": x, "y": y, "z": np.log10(error), "customdata": error}
     traces: list[Trace] = [
         {
             "type": "heatmap",
-            "colorscale": "Greys" if dark else "Greys_r",
-            "reversescale": True,
-            "zmin": low,
-            "zmax": high + 0.6 * (high - low),
+            "colorscale": [[0.0, shades[0]], [1.0, shades[1]]],
+            "zmin": max(low, high - 2),
+            "zmax": high,
             "zsmooth": "best",
             "hovertemplate": hover,
             "showscale": False,
         }
         | shared
     ]
-    for level in levels or ticks:
+    for level in levels:
         traces.append(
             {
                 "type": "contour",
@@ -201,11 +201,9 @@ def tolerance_heatmap(
             | {key: shared[key] for key in ("x", "y", "z")}
         )
     traces += _ellipse(elasticity, covariance, ink.identified)
-    inside = False
     if assumed is not None:
         at = assumed.K / elasticity.K
-        inside = bool(x[0] <= at[0] <= x[-1] and y[0] <= at[1] <= y[-1])
-        if inside:
+        if x[0] <= at[0] <= x[-1] and y[0] <= at[1] <= y[-1]:
             traces.append(
                 points(
                     at[:1],
@@ -216,7 +214,7 @@ def tolerance_heatmap(
                     hovertemplate="K̂1/K1 = %{x:.3g}<br>K̂2/K2 = %{y:.3g}<extra>nominal</extra>",
                 )
             )
-    notes = [_level_note(x, y, np.log10(error), level, ink.measured) for level in levels or ticks]
+    notes = [_level_note(x, y, np.log10(error), level, ink.measured, shades[0]) for level in levels]
     return figure(
         traces,
         height=520,
@@ -252,7 +250,9 @@ def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str) -> list[Tr
     ]
 
 
-def _level_note(x: Floats, y: Floats, z: Floats, level: float, colour: str) -> dict[str, object] | None:
+def _level_note(
+    x: Floats, y: Floats, z: Floats, level: float, colour: str, paper: str
+) -> dict[str, object] | None:
     """Label of a contour, where it crosses the diagonal from the middle towards small ratios."""
     log_x, log_y = np.log(x), np.log(y)
     share = np.linspace(0.5, 0.02, 200)
@@ -275,7 +275,7 @@ def _level_note(x: Floats, y: Floats, z: Floats, level: float, colour: str) -> d
         "text": f"{level:g} mm",
         "showarrow": False,
         "font": {"size": 12, "color": colour},
-        "bgcolor": "rgba(128,128,128,0.25)",
+        "bgcolor": paper,
         "borderpad": 1,
     }
 

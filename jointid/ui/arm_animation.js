@@ -408,5 +408,5 @@ function reach(point, l1, l2) {
 }
 
 function millimetres(metres) {
-  return `${(1e3 * metres).toFixed(3)} mm`;
+  return metres < 1e-6 ? "<0.001 mm" : `${(1e3 * metres).toFixed(3)} mm`;
 }

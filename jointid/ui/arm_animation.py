@@ -26,13 +26,11 @@ _SPEEDS = {1.0: "true time", 0.5: "1/2", 0.2: "1/5", 0.1: "1/10", 0.05: "1/20"}
 
 _HTML = f"""
 <div class="cut-animation" tabindex="0" role="group"
-  aria-label="Animated cut. Space plays and pauses, arrow keys step.">
-  <div class="views">
-    <figure><figcaption>The arm, seen from above</figcaption>
-      <canvas class="arm" role="img" aria-label="The arm from above"></canvas></figure>
-    <figure><figcaption>The cut</figcaption>
-      <canvas class="cut" role="img"></canvas></figure>
-  </div>
+  aria-label="Animated cut. Space plays and pauses, arrow keys step."><div class="parts">
+  <figure class="whole"><figcaption>The arm, seen from above</figcaption>
+    <canvas class="arm" role="img" aria-label="The arm from above"></canvas></figure>
+  <figure class="near"><figcaption>The cut</figcaption>
+    <canvas class="cut" role="img"></canvas></figure>
   <div class="readout">
     <span>Time <span class="value time">0.000 s</span></span>
     <span><span class="key wanted"></span>wanted</span>
@@ -51,7 +49,7 @@ _HTML = f"""
       <input type="range" min="0" max="9" step="1" value="0"><output>× 1</output></label>
   </div>
   <div class="keys">Keys: space plays and pauses, ← → step by 1 %, ↑ ↓ by 10 %, Home, End.</div>
-</div>
+</div></div>
 """
 
 _component = st.components.v2.component(

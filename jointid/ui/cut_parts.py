@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from html import escape
 
@@ -58,7 +58,7 @@ def headline(outcome: Outcome) -> str:
     return f"Path error {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
 
 
-def show_meaning(outcome: Outcome) -> None:
+def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """What the two figures of the headline are."""
     if outcome.distribution is None:
         st.warning(f"What the identification promises is not known. {outcome.problem}")
@@ -80,10 +80,25 @@ def show_meaning(outcome: Outcome) -> None:
     st.caption(
         "Largest distance of the tool from the wanted path, simulated. Before: a robot with the "
         f"identified springs, K = {_three(outcome.robot.elasticity.K)} N·m/rad, whose servo "
-        f"{servo}. {promise}"
+        f"{servo}. {promise} {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
         st.warning("A motor torque was cut off at its limit.")
+
+
+def _conditions(settings: CutSettings) -> str:
+    """Controller and friction, the same before and after."""
+    encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
+    delay = f"{settings.delay_samples} sample{'' if settings.delay_samples == 1 else 's'}"
+    text = f"Both have a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}, "
+    if settings.friction is None:
+        return text + "and motors without friction."
+    what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m"
+    if settings.compensated:
+        return text + f"and {what}, which the servo compensates."
+    return (
+        text + f"and {what}, which the servo does not compensate and which leaves an error of its own."
+    )
 
 
 def _below(length_m: float) -> str:
@@ -91,7 +106,7 @@ def _below(length_m: float) -> str:
     return text if text.startswith("under") else f"below {text}"
 
 
-def _three(values: Floats) -> str:
+def _three(values: Iterable[float]) -> str:
     """Values with three digits."""
     return ", ".join(significant(float(value), 3) for value in values)
 
@@ -267,6 +282,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             arm = "the example arm" if outcome.robot.rule == "relative" else "an arm of these inertias"
             st.write(
                 f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated: with {servo}, and "
-                "with the identified values (95 of 100 robots within their uncertainty stay below)."
+                "with the identified values (95 of 100 robots within their uncertainty stay below). "
+                "The friction that was found acts in both."
             )
             st.page_link(CUT_PAGE, label="Watch the cut")

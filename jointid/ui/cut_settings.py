@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import streamlit as st
 
 from jointid import Elasticity
 from jointid.arm import Drive
-from jointid.outcome import CUTTING_POINT_M, Assumption, CutRobot
-from jointid.servo import MotorFrictionLike, Servo
+from jointid.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
+from jointid.servo import Servo
 from jointid.toolpath import Toolpath, rectangle
-from jointid.ui.numbers_in import numbers_in, numbers_out
+from jointid.ui.numbers_in import numbers_in
 
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
@@ -23,21 +22,17 @@ NOMINAL: dict[str, Assumption] = {
 }
 """Choices of the nominal controller, as a person reads them."""
 
+_FRICTION = ("As this study found", "None", "Custom")
+_DRIVES: dict[str, Drive | None] = {
+    "As this study": None,
+    "Parallelogram": "parallelogram",
+    "Serial": "serial",
+}
 _HINT = (
     "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
     "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times that. The paper does "
     "not say what its non-optimal parameters were; these are our choice."
 )
-
-
-@dataclass(frozen=True)
-class MotorFriction:
-    """Friction at the motors, the same in the robot and in the servo's compensation."""
-
-    coulomb: tuple[float, ...]
-    """N·m."""
-    viscous: tuple[float, ...]
-    """N·m·s/rad."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +49,8 @@ class CutSettings:
     rate_hz: float
     delay_samples: int
     encoder_bits: int
-    coulomb_Nm: tuple[float, ...]
+    friction: CutFriction | None
+    """Friction at the motors; None without."""
     compensated: bool
     drive: Drive
 
@@ -75,20 +71,14 @@ class CutSettings:
         )
 
     @property
-    def friction(self) -> MotorFriction | None:
-        """Friction at the motors; None without."""
-        return MotorFriction(self.coulomb_Nm, (0.0, 0.0)) if any(self.coulomb_Nm) else None
-
-    @property
     def servo(self) -> Servo:
         """Settings of the joint controllers."""
-        compensation: MotorFrictionLike | None = self.friction if self.compensated else None
         return Servo(
             sample_rate_hz=self.rate_hz,
             delay_samples=self.delay_samples,
             encoder_bits=self.encoder_bits or None,
             differentiated_velocity=self.encoder_bits > 0,
-            friction_compensation=compensation,
+            friction_compensation=self.friction if self.compensated else None,
         )
 
     def with_zone(self, zone_m: float) -> CutSettings:
@@ -135,8 +125,7 @@ def ask(robot: CutRobot) -> CutSettings:
             help="How far before a corner the tool begins to turn: the corner is rounded, so that it "
             "can be passed without stopping.",
         )
-    reference = robot.nominal or robot.elasticity
-    K, D = numbers_out(reference.K), numbers_out(reference.D)
+    K, D = "20, 3.5", "0.1, 0.015"
     if assumption == "custom":
         left, right = st.columns(2)
         K = left.text_input("Nominal K1, K2 (N·m/rad)", K, key="cut_K", bind="query-params")
@@ -150,46 +139,51 @@ def ask(robot: CutRobot) -> CutSettings:
             speed = _number("Speed (mm/s)", 300.0, (10.0, 1000.0), "speed")
         with two:
             st.markdown("**Controller**")
-            rate = _number("Control rate (Hz)", 4000.0, (500.0, 8000.0), "rate")
+            rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
             delay = _whole(
                 "Delay (samples)",
-                0,
+                EVERYDAY_SERVO.delay_samples,
                 (0, 5),
                 "delay",
                 "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
             )
             bits = _whole(
                 "Encoder (bits per turn), 0: ideal",
-                0,
+                EVERYDAY_SERVO.encoder_bits or 0,
                 (0, 24),
                 "bits",
                 "With an encoder, the velocity is the difference of two positions.",
             )
         with three:
             st.markdown("**Robot**")
-            coulomb = st.text_input(
-                "Coulomb friction (N·m)",
-                "0, 0",
-                key="cut_coulomb",
+            source = st.selectbox(
+                "Friction at the motors",
+                _FRICTION,
+                key="cut_friction",
                 bind="query-params",
-                help="At motors 1 and 2: constant, against the motion; a motor at rest sticks.",
+                help="Coulomb friction is constant, against the motion; a motor at rest sticks.",
             )
-            drives = get_args(Drive)
+            coulomb = "0.5, 0.25"
+            if source == "Custom":
+                coulomb = st.text_input(
+                    "Coulomb friction (N·m)", coulomb, key="cut_coulomb", bind="query-params"
+                )
             drive = st.selectbox(
                 "Drive",
-                drives,
-                index=drives.index(robot.arm.drive),
+                list(_DRIVES),
                 key="cut_drive",
                 bind="query-params",
                 help="Parallelogram: both motors sit on the base. Serial: motor 2 sits on link 1.",
             )
             compensated = st.checkbox(
                 "The servo compensates friction",
-                True,
                 key="cut_compensated",
                 bind="query-params",
-                help="It then knows the friction exactly.",
+                help="It then knows the friction exactly, before and after.",
             )
+    friction = {"As this study found": robot.friction, "None": None}.get(source)
+    if source == "Custom":
+        friction = CutFriction(numbers_in("Coulomb friction", coulomb, count=2), (0.0, 0.0))
     custom = assumption == "custom"
     return CutSettings(
         assumption=assumption,
@@ -202,9 +196,9 @@ def ask(robot: CutRobot) -> CutSettings:
         rate_hz=rate,
         delay_samples=int(delay),
         encoder_bits=int(bits) if bits >= 4 else 0,
-        coulomb_Nm=numbers_in("Coulomb friction", coulomb, count=2),
+        friction=friction,
         compensated=compensated,
-        drive=drive,
+        drive=_DRIVES[drive] or robot.arm.drive,
     )
 
 
