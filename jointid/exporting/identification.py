@@ -1,0 +1,173 @@
+"""What an identification found and how it was obtained: the part of an analysis that travels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from jointid.arrays import Floats, finite_array
+from jointid.digest import study_digest
+from jointid.elasticity import METHODS, Friction
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.study import Analysis
+
+
+@dataclass(frozen=True)
+class Obtained:
+    """How K and D were obtained: enough to obtain them again and to know the study again."""
+
+    version: str
+    """Version of this software."""
+    digest: str
+    """Fingerprint of the study to its last bit, see ``jointid.digest``."""
+    study: str
+    """Name of the study."""
+    origin: str
+    """"simulated", "measured", or empty when the study does not say."""
+    method: str
+    """Estimator asked for, one of ``jointid.elasticity.METHODS``."""
+    model: str
+    """What was fitted: "elasticity", with " + friction" and " + delay" where these were."""
+    free_reversal: float
+    """Share of the largest velocity below which friction was left free."""
+    records: int
+    """Number of records."""
+    frequencies_hz: tuple[float, ...]
+    """Their frequencies, ascending, each once, Hz."""
+    misfit: float
+    """What the equations leave over what the noise explains, about 1 when the model holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """K and D of n joints with all that is needed to use them elsewhere; motor side.
+
+    Raises
+    ------
+    JointIdError
+        When shapes disagree or a value is not finite.
+    """
+
+    K: Floats
+    """Stiffness, shape (n,), N·m/rad."""
+    D: Floats
+    """Damping, shape (n,), N·m·s/rad; negative when the data say so."""
+    covariance: Floats
+    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n)."""
+    friction: Friction | None
+    """Friction at the motors, when it was fitted."""
+    delay: float | None
+    """Lag of the torque beyond what the records state, s, when it was fitted."""
+    delay_error: float | None
+    """Its standard error, s."""
+    inertia: Inertia
+    """Inertia that was taken as known, for records without a pose."""
+    poses: dict[str, Inertia]
+    """Inertia of each named pose."""
+    nominal: Elasticity | None
+    """What the controller assumes today."""
+    obtained: Obtained
+
+    def __post_init__(self) -> None:
+        n = self.inertia.n
+        shapes = {"K": (n,), "D": (n,), "covariance": (2 * n, 2 * n)}
+        for name, shape in shapes.items():
+            value = finite_array(name, getattr(self, name), ndim=len(shape))
+            _require_shape(name, value, shape)
+            object.__setattr__(self, name, value)
+        if self.friction is not None:
+            parts = {"coulomb": (n,), "viscous": (n,), "standard_error": (2 * n,)}
+            checked = {}
+            for name, shape in parts.items():
+                value = finite_array(f"friction.{name}", getattr(self.friction, name), ndim=1)
+                _require_shape(f"friction.{name}", value, shape)
+                checked[name] = value
+            object.__setattr__(self, "friction", Friction(**checked))
+        for name in ("delay", "delay_error"):
+            if getattr(self, name) is not None:
+                finite_array(f"{name} (s)", getattr(self, name), ndim=0)
+        for joints in [self.nominal, *self.poses.values()]:
+            if joints is not None and joints.n != n:
+                raise JointIdError(f"The inertia has {n} joint(s), nominal or a pose has {joints.n}.")
+        if self.obtained.method not in METHODS:
+            raise JointIdError(
+                f'method = "{self.obtained.method:.60}" is not known. Methods: {", ".join(METHODS)}.'
+            )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.inertia.n
+
+    @property
+    def standard_error(self) -> Floats:
+        """Root of the covariance's diagonal, shape (2n,), order K1 ... Kn, D1 ... Dn."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+    @property
+    def elasticity(self) -> Elasticity:
+        """K and D as a model; a damping that is negative within two standard errors counts as zero.
+
+        Raises
+        ------
+        JointIdError
+            When they are no spring and damper.
+        """
+        below_noise = self.D + 2 * self.standard_error[self.n :] < 0
+        return Elasticity(K=self.K, D=np.where(below_noise, self.D, np.maximum(self.D, 0.0)))
+
+
+def identification(analysis: Analysis) -> Identification:
+    """Take from an analysis what travels.
+
+    Parameters
+    ----------
+    analysis : Analysis
+
+    Raises
+    ------
+    JointIdError
+        When the fit holds a value that is not finite.
+    """
+    fit, study = analysis.fit, analysis.study
+    parts = ["elasticity", *["friction"] * (fit.friction is not None)]
+    parts += ["delay"] * (fit.delay is not None)
+    return Identification(
+        K=fit.K,
+        D=fit.D,
+        covariance=fit.covariance,
+        friction=fit.friction,
+        delay=fit.delay,
+        delay_error=fit.delay_error,
+        inertia=study.inertia,
+        poses=dict(study.poses),
+        nominal=study.nominal,
+        obtained=Obtained(
+            version=software_version(),
+            digest=study_digest(study),
+            study=study.name,
+            origin=study.origin,
+            method=fit.method,
+            model=" + ".join(parts),
+            free_reversal=next((c.reversal for c in fit.candidates if c.chosen), 0.0),
+            records=len(study.records),
+            frequencies_hz=tuple(sorted({record.frequency_hz for record in study.records})),
+            misfit=fit.misfit,
+        ),
+    )
+
+
+def software_version() -> str:
+    """Version of the installed package."""
+    try:
+        return version("jointid")
+    except PackageNotFoundError:  # run from a folder that was never installed
+        return "unknown"
+
+
+def _require_shape(name: str, value: Floats, shape: tuple[int, ...]) -> None:
+    if value.shape != shape:
+        raise JointIdError(f"{name} has shape {value.shape}; expected {shape}.")

@@ -1,0 +1,249 @@
+"""An identification as JSON or TOML, and back, equal to the last bit.
+
+Both hold the same document, in SI units and seen from the motors:
+
+    format = 1
+    kind = "jointid identification"
+    K = [43.014, 7.49998]             # N·m/rad
+    D = [0.1002, 0.014998]            # N·m·s/rad
+    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn
+    [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
+    [inertia] M, M2     [poses.NAME] M, M2     [nominal] K, D
+    [obtained] version, digest, study, origin, method, model, ...
+
+``standard_error`` and ``units`` at the top are for the reader; they follow from the rest.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
+from jointid.elasticity import Friction
+from jointid.errors import JointIdError
+from jointid.exporting.identification import Identification, Obtained
+from jointid.joints import Elasticity, Inertia
+from jointid.wording import shown
+
+KIND = "jointid identification"
+
+_UNITS = {
+    "K": "N·m/rad",
+    "D": "N·m·s/rad",
+    "inertia": "kg·m²",
+    "coulomb": "N·m",
+    "viscous": "N·m·s/rad",
+    "delay": "s",
+}
+_FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
+_DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-7"}
+_INERTIA = {"M": "M = [0.0025, 0.0010]", "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]"}
+_NOMINAL = {"K": "K = [20.0, 3.5]", "D": "D = [0.10, 0.015]"}
+_OBTAINED = {
+    "version": 'version = "0.1.0"',
+    "digest": 'digest = "…", 32 hexadecimal digits',
+    "study": 'study = "Waterjet cell"',
+    "origin": 'origin = "measured"',
+    "method": 'method = "auto"',
+    "model": 'model = "elasticity + friction"',
+    "free_reversal": "free_reversal = 0.0",
+    "records": "records = 36",
+    "frequencies_hz": "frequencies_hz = [3.0, 5.0]",
+    "misfit": "misfit = 1.1",
+}
+_TOP = {
+    "format": "format = 1",
+    "kind": f'kind = "{KIND}"',
+    "side": 'side = "motor"',
+    "units": "[units]",
+    "K": "K = [43.0, 7.5]",
+    "D": "D = [0.10, 0.015]",
+    "standard_error": "standard_error = [0.01, 0.002, 0.001, 0.0001]",
+    "covariance": "covariance = [[…], …], one row and column for each of K1 … Kn, D1 … Dn",
+    "friction": "[friction], coulomb = …, viscous = …, standard_error = …",
+    "delay": "[delay], seconds = …, standard_error = …",
+    "inertia": "[inertia], M = …, M2 = …",
+    "poses": "[poses.stretched], M = …, M2 = …",
+    "nominal": "[nominal], K = …, D = …",
+    "obtained": "[obtained], version = …, digest = …",
+}
+
+
+def to_document(identification: Identification) -> dict[str, Any]:
+    """Return the document that JSON and TOML hold, of plain lists, numbers and texts."""
+    i = identification
+    document: dict[str, Any] = {
+        "format": 1,
+        "kind": KIND,
+        "side": "motor",
+        "K": i.K.tolist(),
+        "D": i.D.tolist(),
+        "standard_error": i.standard_error.tolist(),
+        "covariance": i.covariance.tolist(),
+        "units": _UNITS,
+    }
+    if i.friction is not None:
+        document["friction"] = {name: getattr(i.friction, name).tolist() for name in _FRICTION}
+    if i.delay is not None:
+        document["delay"] = {"seconds": i.delay}
+        if i.delay_error is not None:
+            document["delay"]["standard_error"] = i.delay_error
+    document["inertia"] = _inertia_table(i.inertia)
+    if i.poses:
+        document["poses"] = {name: _inertia_table(pose) for name, pose in i.poses.items()}
+    if i.nominal is not None:
+        document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
+    document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
+    document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
+    return document
+
+
+def to_json(identification: Identification) -> str:
+    """Write an identification as JSON.
+
+    Parameters
+    ----------
+    identification : Identification
+
+    Returns
+    -------
+    str
+        ``from_json`` returns the same identification, bit for bit.
+    """
+    return json.dumps(to_document(identification), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_toml(identification: Identification) -> str:
+    """Write an identification as TOML; ``from_toml`` returns the same one, bit for bit."""
+    return tomli_w.dumps(to_document(identification))
+
+
+def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
+    """Read what ``to_json`` wrote.
+
+    Parameters
+    ----------
+    data : str or bytes
+    where : str
+        Name of the file, for messages.
+
+    Raises
+    ------
+    JointIdError
+        When it is not JSON or not such a document; the message names the key.
+    """
+    _require_size(where, data)
+    try:
+        values = json.loads(data, parse_constant=_no_constant)
+    except RecursionError:
+        raise JointIdError(f"{where}: brackets are nested too deeply.") from None
+    except ValueError as error:
+        raise JointIdError(f"{where} is not valid JSON: {error!s:.200}.") from error
+    if not isinstance(values, dict):
+        raise JointIdError(f"{where} holds {shown(values)}; expected a {KIND}.")
+    return _identification(CheckedTable(where, values, _TOP))
+
+
+def from_toml(data: str | bytes, *, where: str = "TOML") -> Identification:
+    """Read what ``to_toml`` wrote; parameters and errors as in ``from_json``."""
+    raw = data.encode("utf-8", "surrogatepass") if isinstance(data, str) else data
+    return _identification(parse_toml(where, raw, _TOP))
+
+
+def load_identification(path: str | os.PathLike[str]) -> Identification:
+    """Read an identification from a .json or .toml file.
+
+    Raises
+    ------
+    JointIdError
+        When the file cannot be read, or holds something else.
+    """
+    file = Path(path)
+    if file.suffix.lower() not in (".json", ".toml"):
+        raise JointIdError(f"{file.name}: expected a file that ends in .json or .toml.")
+    try:
+        with file.open("rb") as stream:
+            data = stream.read(MAX_TOML_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise JointIdError(f"{file} cannot be read: {getattr(error, 'strerror', error)}.") from error
+    read = from_json if file.suffix.lower() == ".json" else from_toml
+    return read(data, where=file.name)
+
+
+def _identification(top: CheckedTable) -> Identification:
+    kind = top.text("kind", "")
+    if kind != KIND:
+        raise JointIdError(f'{top.where}: kind = "{kind:.60}"; expected kind = "{KIND}".')
+    if (number := top.integer("format")) != 1:
+        raise JointIdError(f"{top.where}: format = {shown(number)}, but this version reads format 1.")
+    if (side := top.text("side", "motor")) != "motor":
+        raise JointIdError(f'{top.where}: side = "{side:.60}"; expected side = "motor".')
+    friction = delay = error = nominal = None
+    if "friction" in top:
+        table = top.table("friction", _FRICTION)
+        friction = Friction(**{name: _array(table, name) for name in _FRICTION})
+    if "delay" in top:
+        table = top.table("delay", _DELAY)
+        delay = table.number("seconds")
+        error = table.number("standard_error") if "standard_error" in table else None
+    inertia = _inertia(top.table("inertia", _INERTIA))
+    poses = {name: _inertia(t) for name, t in top.named_tables("poses", _INERTIA).items()}
+    how = top.table("obtained", _OBTAINED)
+    texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
+    if "nominal" in top:
+        table = top.table("nominal", _NOMINAL)
+        nominal = Elasticity(K=table.numbers("K"), D=table.numbers("D"))
+    try:
+        return Identification(
+            K=_array(top, "K"),
+            D=_array(top, "D"),
+            covariance=top.matrix("covariance"),  # type: ignore[arg-type]  # checked and converted there
+            friction=friction,
+            delay=delay,
+            delay_error=error,
+            inertia=inertia,
+            poses=poses,
+            nominal=nominal,
+            obtained=Obtained(
+                **texts,
+                free_reversal=how.number("free_reversal"),
+                records=how.integer("records"),
+                frequencies_hz=tuple(how.numbers("frequencies_hz")),
+                misfit=how.number("misfit"),
+            ),
+        )
+    except JointIdError as problem:
+        raise JointIdError(f"{top.where}: {problem}") from problem
+
+
+def _array(table: CheckedTable, key: str) -> Any:
+    return table.numbers(key)
+
+
+def _inertia(table: CheckedTable) -> Inertia:
+    M, M2 = table.numbers("M"), table.matrix("M2")
+    try:
+        return Inertia(M=M, M2=M2)
+    except JointIdError as error:
+        raise JointIdError(f"{table.where}: {error}") from error
+
+
+def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
+    return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()}
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number")
+
+
+def _require_size(where: str, data: str | bytes) -> None:
+    if len(data) > MAX_TOML_BYTES:
+        raise JointIdError(
+            f"{where} has more than {MAX_TOML_BYTES} bytes; an identification is far smaller."
+        )

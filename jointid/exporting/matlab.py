@@ -1,0 +1,94 @@
+"""Everything as one MATLAB file (version 5), ready for ``ss`` and ``frd``."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+from scipy.io import savemat
+
+from jointid.errors import JointIdError
+from jointid.exporting.identification import identification
+from jointid.exporting.identification_files import to_document
+from jointid.exporting.state_space import state_space
+from jointid.study import Analysis
+
+_HEADER = b"MATLAB 5.0 MAT-file, written by jointid"
+_HEADER_BYTES = 116
+
+
+def to_mat(analysis: Analysis) -> bytes:
+    """Write results as a .mat file; equal analyses give equal bytes.
+
+    Parameters
+    ----------
+    analysis : Analysis
+
+    Returns
+    -------
+    bytes
+        Variables: ``identification`` (struct as in JSON: K, D, covariance, obtained ...); ``model``
+        (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque to acceleration of
+        the motors; missing when the estimate is no spring); ``transfer`` (struct array by pose:
+        ``frd(transfer(1).H, transfer(1).omega)``); ``phasors`` (struct omega, q, tau, std, labels).
+    """
+    document = to_document(identification(analysis))
+    if poses := document.pop("poses", None):
+        document["poses"] = [{"name": name, **table} for name, table in poses.items()]
+    phasors = analysis.phasors
+    contents: dict[str, Any] = {
+        "identification": _prepared(document),
+        "phasors": {
+            "omega": _column(phasors.omega),
+            "q": phasors.q,
+            "tau": phasors.tau,
+            "std": phasors.standard_deviation,
+            "labels": np.array(phasors.labels, dtype=object),
+        },
+    }
+    if analysis.transfer_matrices:
+        contents["transfer"] = _structs(
+            {
+                "pose": pose,
+                "omega": _column(matrix.omega),
+                "H": np.moveaxis(matrix.H, 0, -1),
+                "std": np.moveaxis(matrix.standard_deviation, 0, -1),
+                "condition": _column(matrix.condition),
+            }
+            for pose, matrix in analysis.transfer_matrices.items()
+        )
+    try:
+        model = state_space(analysis.study.inertia, analysis.fit.elasticity)
+    except JointIdError:  # an estimate that is no spring has no model
+        pass
+    else:
+        contents["model"] = {"A": model.A, "B": model.B, "C": model.C, "D": model.D}
+    file = BytesIO()
+    savemat(file, contents, long_field_names=True, do_compression=True)  # type: ignore[arg-type]
+    data = file.getvalue()
+    return _HEADER.ljust(_HEADER_BYTES) + data[_HEADER_BYTES:]  # without the time of writing
+
+
+def _prepared(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _prepared(item) for key, item in value.items()}
+    if isinstance(value, list):
+        if value and isinstance(value[0], dict):
+            return _structs(_prepared(item) for item in value)
+        array = np.array(value, dtype=np.float64)
+        return _column(array) if array.ndim == 1 else array
+    return float(value) if isinstance(value, int) else value
+
+
+def _structs(rows: Any) -> np.ndarray:
+    """A struct array: what MATLAB indexes with (k)."""
+    rows = list(rows)
+    array = np.empty(len(rows), dtype=[(name, object) for name in rows[0]])
+    for k, row in enumerate(rows):
+        array[k] = tuple(row.values())
+    return array
+
+
+def _column(values: np.ndarray) -> np.ndarray:
+    return values[:, None]

@@ -1,0 +1,190 @@
+"""The identified model as a state space, and the measured H as frequency response data.
+
+Inputs are the motor torques, outputs what the motors do, all motor side. Equation (1), with the spring
+deflections x = q − q_a and the springs' torque Kx + Dẋ:
+
+    M q̈ = τ − Kx − Dẋ            ẍ = M⁻¹τ − (M⁻¹ + M2⁻¹)(Kx + Dẋ)
+
+So the motor acceleration needs the 2n states x, ẋ only, and its response is finite at ω = 0. Velocity
+adds the n states q̇, and position q as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.transfer_matrix import TransferMatrix
+
+if TYPE_CHECKING:
+    from scipy.signal import StateSpace
+
+Output = Literal["acceleration", "velocity", "position"]
+
+_UNITS = {"acceleration": "rad/s²", "velocity": "rad/s", "position": "rad"}
+_SYMBOLS = {"acceleration": "ddtheta_m", "velocity": "dtheta_m", "position": "theta_m"}
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpaceModel:
+    """ż = Az + Bτ, y = Cz + Dτ with names for everything; motor side, SI units."""
+
+    A: Floats
+    """Shape (s, s)."""
+    B: Floats
+    """Shape (s, n)."""
+    C: Floats
+    """Shape (n, s)."""
+    D: Floats
+    """Direct feedthrough, shape (n, n); not the damping."""
+    states: tuple[str, ...]
+    """x1 ... deflections q − q_a (rad), dx1 ... their rates (rad/s); then dtheta_m1 ..., theta_m1 ..."""
+    inputs: tuple[str, ...]
+    """tau_m1 ... tau_mn, N·m."""
+    outputs: tuple[str, ...]
+    """ddtheta_m1 ..., dtheta_m1 ... or theta_m1 ..."""
+    unit: str
+    """Unit of the outputs."""
+
+
+def state_space(
+    inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration"
+) -> StateSpaceModel:
+    """Return the state space from motor torques to what the motors do.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        The model, n joints.
+    output : {"acceleration", "velocity", "position"}
+        Motor accelerations give H of equation (16), with 2n states; velocities have 3n, positions 4n.
+
+    Raises
+    ------
+    JointIdError
+        When the joints do not agree, or the output is not known.
+    """
+    if output not in get_args(Output):
+        raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
+    if inertia.n != elasticity.n:
+        raise JointIdError(
+            f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
+        )
+    n = inertia.n
+    eye, none = np.eye(n), np.zeros((n, n))
+    motor = np.diag(1 / inertia.M)
+    spring = np.hstack([np.diag(elasticity.K), np.diag(elasticity.D)])  # torque from (x, ẋ)
+    acceleration = -motor @ spring
+    A = np.vstack([np.hstack([none, eye]), -(motor + np.linalg.inv(inertia.M2)) @ spring])
+    B = np.vstack([none, motor])
+    states = [f"{name}{j + 1}" for name in ("x", "dx") for j in range(n)]
+    C, D = acceleration, motor
+    for level in _integrations(output):
+        A = np.block([[A, np.zeros((len(A), n))], [C, np.zeros((n, n))]])
+        B = np.vstack([B, D])
+        C, D = np.hstack([np.zeros((n, len(A) - n)), eye]), none
+        states += [f"{_SYMBOLS[level]}{j + 1}" for j in range(n)]
+    return StateSpaceModel(
+        A=A,
+        B=B,
+        C=C,
+        D=D,
+        states=tuple(states),
+        inputs=tuple(f"tau_m{j + 1}" for j in range(n)),
+        outputs=tuple(f"{_SYMBOLS[output]}{j + 1}" for j in range(n)),
+        unit=_UNITS[output],
+    )
+
+
+def scipy_state_space(
+    inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration"
+) -> StateSpace:
+    """Return the model as a continuous ``scipy.signal.StateSpace``; parameters as in ``state_space``."""
+    from scipy.signal import StateSpace
+
+    model = state_space(inertia, elasticity, output=output)
+    return StateSpace(model.A, model.B, model.C, model.D)
+
+
+def control_state_space(
+    inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration", name: str = "robot"
+) -> Any:
+    """Return the model as a ``control.StateSpace`` of python-control, its signals named.
+
+    Parameters
+    ----------
+    inertia, elasticity, output
+        As in ``state_space``.
+    name : str
+        Name of the system.
+
+    Raises
+    ------
+    JointIdError
+        When python-control is not installed.
+    """
+    control = _python_control()
+    model = state_space(inertia, elasticity, output=output)
+    return control.ss(
+        model.A,
+        model.B,
+        model.C,
+        model.D,
+        name=name,
+        states=list(model.states),
+        inputs=list(model.inputs),
+        outputs=list(model.outputs),
+    )
+
+
+def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "measured") -> Any:
+    """Return the measured H as ``control.FrequencyResponseData`` of python-control.
+
+    Parameters
+    ----------
+    matrix : TransferMatrix
+        Equations (16)-(18), motor acceleration over motor torque, 1/(kg·m²).
+    smooth : bool
+        Interpolate between the measured frequencies; needs four or more of them.
+    name : str
+        Name of the system.
+
+    Raises
+    ------
+    JointIdError
+        When python-control is not installed, or there are too few frequencies to interpolate.
+    """
+    control = _python_control()
+    n = matrix.H.shape[1]
+    if smooth and matrix.omega.size < 4:
+        raise JointIdError(
+            f"smooth = True needs 4 frequencies or more; H was measured at {matrix.omega.size}."
+        )
+    return control.frd(
+        np.moveaxis(matrix.H, 0, -1),
+        matrix.omega,
+        smooth=smooth,
+        name=name,
+        inputs=[f"tau_m{j + 1}" for j in range(n)],
+        outputs=[f"ddtheta_m{j + 1}" for j in range(n)],
+    )
+
+
+def _integrations(output: Output) -> tuple[str, ...]:
+    """Quantities to integrate to, one after the other, from the acceleration."""
+    return {"acceleration": (), "velocity": ("velocity",), "position": ("velocity", "position")}[output]
+
+
+def _python_control() -> Any:
+    try:
+        return import_module("control")
+    except ImportError as error:
+        raise JointIdError(
+            "This needs the package python-control, which is not installed: pip install jointid[control]"
+        ) from error
