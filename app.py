@@ -5,7 +5,7 @@ import streamlit as st
 from jointid.answer import answer_sentence
 from jointid.figures import model_over_measurement
 from jointid.ui.charts import plot
-from jointid.ui.overview import show_findings, show_heading, show_steps, show_tiles
+from jointid.ui.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
 from jointid.ui.page import open_page
 
 page = open_page("Study")
@@ -19,7 +19,7 @@ show_findings(analysis.findings)
 st.subheader("Model over measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers taken out. Where points and line "
-    "agree, the model holds."
+    "agree, the model holds." + freed_note(analysis.fit)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))

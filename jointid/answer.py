@@ -28,6 +28,9 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
         joints = _list([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
         return f"{_capital(joints)} {verb} of {_list(parts)}, seen from the motor."
+    whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
+    if fit.n > 1 and len(whole) == 1:
+        return f"Every joint {whole.pop()}."
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
     return f"{_capital(_list(parts))}."
 

@@ -5,6 +5,7 @@ import streamlit as st
 from jointid.figures import element_response, single_record, torque_condition
 from jointid.ui.charts import plot, table
 from jointid.ui.elements import choose_element, choose_pose, matrix_table
+from jointid.ui.overview import freed_note
 from jointid.ui.page import open_page
 
 page = open_page("Transfer matrix")
@@ -52,13 +53,16 @@ if i == j and n > 1:
         plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled")
     st.caption(
         "Both figures share their scale. A peak that stands on the left only is made by the other "
-        "joints' controllers."
+        "joints' controllers." + freed_note(analysis.fit)
     )
 else:
+    if i == j:
+        st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
     plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled")
     if i != j:
         st.caption(
             f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."
+            + freed_note(analysis.fit)
         )
 
 if n > 1:

@@ -5,7 +5,7 @@ import streamlit as st
 from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
 from jointid.ui.charts import plot, side_by_side
 from jointid.ui.estimates import show_also_fitted, show_estimates, show_matrix
-from jointid.ui.overview import show_tiles
+from jointid.ui.overview import freed_note, show_tiles
 from jointid.ui.page import open_page
 
 page = open_page("Elasticity")
@@ -57,6 +57,7 @@ for j, place in enumerate(side_by_side(n)):
         )
 if analysis.transfer_matrices:
     st.subheader("Fit over measurement", anchor=False)
+    st.caption("The identified and the nominal model over the transfer matrix." + freed_note(fit))
     pose = next(iter(analysis.transfer_matrices))
     for j, place in enumerate(side_by_side(n)):
         with place:

@@ -21,6 +21,7 @@ def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
     [
         ([44.0, 7.5], [20.0, 3.5], "Joint 1 is 2.2 times as stiff as the controller assumes"),
         ([44.0, 7.5], [20.0, 3.5], "joint 2 is 2.1 times as stiff."),
+        ([7.5, 7.5], [3.5, 3.5], "Every joint is 2.1 times as stiff as the controller assumes."),
         ([43.0], [40.0], "Joint 1 is 7.5 % stiffer than the controller assumes."),
         ([36.0], [40.0], "Joint 1 is 10 % softer than the controller assumes."),
         ([10.0], [40.0], "Joint 1 is 0.25 times as stiff as the controller assumes."),

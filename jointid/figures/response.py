@@ -49,7 +49,8 @@ def element_response(
 ) -> go.Figure:
     """Magnitude and phase of H_ij: measured points with ± one standard error, models as lines.
 
-    Off the diagonal H_ji is shown too: without errors it equals H_ij.
+    Where friction or a delay was found, the points freed of it are drawn full, those as measured
+    open. Off the diagonal H_ji is shown too: without errors it equals H_ij.
 
     Parameters
     ----------
@@ -59,10 +60,15 @@ def element_response(
     pose : str
         "" for records without a pose.
     """
-    matrix = analysis.transfer_matrices[pose]
-    curves = [_measured(matrix, i, j, colours(dark).measured, "circle")]
+    ink = colours(dark)
+    freed, word = freed_or_measured(analysis, pose)
+    curves = [_measured(freed, i, j, ink.measured, "circle", name=f"{word} {_label(i, j)}")]
     if i != j:
-        curves.append(_measured(matrix, j, i, colours(dark).measured, "square-open"))
+        name = f"{word} {_label(j, i)}"
+        curves.append(_measured(freed, j, i, ink.measured, "square-open", name=name))
+    elif freed is not analysis.transfer_matrices[pose]:
+        raw = analysis.transfer_matrices[pose]
+        curves.append(_measured(raw, i, j, ink.measured, "circle-open", name=f"measured {_label(i, j)}"))
     models = _models(analysis, pose, i, j, dark)
     return _bode([*models, *curves], dark, _magnitudes(analysis, pose, i) if i == j else None)
 
@@ -91,11 +97,14 @@ def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool 
 def model_over_measurement(
     analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False
 ) -> go.Figure:
-    """Magnitude of H_jj only, small: what was measured, the identified and the nominal model."""
-    matrix = analysis.transfer_matrices[pose]
+    """Magnitude of H_jj only, small: what was measured, the identified and the nominal model.
+
+    The measurement is freed of the friction and the delay that were found.
+    """
+    matrix, word = freed_or_measured(analysis, pose)
     curves = [
         *_models(analysis, pose, joint, joint, dark),
-        _measured(matrix, joint, joint, colours(dark).measured, "circle", name="measured"),
+        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=word),
     ]
     traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
     title = f"|{_label(joint, joint)}| ({_UNIT})"
@@ -146,11 +155,17 @@ def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure
     )
 
 
-def _measured(
-    matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str = ""
-) -> _Curve:
+def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
+    """Return the transfer matrix to hold against the model, and the word for it."""
+    fit = analysis.fit
+    if (fit.friction is None and fit.delay is None) or pose not in analysis.freed_transfer_matrices:
+        return analysis.transfer_matrices[pose], "measured"
+    return analysis.freed_transfer_matrices[pose], "freed"
+
+
+def _measured(matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str) -> _Curve:
     return _Curve(
-        name or f"measured {_label(i, j)}",
+        name,
         colour,
         matrix.omega / (2 * np.pi),
         matrix.H[:, i, j],
@@ -278,8 +293,9 @@ def _magnitudes(analysis: Analysis, pose: str, joint: int) -> tuple[float, float
     more than a factor of ten.
     """
     robot = [np.abs(c.H) for c in _models(analysis, pose, joint, joint, dark=False)]
-    if pose in analysis.transfer_matrices:
-        robot.append(np.abs(analysis.transfer_matrices[pose].H[:, joint, joint]))
+    for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
+        if pose in matrices:
+            robot.append(np.abs(matrices[pose].H[:, joint, joint]))
     single = np.abs(single_record_response(analysis.phasors)[_of_pose(analysis, pose), joint])
     every = np.concatenate(robot) if robot else single
     every = every[np.isfinite(every) & (every > 0)]

@@ -12,7 +12,9 @@ from jointid.study_files import pack_study
 from jointid.ui.steps import METHOD
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
+_BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _MOST_FINDINGS = 3
+_TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
 
 
 def show_heading(study: Study) -> None:
@@ -38,14 +40,11 @@ def show_heading(study: Study) -> None:
 def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
     """K and D of every joint with ± one standard error, against what the controller assumes."""
     n = fit.n
-    tiles = (
-        [(q, j) for j in range(n) for q in "KD"] if n <= 2 else [(q, j) for q in "KD" for j in range(n)]
-    )
-    per_row = 2 * n if n <= 2 else min(n, 4)
-    for begin in range(0, len(tiles), per_row):
-        row = tiles[begin : begin + per_row]
-        for column, (quantity, j) in zip(st.columns(per_row), row, strict=False):
-            with column:
+    together = [[(q, j) for j in range(n) for q in "KD"]]
+    rows = together if n <= 2 else [[(q, j) for j in range(n)] for q in "KD"]
+    for row in rows:
+        with st.container(horizontal=True):
+            for quantity, j in row:
                 _tile(fit, nominal, quantity, j)
 
 
@@ -68,6 +67,7 @@ def _tile(fit: ElasticityFit, nominal: Elasticity | None, quantity: str, j: int)
         delta_color="off",
         delta_arrow="off",
         border=True,
+        width=_TILE_WIDTH,
         help=f"{what} of joint {j + 1} seen from the motor, ± one standard error. "
         "Nominal is what the controller assumes today.",
     )
@@ -92,9 +92,19 @@ def show_findings(findings: Sequence[Finding]) -> None:
 
 
 def _finding(finding: Finding) -> None:
-    box = {"problem": st.error, "warning": st.warning, "good": st.success}[finding.level]
+    box = _BOXES[finding.level]
     remedy = f"  \n*{finding.remedy}*" if finding.remedy else ""
     box(f"**{finding.title}.** {finding.detail}{remedy}")
+
+
+def freed_note(fit: ElasticityFit) -> str:
+    """Say what "freed" means in a figure's legend, when it stands there."""
+    found = [
+        name
+        for name, value in (("friction", fit.friction), ("torque delay", fit.delay))
+        if value is not None
+    ]
+    return f' "Freed": without the {" and the ".join(found)} that was found.' if found else ""
 
 
 def show_steps(study: Study) -> None:

@@ -23,6 +23,7 @@ METHOD = (
     Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number."),
     Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers."),
     Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint."),
+    Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres."),
 )
 """The steps of the method."""
 
