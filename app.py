@@ -5,6 +5,7 @@ import streamlit as st
 from jointid.answer import answer_sentence
 from jointid.figures import model_over_measurement
 from jointid.ui.charts import plot
+from jointid.ui.cut_parts import outcome_panel
 from jointid.ui.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
 from jointid.ui.page import open_page
 
@@ -14,6 +15,7 @@ analysis = page.analysis()
 
 st.subheader(answer_sentence(analysis.fit, page.study.nominal), anchor=False)
 show_tiles(analysis.fit, page.study.nominal)
+outcome_panel(page, analysis)
 show_findings(analysis.findings)
 
 st.subheader("Model over measurement", anchor=False)

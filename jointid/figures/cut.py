@@ -16,7 +16,9 @@ _STRIDE = 4
 """Every millisecond is enough to look at."""
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""
-_MOST_LEVELS = 4
+_MOST_LEVELS = 5
+_LEAST_DECADES = 0.3
+"""Errors that differ by less than this look alike: their differences hardly matter."""
 _LEVELS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
@@ -135,7 +137,7 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
         traces,
         height=420,
         dark=dark,
-        xaxis=linear_axis(f"Largest path error ({unit})", rangemode="tozero"),
+        xaxis=linear_axis(f"Largest path error ({unit})", nticks=6),
         yaxis=linear_axis("Share of the robots (%)", range=[0.0, top]),
         bargap=0,
     )
@@ -174,7 +176,7 @@ def tolerance_heatmap(
         {
             "type": "heatmap",
             "colorscale": [[0.0, shades[0]], [1.0, shades[1]]],
-            "zmin": max(low, high - 2),
+            "zmin": min(max(low, high - 2), high - _LEAST_DECADES),
             "zmax": high,
             "zsmooth": "best",
             "hovertemplate": hover,

@@ -152,8 +152,7 @@ def _figure_7_html(
     for row, name in enumerate(names):
         colour = ink.identified if row else ink.nominal
         parts.append(
-            f'<div style="padding:0.5rem 0 0.25rem"><span style="display:inline-block;width:1.4em;'
-            f'border-top:2.5px solid {colour};vertical-align:middle;margin-right:0.45em"></span>'
+            f'<div style="padding:0.5rem 0 0.25rem">{_key(colour)}'
             f"<b>{escape(name[:1].upper() + name[1:])}</b></div>"
             '<div style="display:grid;grid-template-columns:repeat(3,minmax(0,1fr));gap:0.75rem;'
             'max-width:44rem">'
@@ -171,6 +170,14 @@ def _figure_7_html(
             )
         parts.append("</div>")
     return "".join(parts)
+
+
+def _key(colour: str) -> str:
+    """A short line of this colour before its meaning."""
+    return (
+        f'<span style="display:inline-block;width:1.4em;border-top:2.5px solid {colour};'
+        'vertical-align:middle;margin-right:0.45em"></span>'
+    )
 
 
 def _picture(
@@ -246,6 +253,8 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         "Largest path error over the ratios of assumed to true stiffness",
         key="cut_map_figure",
     )
+    error = tolerance.max_contour_error_m
+    st.caption(f"Errors on this map: {millimetres(error.min())} to {millimetres(error.max())}.")
 
 
 def _ratios(robot: CutRobot, joint: int, near: bool) -> Floats:
@@ -267,7 +276,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
-    servo = "nominal values" if outcome.assumed is not None else "rigid joints in the servo"
+    servo = "nominal values" if outcome.assumed is not None else "joints taken as rigid"
     shapes = [
         Shape(outcome.before.wanted_m, outcome.before.tool_m, ink.nominal),
         Shape(outcome.after.wanted_m, outcome.after.tool_m, ink.identified),
@@ -279,10 +288,14 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         picture.html(_picture(shapes, what, around, "max-width:9rem"))
         with words:
             st.subheader(headline(outcome), anchor=False)
+            st.html(
+                f"{_key(ink.nominal)}{escape(servo)}, {escape(before)}<br>"
+                f"{_key(ink.identified)}identified values, {escape(after)}"
+            )
             arm = "the example arm" if outcome.robot.rule == "relative" else "an arm of these inertias"
-            st.write(
-                f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated: with {servo}, and "
-                "with the identified values (95 of 100 robots within their uncertainty stay below). "
-                "The friction that was found acts in both."
+            friction = " Both have the friction that was found." if outcome.robot.friction else ""
+            st.caption(
+                f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated. 95 of 100 robots within "
+                f"the uncertainty of the identified values stay {_below(outcome.after_m)}.{friction}"
             )
             st.page_link(CUT_PAGE, label="Watch the cut")
