@@ -96,5 +96,11 @@ def some(names: Sequence[str], at_most: int = 3) -> str:
     return ", ".join(names[:at_most]) + more
 
 
+def relative(change: Floats, p: Floats) -> Floats:
+    """Return |change| over |p|; a thousand where p is zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(np.abs(change / p), nan=0.0, posinf=1e3))
+
+
 def _bounded(effect: float) -> float:
     return float(np.clip(np.nan_to_num(effect, nan=0.0, posinf=80.0), 0.0, 80.0))

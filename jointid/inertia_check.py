@@ -6,7 +6,6 @@ records as well, only less surely: at low frequency H tends to (M + M2)⁻¹, at
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,15 +46,14 @@ class InertiaCheck:
         return np.asarray(np.abs(self.found - self.given) / self.standard_error)
 
 
-def check_inertia(phasors: Phasors, inertias: Sequence[Inertia], K: Floats, D: Floats) -> InertiaCheck:
+def check_inertia(phasors: Phasors, inertia: Inertia, K: Floats, D: Floats) -> InertiaCheck:
     """Fit inertias of one pose together with K and D to the fundamentals, from K and D as found.
 
     Parameters
     ----------
     phasors : Phasors
         Of one pose, free of friction and delay.
-    inertias : sequence of Inertia
-        One per record, all the same.
+    inertia : Inertia
     K, D : ndarray, shape (n,)
 
     Raises
@@ -63,7 +61,7 @@ def check_inertia(phasors: Phasors, inertias: Sequence[Inertia], K: Floats, D: F
     JointIdError
         When the records are too few.
     """
-    n, given = phasors.n, inertias[0]
+    n, given = phasors.n, inertia
     pairs = [(i, j) for i in range(n) for j in range(i, n)]
     size = np.concatenate([K, np.maximum(np.abs(D), 1e-3 * K / phasors.omega.mean()), given.M])
     size = np.concatenate([size, [np.sqrt(given.M2[i, i] * given.M2[j, j]) for i, j in pairs]])
@@ -71,7 +69,7 @@ def check_inertia(phasors: Phasors, inertias: Sequence[Inertia], K: Floats, D: F
     rows = 2 * phasors.q.size
     if rows < 2 * size.size:
         raise JointIdError("There are too few records to check the inertias by.")
-    noise = spring_equations(phasors, list(inertias)).noise.covariance[:, 0]
+    noise = spring_equations(phasors, inertia).noise.covariance[:, 0]
     free = np.arange(start.size) < 2 * n
     fixed, cost_given, _ = _minimise(phasors, noise, start, size, free, n)
     found, cost, information = _minimise(phasors, noise, fixed, size, np.ones_like(free), n)

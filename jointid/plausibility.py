@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.optimize import minimize
 
 from jointid.arrays import Floats
 from jointid.elasticity import identify_elasticity
@@ -75,8 +76,40 @@ def scale_findings(
     if not found:
         return ()
     best = min(mended for mended, _ in found)
-    chosen = next((m, h) for m, h in found if m <= 2 * max(best, 1.0))
-    return (_told(chosen[1], as_is, chosen[0]),)
+    chosen = next(h for m, h in found if m <= 2 * max(best, 1.0))
+    if best > 10:
+        chosen = _refined(chosen, phasors, inertias)
+    return (_told(chosen, as_is, _misfit(*_mend(chosen, phasors, inertias))),)
+
+
+def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inertia]) -> _Hypothesis:
+    """The gear ratios that explain the data best; at low frequency they are seen roughly only."""
+    parts = np.array([hypothesis.angle, hypothesis.torque, hypothesis.gear])
+    free = np.abs(parts) != 1
+    if not free.any():
+        return hypothesis
+
+    def scaled(x: Floats) -> _Hypothesis:
+        factor = np.ones(free.shape)
+        factor[free] = np.exp(x)
+        return _Hypothesis(hypothesis.kind, *(parts * factor))
+
+    def cost(x: Floats) -> float:
+        return float(min(np.log(_misfit(*_mend(scaled(x), phasors, inertias))), 1e3))
+
+    start = np.zeros(int(free.sum()))
+    found = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([start, 0.1 * np.eye(start.size)]),
+            "maxfev": 60 * start.size,
+            "xatol": 1e-4,
+            "fatol": 0.01,
+        },
+    )
+    return scaled(np.asarray(found.x, float))
 
 
 def _misfit(phasors: Phasors, inertias: Sequence[Inertia]) -> float:
@@ -186,7 +219,7 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
     before = "leave no positive stiffness" if np.isinf(as_is) else f"have a misfit of {as_is:.2g}"
     proof = f"As they stand, the records {before}; mended, the misfit is {mended:.2g}."
     if hypothesis.kind == "inertia":
-        gears = ", ".join(f"{g:.3g}" for g in hypothesis.gear)
+        gears = _list(hypothesis.gear)
         return problem(
             "M2 looks given on the arm side",
             f"With gear ratios of about {gears} it would fit the torques at low frequency. {proof}",
@@ -229,16 +262,20 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
             f"{quantity} ({torques if 'torque' in name else columns}).",
             effect,
         )
-    size = abs(factor[j])
-    twice = size < 1
-    ratio = 1 / size if twice else size
-    reversed_too = " Its sign is reversed as well." if factor[j] < 0 else ""
+    twice = abs(factor[j]) < 1
+    ratios = np.abs(factor[wrong]) ** (-1 if twice else 1)
+    reversed_too = " The sign is reversed as well." if factor[j] < 0 else ""
     return problem(
         f"The gear ratio of {joints} looks applied {'twice' if twice else 'not at all'}",
-        f"Torque over acceleration is {factor[j]:.3g} times what the inertias say: a gear ratio of "
-        f"about {ratio:.3g} on angle or torque, or of {np.sqrt(ratio):.3g} on both.{reversed_too} {proof}",
+        f"Torque over acceleration is {_list(factor[wrong])} times what the inertias say: gear ratios "
+        f"of {_list(ratios)} on angle or torque, or of {_list(np.sqrt(ratios))} on both.{reversed_too} "
+        f"{proof}",
         f"Give angles and torques as the motor sees them: {'divide' if twice else 'multiply'} {columns} "
         f"by the ratio, or {'multiply' if twice else 'divide'} {torques} by it. M and M2 are on the "
         "motor side as well.",
         effect,
     )
+
+
+def _list(values: Floats) -> str:
+    return ", ".join(f"{value:.3g}" for value in values)

@@ -10,6 +10,7 @@ from scipy.signal import find_peaks
 from jointid.arrays import Floats
 from jointid.evidence import Evidence, Finding, note, some
 from jointid.joints import resonances
+from jointid.rules_records import same_experiment
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 
 _STANDS_OUT = np.log(1.4)
@@ -21,6 +22,8 @@ _FEWEST = 8  # frequencies; with fewer, a peak is one point
 def rejected(evidence: Evidence) -> Iterator[Finding]:
     """Frequencies at which equation (17) could not be solved."""
     texts = [text for matrix in evidence.transfer_matrices.values() for text in matrix.rejected]
+    if any(same_experiment(evidence)):  # that has been told
+        texts = [text for text in texts if "the same experiment" not in text]
     if texts:
         yield note(
             f"{len(texts)} frequencies have no transfer matrix",

@@ -213,36 +213,61 @@ class AmplitudeDependence:
 
 
 def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> AmplitudeDependence:
-    """Regress each record's stiffness on the logarithm of its deflection, frequency by frequency.
+    """Regress each record's stiffness on the logarithm of its deflection.
+
+    Compared are records of one frequency in which the joints move in the same proportion: others may
+    differ for other reasons.
 
     Parameters
     ----------
     fit : ElasticityFit
     ratio : float, default 1.3
-        A frequency counts when its deflections differ by at least this factor.
+        Records are compared when their deflections differ by at least this factor.
     """
     equations, n = fit.equations, fit.n
     K = equations.stiffness.real
     deflection = np.abs(equations.deflection)
-    inflation = max(1.0, fit.misfit)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = inflation * 0.5 * (fit.residual_noise / deflection) ** 2
+        variance = 0.5 * (fit.residual_noise / deflection) ** 2
     ends = np.full((n, 2), np.nan)
     change, error = np.zeros(n), np.full(n, np.inf)
-    _, group_of = np.unique(np.round(np.log(equations.omega), 9), return_inverse=True)
+    groups = _alike(equations.omega, equations.deflection)
     for j in range(n):
-        numerator, information, used = 0.0, 0.0, []
-        for group in range(group_of.max() + 1):
-            rows = np.flatnonzero((group_of == group) & (deflection[:, j] > 0))
+        numerator, information, squares, freedom, used = 0.0, 0.0, 0.0, -1, []
+        for group in groups:
+            rows = group[deflection[group, j] > 0]
             if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
                 continue
             x, w = np.log(deflection[rows, j]), 1 / np.maximum(variance[rows, j], 1e-300)
             x = x - (w * x).sum() / w.sum()
-            numerator += float((w * x * K[rows, j]).sum())
+            y = K[rows, j] - (w * K[rows, j]).sum() / w.sum()
+            numerator += float((w * x * y).sum())
             information += float((w * x * x).sum())
+            squares += float((w * y * y).sum())
+            freedom += rows.size - 1
             used.extend(deflection[rows, j])
         if used:
             ends[j] = min(used), max(used)
             span = np.log(ends[j, 1] / ends[j, 0]) / fit.K[j]
-            change[j], error[j] = span * numerator / information, abs(span) / np.sqrt(information)
+            left = (squares - numerator**2 / information) / max(freedom, 1)
+            change[j] = span * numerator / information
+            error[j] = abs(span) * np.sqrt(max(1.0, left) / information)
     return AmplitudeDependence(ends, change, error)
+
+
+def _alike(omega: Floats, deflection: Complexes) -> list[np.ndarray]:
+    """Records of one frequency whose joints move in the same proportion, as groups of indices."""
+    largest = np.abs(deflection).max(axis=0)
+    shape = deflection / np.where(largest > 0, largest, 1.0)
+    length = np.linalg.norm(shape, axis=1)
+    groups: list[list[int]] = []
+    for i in range(omega.size):
+        for group in groups:
+            k = group[0]
+            along = np.abs(np.vdot(shape[k], shape[i])) > 0.97 * length[k] * length[i]
+            if abs(omega[i] / omega[k] - 1) < 1e-9 and along:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return [np.array(group) for group in groups]

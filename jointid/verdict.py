@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from jointid import rules_model, rules_records, rules_response
+from jointid import rules_causes, rules_model, rules_records, rules_response
 from jointid.chosen_model import parameter_names
 from jointid.elasticity import ElasticityFit
 from jointid.evidence import Evidence, Finding, good, percent
@@ -15,13 +15,9 @@ from jointid.plausibility import scale_findings
 __all__ = ["Evidence", "Finding", "findings"]
 
 
-def _scales(evidence: Evidence) -> Iterator[Finding]:
-    yield from scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
+_Rule = Callable[[Evidence], Iterator[Finding]]
 
-
-_RULES: tuple[Callable[[Evidence], Iterator[Finding]], ...] = (
-    _scales,
-    rules_model.not_physical,
+_OF_RECORDS: tuple[_Rule, ...] = (
     rules_records.wrong_frequency,
     rules_records.still_settling,
     rules_records.counted_twice,
@@ -29,17 +25,19 @@ _RULES: tuple[Callable[[Evidence], Iterator[Finding]], ...] = (
     rules_records.standing_joint,
     rules_records.few_periods,
     rules_records.coarse_encoder,
-    rules_model.model_limits,
-    rules_model.inertias_look_wrong,
-    rules_model.poses_disagree,
-    rules_model.depends_on_amplitude,
+)
+"""What holds whatever the answer is."""
+
+_OF_THE_ANSWER: tuple[_Rule, ...] = (
+    rules_model.not_physical,
     rules_model.hardly_known,
     rules_model.resonance_missed,
-    rules_model.against_the_paper,
-    rules_model.torque_lags,
+    rules_causes.against_the_paper,
+    rules_causes.torque_lags,
     rules_response.foreign_peak,
     rules_response.rejected,
 )
+"""What makes sense only when units, signs and gear ratios are right."""
 
 
 def findings(evidence: Evidence) -> tuple[Finding, ...]:
@@ -50,7 +48,16 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     evidence : Evidence
         One analysis.
     """
-    found = [finding for rule in _RULES for finding in rule(evidence)]
+    found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
+    scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
+    found += scales
+    if not scales:
+        found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
+        causes = list(rules_causes.inertias_look_wrong(evidence))
+        if not causes:  # wrong inertias would pass for both
+            causes += rules_causes.poses_disagree(evidence)
+            causes += rules_causes.depends_on_amplitude(evidence)
+        found += causes or list(rules_model.model_limits(evidence))
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(_all_well(evidence.fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
