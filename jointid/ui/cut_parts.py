@@ -294,8 +294,13 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             )
             arm = "the example arm" if outcome.robot.rule == "relative" else "an arm of these inertias"
             friction = " Both have the friction that was found." if outcome.robot.friction else ""
+            promise = "The uncertainty of the identified values is too large to promise anything."
+            if outcome.distribution is not None:
+                promise = (
+                    "95 of 100 robots within the uncertainty of the identified values stay "
+                    f"{_below(outcome.after_m)}."
+                )
             st.caption(
-                f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated. 95 of 100 robots within "
-                f"the uncertainty of the identified values stay {_below(outcome.after_m)}.{friction}"
+                f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated. {promise}{friction}"
             )
             st.page_link(CUT_PAGE, label="Watch the cut")

@@ -1,0 +1,253 @@
+"""What an identification is worth on the path: known answers, scaling laws, and which arm it is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
+
+from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
+from jointid.outcome import (
+    CUTTING_POINT_M,
+    EVERYDAY_SERVO,
+    CutRobot,
+    assumed_elasticity,
+    cut_outcome,
+    cut_robot,
+    millimetres,
+    study_outcome,
+)
+from jointid.servo import Servo
+
+PATH = rectangle(zone_m=0.010)
+IDEAL = Servo()
+OTHER = Inertia(M=[0.0013, 0.0013], M2=[[0.0023, 0.0035], [0.0035, 0.0071]])
+MICROMETRE = 1e-6
+
+
+def analysis_of(
+    inertia: Inertia = PARALLELOGRAM,
+    identified: Elasticity = PAPER,
+    nominal: Elasticity | None = None,
+    relative_error: float = 0.01,
+    friction: Any = None,
+) -> Any:
+    """An analysis as far as an outcome looks at it."""
+    value = np.concatenate([identified.K, identified.D])
+    fit = SimpleNamespace(
+        n=identified.n,
+        elasticity=identified,
+        covariance=np.diag((relative_error * value) ** 2),
+        friction=friction,
+    )
+    return SimpleNamespace(study=SimpleNamespace(inertia=inertia, nominal=nominal, poses={}), fit=fit)
+
+
+def robot(relative_error: float = 0.0, drive: Any = "parallelogram") -> CutRobot:
+    value = np.concatenate([PAPER.K, PAPER.D])
+    covariance = np.diag((relative_error * value) ** 2)
+    return CutRobot("direct", PlanarArm.example(drive), PAPER, covariance, None, None)
+
+
+def scaled(ratio: float) -> Elasticity:
+    return Elasticity(ratio * PAPER.K, PAPER.D)
+
+
+class TestTheArm:
+    @pytest.mark.parametrize(
+        ("inertia", "drive"), [(PARALLELOGRAM, "parallelogram"), (SERIAL, "serial")]
+    )
+    def test_a_study_with_the_inertias_of_an_example_arm_gets_it(
+        self, inertia: Inertia, drive: str
+    ) -> None:
+        found = cut_robot(analysis_of(inertia, nominal=scaled(0.5)))
+        assert (found.rule, found.arm.drive) == ("direct", drive)
+        np.testing.assert_array_equal(found.elasticity.K, PAPER.K)
+        np.testing.assert_array_equal(found.nominal.K, 0.5 * PAPER.K)
+        at_cut = found.arm.inertia(found.arm.inverse(CUTTING_POINT_M))
+        np.testing.assert_allclose(at_cut.M2, inertia.M2, rtol=2e-3)
+
+    def test_the_other_drive_is_said_to_be_another_robot(self) -> None:
+        found = cut_robot(analysis_of(PARALLELOGRAM), drive="serial")
+        assert (found.rule, found.arm.drive) == ("springs", "serial")
+        np.testing.assert_array_equal(found.elasticity.D, PAPER.D)
+
+    @pytest.mark.parametrize(
+        ("factor", "rule"), [(1.03, "direct"), (1.08, "relative"), (0.9, "relative")]
+    )
+    def test_inertias_count_as_the_same_within_five_per_cent(self, factor: float, rule: str) -> None:
+        inertia = Inertia(PARALLELOGRAM.M, factor * PARALLELOGRAM.M2)
+        assert cut_robot(analysis_of(inertia)).rule == rule
+
+    def test_a_pose_may_be_the_one_that_matches(self) -> None:
+        analysis = analysis_of(OTHER)
+        analysis.study.poses = {"cutting": PARALLELOGRAM}
+        assert cut_robot(analysis).rule == "direct"
+
+    def test_of_another_robot_the_ratios_stay(self) -> None:
+        identified = Elasticity([8.0, 58.0], [0.01, 0.04])
+        nominal = Elasticity([10.0, 50.0], [0.02, 0.03])
+        friction = SimpleNamespace(coulomb=np.array([0.08, 0.58]), viscous=np.array([-1e-6, 2e-3]))
+        analysis = analysis_of(OTHER, identified, nominal, 0.02, friction)
+        found = cut_robot(analysis)
+        assert found.rule == "relative"
+        np.testing.assert_allclose(found.elasticity.K, PAPER.K)
+        np.testing.assert_allclose(found.nominal.K / found.elasticity.K, nominal.K / identified.K)
+        np.testing.assert_allclose(found.nominal.D / found.elasticity.D, nominal.D / identified.D)
+        np.testing.assert_allclose(found.elasticity.D / found.elasticity.K, identified.D / identified.K)
+        value = np.concatenate([found.elasticity.K, found.elasticity.D])
+        np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / value, 0.02)
+        np.testing.assert_allclose(found.friction.coulomb / found.elasticity.K, 0.01)
+        assert found.friction.viscous[0] == 0
+
+    @pytest.mark.parametrize(
+        ("inertia", "springs"), [(ONE, Elasticity([43], [0.1])), (THREE, THREE_SPRINGS)]
+    )
+    def test_other_than_two_joints_say_nothing_of_a_plane(
+        self, inertia: Inertia, springs: Elasticity
+    ) -> None:
+        analysis = analysis_of(inertia, springs, nominal=springs)
+        found = cut_robot(analysis)
+        assert found.rule == "demonstration"
+        assert found.nominal is None
+        np.testing.assert_array_equal(found.elasticity.K, PAPER.K)
+        assert study_outcome(analysis) is None
+
+
+class TestTheServoBefore:
+    def test_its_choices(self) -> None:
+        found = cut_robot(analysis_of(nominal=scaled(0.5)))
+        assert assumed_elasticity(found, "rigid") is None
+        np.testing.assert_allclose(assumed_elasticity(found, "study").K, 0.5 * PAPER.K)
+        np.testing.assert_allclose(assumed_elasticity(found, "soft").K, 0.4 * PAPER.K)
+        np.testing.assert_allclose(assumed_elasticity(found, "stiff").K, 3 * PAPER.K)
+        np.testing.assert_array_equal(assumed_elasticity(found, "stiff").D, PAPER.D)
+        assert assumed_elasticity(found, "custom", scaled(2)).K[0] == 86
+
+    @pytest.mark.parametrize(
+        ("assumption", "said"),
+        [("study", r"\[nominal\] of the study"), ("custom", "custom gives no"), ("best", '"soft"')],
+    )
+    def test_what_is_missing_is_said(self, assumption: Any, said: str) -> None:
+        with pytest.raises(JointIdError, match=said):
+            assumed_elasticity(robot(), assumption)
+
+
+class TestKnownAnswers:
+    @pytest.mark.parametrize("drive", ["parallelogram", "serial"])
+    def test_a_servo_that_knows_the_springs_leaves_nothing(self, drive: str) -> None:
+        outcome = cut_outcome(robot(drive=drive), PATH, PAPER, servo=IDEAL, samples=3)
+        assert outcome.before_m < 2 * MICROMETRE
+        assert outcome.after_m < 2 * MICROMETRE
+        np.testing.assert_array_equal(outcome.before.wanted_m, outcome.after.wanted_m)
+
+    def test_figure_7(self) -> None:
+        """Physics notes, section 6: millimetres of each controller, zone 10 mm."""
+        for assumption, least, most in (
+            ("soft", 2.5e-3, 5e-3),
+            ("rigid", 2e-3, 4e-3),
+            ("stiff", 1e-3, 3e-3),
+        ):
+            assumed = assumed_elasticity(robot(), assumption)
+            outcome = cut_outcome(robot(), PATH, assumed, servo=IDEAL, samples=1)
+            assert least < outcome.before_m < most, assumption
+
+    def test_k_within_one_per_cent_and_d_within_five(self) -> None:
+        found = robot()
+        spread = np.array([0.005, 0.005, 0.025, 0.025]) * np.concatenate([PAPER.K, PAPER.D])
+        found = CutRobot("direct", found.arm, PAPER, np.diag(spread**2), None, None)
+        outcome = cut_outcome(found, PATH, None, servo=IDEAL)
+        assert outcome.after_m < 6e-5
+        assert outcome.distribution.median_m < outcome.after_m < outcome.before_m / 30
+
+    @pytest.mark.parametrize("ratio", [0.5, 0.8, 1.25, 2.0])
+    def test_a_stiffness_error_costs_its_share_of_the_rigid_servos_error(self, ratio: float) -> None:
+        """Both stiffnesses scaled alike: the tracking error is |K/K̂ − 1| times that of a rigid servo."""
+        rigid = cut_outcome(robot(), PATH, None, servo=IDEAL, samples=1).before.max_tracking_error_m
+        alike = Elasticity(ratio * PAPER.K, ratio * PAPER.D)
+        scaled_ = cut_outcome(robot(), PATH, alike, servo=IDEAL, samples=1)
+        expected = abs(1 / ratio - 1) * rigid
+        assert scaled_.before.max_tracking_error_m == pytest.approx(expected, rel=0.05)
+
+
+class TestThePromise:
+    def test_it_grows_with_the_uncertainty(self) -> None:
+        small, large = (
+            cut_outcome(robot(error), PATH, None, servo=IDEAL, samples=60) for error in (2e-3, 2e-2)
+        )
+        assert large.after_m == pytest.approx(10 * small.after_m, rel=0.15)
+        assert large.before_m == small.before_m
+
+    def test_the_robot_drawn_stands_at_its_edge(self) -> None:
+        outcome = cut_outcome(robot(0.01), PATH, None, samples=60)
+        drawn = outcome.distribution.max_contour_error_m
+        assert np.mean(drawn <= outcome.after_m) == pytest.approx(0.95, abs=0.02)
+        assert outcome.after.max_contour_error_m == pytest.approx(outcome.after_m, rel=0.05)
+        assert np.any(np.all(outcome.distribution.K == outcome.edge.K, axis=1))
+
+    def test_the_same_seed_draws_the_same_robots(self) -> None:
+        first, second, other = (
+            cut_outcome(robot(0.01), PATH, None, samples=5, seed=seed) for seed in (1, 1, 2)
+        )
+        assert first.after_m == second.after_m != other.after_m
+
+    def test_without_a_promise_the_cut_is_still_made(self) -> None:
+        outcome = cut_outcome(robot(5.0), PATH, None, servo=IDEAL)
+        assert outcome.distribution is None
+        assert "not determined well enough" in outcome.problem
+        np.testing.assert_array_equal(outcome.edge.K, PAPER.K)
+        assert outcome.after_m == outcome.after.max_contour_error_m < 2 * MICROMETRE
+
+    def test_friction_acts_before_and_after(self) -> None:
+        friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.0, 0.0])
+        without = cut_outcome(robot(), PATH, None, samples=2)
+        with_friction = cut_outcome(robot(), PATH, None, friction=friction, samples=2)
+        assert with_friction.after_m > without.after_m + 1e-4
+        assert not np.array_equal(with_friction.before.tool_m, without.before.tool_m)
+
+    def test_left_out_the_servo_is_the_everyday_one(self) -> None:
+        left_out, given_ = (
+            cut_outcome(robot(), PATH, None, samples=1, servo=s) for s in (None, EVERYDAY_SERVO)
+        )
+        np.testing.assert_array_equal(left_out.before.tool_m, given_.before.tool_m)
+
+
+class TestAStudy:
+    def test_of_two_joints_gains_millimetres(self, studies: dict[int, Study]) -> None:
+        outcome = study_outcome(analyse(studies[2], method="weighted"))
+        assert outcome.robot.rule == "direct"
+        assert outcome.before_m > 1.5e-3
+        assert outcome.after_m < 1e-4
+        np.testing.assert_array_equal(outcome.assumed.K, studies[2].nominal.K)
+
+    def test_without_nominal_values_is_compared_with_rigid_joints(self) -> None:
+        outcome = study_outcome(analysis_of(nominal=None))
+        assert outcome.assumed is None
+        assert outcome.before_m > 2e-3
+
+
+@pytest.mark.parametrize(
+    ("length_m", "text"),
+    [
+        (0.0, "under 0.001 mm"),
+        (0.99e-6, "under 0.001 mm"),
+        (2.9e-6, "0.003 mm"),
+        (3.94e-5, "0.039 mm"),
+        (3.1e-3, "3.1 mm"),
+        (0.0123, "12 mm"),
+    ],
+)
+def test_millimetres(length_m: float, text: str) -> None:
+    assert millimetres(length_m) == text
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(st.floats(1e-6, 0.099))
+def test_millimetres_are_those_of_the_length(length_m: float) -> None:
+    shown = float(millimetres(length_m).removesuffix(" mm"))
+    assert shown == pytest.approx(1e3 * length_m, rel=0.5 if length_m < 1e-5 else 0.05)
