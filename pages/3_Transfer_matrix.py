@@ -27,7 +27,7 @@ st.latex(
     r"""\begin{gathered}
     \ddot{\mathbf q} = \mathbf H(i\omega)\,\boldsymbol\tau \quad (16) \\
     \mathbf H = [\,\ddot{\mathbf q}^{(1)}\;\ddot{\mathbf q}^{(2)}\cdots]\;
-    [\,\boldsymbol\tau^{(1)}\;\boldsymbol\tau^{(2)}\cdots]^{-1} \quad (17, 18)
+    [\,\boldsymbol\tau^{(1)}\;\boldsymbol\tau^{(2)}\cdots]^{-1} \; (18)
     \end{gathered}"""
 )
 analysis = page.analysis()

@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.figures import raw_columns
-from jointid.log_files import read_log
+from jointid.log_files import MAX_LOG_BYTES, read_log
 from jointid.ui.charts import is_dark, plot, table
 from jointid.ui.log_import import (
     ask_rest,
@@ -24,7 +24,12 @@ st.write(
     "Separator, decimal mark and comment lines are found by themselves; say which column is what. "
     "For many records, a study folder is the better way."
 )
-file = st.file_uploader("Log (.csv, .txt)", type=["csv", "txt", "log", "dat", "tsv"], key="log_file")
+file = st.file_uploader(
+    "Log (.csv, .txt)",
+    type=["csv", "txt", "log", "dat", "tsv"],
+    max_upload_size=MAX_LOG_BYTES >> 20,
+    key="log_file",
+)
 if file is None:
     st.caption("For instance: `time; position; torque`, a header line and one row per sample.")
     st.stop()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from jointid import Analysis, Inertia, JointIdError, SineRecord, Study, analyse, motor_response
+from jointid import Analysis, Friction, Inertia, JointIdError, SineRecord, Study, analyse, motor_response
 from jointid.figures import (
     dynamic_stiffness,
     element_response,
@@ -108,6 +109,25 @@ def test_an_off_diagonal_element_comes_with_its_mirror_image(analyses: dict[int,
     one, other = trace(figure, "measured H₁₂"), trace(figure, "measured H₂₁")
     assert one.marker.symbol != other.marker.symbol
     np.testing.assert_allclose(one.y, other.y, rtol=0.05)
+
+
+def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_one(
+    analyses: dict[int, Analysis],
+) -> None:
+    plain = analyses[2]
+    raw = plain.transfer_matrices[""]
+    found = replace(
+        plain,
+        fit=replace(plain.fit, friction=Friction(np.ones(2), np.zeros(2), np.zeros(4))),
+        freed_transfer_matrices={"": replace(raw, H=1.1 * raw.H)},
+    )
+    figure = element_response(found, 0, 0)
+    full, hollow = trace(figure, "freed H₁₁"), trace(figure, "measured H₁₁")
+    np.testing.assert_allclose(full.y, 1.1 * hollow.y)
+    np.testing.assert_allclose(hollow.y, np.abs(raw.H[:, 0, 0]))
+    assert (full.marker.symbol, hollow.marker.symbol) == ("circle", "circle-open")
+    np.testing.assert_allclose(trace(model_over_measurement(found, 0), "freed").y, full.y)
+    assert not any("freed" in t.name for t in element_response(plain, 0, 0).data)
 
 
 def test_single_records_show_every_record_once_on_the_scale_of_h(analyses: dict[int, Analysis]) -> None:
