@@ -85,8 +85,10 @@ def good(title: str, detail: str) -> Finding:
 
 
 def percent(share: float) -> str:
-    """Write a share in percent with two digits, more below a tenth of a percent."""
+    """Write a share in percent with two digits or so."""
     value = 100 * abs(share)
+    if value > 1000:
+        return "more than 1000 %"
     return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
 
 

@@ -150,7 +150,7 @@ def _hypotheses(phasors: Phasors, inertias: Sequence[Inertia]) -> Iterator[_Hypo
     one = np.ones(n)
     for factor, _ in _KNOWN:
         yield _one_kind(np.full(n, factor))
-    measured = _low_frequency_inertia(phasors, inertias)
+    measured = low_frequency_inertia(phasors, inertias)
     if measured is None or n > _MOST_JOINTS:
         return
     expected = np.mean([np.diag(i.M) + i.M2 for i in inertias], axis=0)
@@ -192,8 +192,11 @@ def _snapped(ratio: float) -> float:
     return float(ratio)
 
 
-def _low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floats | None:
-    """The matrix (n, n) that maps acceleration to torque at ω → 0, as measured."""
+def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floats | None:
+    """Return the matrix (n, n) that maps acceleration to torque at ω → 0, as measured; None if too few.
+
+    The springs' share grows with ω²; it is taken off by extrapolation over the lowest frequencies.
+    """
     n = phasors.n
     groups = phasors.by_frequency()
     acceleration = -(phasors.omega[:, None] ** 2) * phasors.q

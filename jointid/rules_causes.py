@@ -11,10 +11,11 @@ import numpy as np
 from jointid.chosen_model import parameter_names, refit
 from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
-from jointid.evidence import Evidence, Finding, note, percent, relative, warning
+from jointid.evidence import Evidence, Finding, note, percent, problem, relative, warning
 from jointid.inertia_check import InertiaCheck, check_inertia
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate
+from jointid.plausibility import low_frequency_inertia
 from jointid.poses import fits_by_pose
 from jointid.validation import amplitude_dependence, freed_phasors, harmonic_content
 
@@ -112,6 +113,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         return
     guilty = [(pose, check) for pose, check in _inertia_checks(evidence) if _guilty(check)]
     if not guilty:
+        yield from _far_off(evidence)
         return
     pose, check = min(guilty, key=lambda item: item[1].misfit_found)
     scale = np.maximum(np.abs(check.given), 1e-3 * np.abs(check.given).max())
@@ -133,6 +135,35 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
+def _far_off(evidence: Evidence) -> Iterator[Finding]:
+    """At low frequency the torques are (M + M2) q̈; inertias of another pose or drive show there."""
+    fit = evidence.fit
+    free = freed_phasors(evidence.phasors, fit)
+    if fit.misfit < 100 or distortion(evidence) > 0.02:
+        return
+    for pose in dict.fromkeys(evidence.poses):
+        index, inertia = evidence.of_pose(pose)
+        measured = low_frequency_inertia(free.select(index), [inertia] * index.size)
+        if measured is None:
+            continue
+        given = np.diag(inertia.M) + inertia.M2
+        scale = np.sqrt(np.outer(np.diag(given), np.diag(given)))
+        off = np.abs((measured + measured.T) / 2 - given) / scale
+        i, j = (int(k) for k in np.unravel_index(np.argmax(off), off.shape))
+        if off[i, j] > 0.2:
+            element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
+            where = f" in pose {pose}" if pose else ""
+            yield problem(
+                f"The inertias look wrong{where}",
+                "At low frequency, where the springs drop out, torque over acceleration says "
+                f"{element} = {(measured[i, j] + measured[j, i]) / 2:.2g} kg·m² or so; given is "
+                f"{given[i, j]:.3g}. The equations leave {np.sqrt(fit.misfit):.2g} times what the noise "
+                "explains.",
+                "Check M and M2: another pose or drive, a missing payload, wrong gear ratios.",
+                float(off[i, j]),
+            )
+
+
 def _inertia_checks(evidence: Evidence) -> list[tuple[str, InertiaCheck]]:
     """Inertias as the records would have them, pose by pose, in the ways that there are to get them."""
     fit, checks = evidence.fit, []
@@ -142,11 +173,12 @@ def _inertia_checks(evidence: Evidence) -> list[tuple[str, InertiaCheck]]:
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
         for phasors in tried:
-            try:
-                check = check_inertia(phasors.select(index), inertia, fit.K, fit.D)
-            except (JointIdError, np.linalg.LinAlgError):
-                continue
-            checks.append((pose, check))
+            # Inertias that are far off may have driven K and D far off: begin in the band as well.
+            middle = np.exp(np.log(phasors.omega[index]).mean())
+            stiff = np.diag(inertia.M2) * middle**2
+            for K, D in ((fit.K, fit.D), (stiff, 0.1 * stiff / middle)):
+                with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
+                    checks.append((pose, check_inertia(phasors.select(index), inertia, K, D)))
     rubs = fit.friction is not None or distortion(evidence) > 1e-3
     if rubs and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
         with contextlib.suppress(JointIdError, np.linalg.LinAlgError):

@@ -47,7 +47,7 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
         yield warning(
             f"{some(names)} {'is' if len(names) == 1 else 'are'} hardly known",
             f"One standard error of {parameter_names(fit.n)[worst]} is "
-            f"{percent(min(share[worst], 10.0))} of its value.",
+            f"{percent(share[worst])} of its value.",
             "Add records near the resonances, record longer, or move the joints more.",
             float(share.max()),
         )

@@ -36,7 +36,7 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
 def foreign_peak(evidence: Evidence) -> Iterator[Finding]:
     """The story of Figures 3 and 4: a peak of one record's response that H does not have."""
     fit = evidence.fit
-    if fit.n == 1 or np.any(fit.K <= 0):
+    if fit.n == 1 or np.any(fit.K <= 0) or fit.misfit > 100:
         return
     told: dict[int, Finding] = {}
     for pose, matrix in evidence.transfer_matrices.items():

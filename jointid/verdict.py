@@ -30,14 +30,19 @@ _OF_RECORDS: tuple[_Rule, ...] = (
 
 _OF_THE_ANSWER: tuple[_Rule, ...] = (
     rules_model.not_physical,
-    rules_model.hardly_known,
-    rules_model.resonance_missed,
     rules_causes.against_the_paper,
     rules_causes.torque_lags,
     rules_response.foreign_peak,
     rules_response.rejected,
 )
 """What makes sense only when units, signs and gear ratios are right."""
+
+_OF_ITS_PRECISION: tuple[_Rule, ...] = (
+    rules_model.model_limits,
+    rules_model.hardly_known,
+    rules_model.resonance_missed,
+)
+"""What makes sense only when no cause is known that spoils the answer."""
 
 
 def findings(evidence: Evidence) -> tuple[Finding, ...]:
@@ -57,7 +62,9 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         if not causes:  # wrong inertias would pass for both
             causes += rules_causes.poses_disagree(evidence)
             causes += rules_causes.depends_on_amplitude(evidence)
-        found += causes or list(rules_model.model_limits(evidence))
+        found += causes
+        if not causes:
+            found += [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(_all_well(evidence.fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))

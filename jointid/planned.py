@@ -1,0 +1,82 @@
+"""Sine experiments that have not been made yet: their torques from their motion, or the other way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Complexes, Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia, motor_response
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRecords:
+    """Sine experiments that have not been made yet."""
+
+    frequency_hz: Floats
+    """Shape (r,), Hz."""
+    torque_Nm: Complexes
+    """Torque amplitudes and phases that move inertias and springs, shape (r, n), N·m; the motors'
+    friction comes on top."""
+    angle_rad: Complexes
+    """Motor angle amplitudes and phases, shape (r, n), rad."""
+    duration_s: Floats
+    """Shape (r,), s."""
+
+    @property
+    def velocity_rad_s(self) -> Floats:
+        """Velocity amplitudes of the motors, shape (r, n)."""
+        return np.asarray(np.abs(self.angle_rad) * 2 * np.pi * self.frequency_hz[:, None])
+
+
+def planned_records(
+    inertia: Inertia,
+    elasticity: Elasticity,
+    frequency_hz: ArrayLike,
+    *,
+    torque_Nm: ArrayLike | None = None,
+    angle_rad: ArrayLike | None = None,
+    duration_s: ArrayLike = 4.0,
+) -> PlannedRecords:
+    """Plan records by their torques or by their motor angles; the model tells the other.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        The model, n joints.
+    frequency_hz : array_like, shape (r,)
+    torque_Nm, angle_rad : array_like, complex, shape (r, n) or (n,)
+        Amplitude and phase, one of the two; y stands for Im(y e^{iωt}).
+    duration_s : float or (r,)
+
+    Raises
+    ------
+    JointIdError
+        When not exactly one of torque and angle is given, or a shape or value is wrong.
+    """
+    frequency = finite_array("frequency_hz", frequency_hz, ndim=1)
+    duration = finite_array("duration_s", np.broadcast_to(duration_s, frequency.shape), ndim=1)
+    if frequency.size == 0 or np.any(frequency <= 0) or np.any(duration * frequency < 1):
+        raise JointIdError(
+            "Planned records need positive frequencies, and at least one period each: check "
+            "frequency_hz and duration_s."
+        )
+    if (torque_Nm is None) == (angle_rad is None):
+        raise JointIdError("Give the torques or the angles of the planned records, one of the two.")
+    given = np.asarray(torque_Nm if angle_rad is None else angle_rad, np.complex128)
+    shape = (frequency.size, inertia.n)
+    if given.shape not in (shape, shape[1:]) or not np.isfinite(given).all():
+        raise JointIdError(
+            f"Amplitudes of shape {given.shape}: expected finite numbers, one row for each of the "
+            f"{shape[0]} records and one column for each of the {shape[1]} joint(s)."
+        )
+    given = np.array(np.broadcast_to(given, shape), np.complex128)
+    H = motor_response(2 * np.pi * frequency, inertia, elasticity)
+    s2 = -((2 * np.pi * frequency)[:, None] ** 2)
+    if angle_rad is None:
+        return PlannedRecords(frequency, given, (H @ given[..., None])[..., 0] / s2, duration)
+    torque = np.linalg.solve(H, (s2 * given)[..., None])[..., 0]
+    return PlannedRecords(frequency, np.asarray(torque, np.complex128), given, duration)
