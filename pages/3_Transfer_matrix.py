@@ -2,9 +2,9 @@
 
 import streamlit as st
 
-from jointid.figures import element_response, single_record, torque_condition
-from jointid.ui.charts import plot, table
-from jointid.ui.elements import choose_element, choose_pose, matrix_table
+from jointid.figures import element_response, single_record
+from jointid.ui.charts import plot
+from jointid.ui.elements import choose_element, choose_pose, show_how_well_known
 from jointid.ui.overview import freed_note
 from jointid.ui.page import open_page
 
@@ -65,16 +65,4 @@ else:
             + freed_note(analysis.fit)
         )
 
-if n > 1:
-    st.subheader("How well H is known", anchor=False)
-    st.write(
-        "A condition number of 1 means that the records' torques are as different as can be; at 100 "
-        "their noise is amplified about a hundredfold. The reciprocity error is the largest difference "
-        "between H_ij and H_ji."
-    )
-    plot(
-        torque_condition(matrix, dark=page.dark), "Condition number and reciprocity error over frequency"
-    )
-for text in matrix.rejected:
-    st.info(text)
-table(matrix_table(matrix))
+show_how_well_known(matrix, dark=page.dark)

@@ -6,8 +6,9 @@ import numpy as np
 import streamlit as st
 
 from jointid import TransferMatrix
+from jointid.figures import torque_condition
 from jointid.rounding import significant, with_error
-from jointid.ui.charts import Table
+from jointid.ui.charts import Table, plot, table
 
 
 def choose_pose(poses: list[str]) -> str:
@@ -41,6 +42,22 @@ def choose_element(n: int) -> tuple[int, int]:
         "On the diagonal a motor's own torque acts.",
     )
     return pairs[names.index(shown or names[0])]
+
+
+def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
+    """Condition and reciprocity over frequency, what was rejected, and the matrix as numbers."""
+    if matrix.H.shape[1] > 1:
+        st.subheader("How well H is known", anchor=False)
+        st.write(
+            "A condition number of 1 means that the records' torques are as different as can be; at 100 "
+            "their noise is amplified about a hundredfold. The reciprocity error is the largest difference "
+            "between H_ij and H_ji."
+        )
+        what = "Condition number and reciprocity error over frequency"
+        plot(torque_condition(matrix, dark=dark), what)
+    for text in matrix.rejected:
+        st.info(text)
+    table(matrix_table(matrix))
 
 
 def matrix_table(matrix: TransferMatrix) -> Table:
