@@ -49,9 +49,9 @@ def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
     if matrix.H.shape[1] > 1:
         st.subheader("How well H is known", anchor=False)
         st.write(
-            "A condition number of 1 means that the records' torques are as different as can be; at 100 "
-            "their noise is amplified about a hundredfold. The reciprocity error is the largest difference "
-            "between H_ij and H_ji."
+            "A condition number of 1 means that the records' torques are as different as can be; at "
+            "100 their noise is amplified about a hundredfold. The reciprocity error is the largest "
+            "difference between H_ij and H_ji."
         )
         what = "Condition number and reciprocity error over frequency"
         plot(torque_condition(matrix, dark=dark), what)
