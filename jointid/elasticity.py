@@ -189,11 +189,11 @@ def identify_elasticity(
     start = weighted(equations).p
     tried: dict[_Choice, LikelihoodEstimate | JointIdError] = {}
 
-    def best(choices: Sequence[_Choice]) -> _Choice:
+    def best(choices: Sequence[_Choice], *, any_delay: bool = True) -> _Choice:
         for choice in choices:
             if choice not in tried:
-                tried[choice] = _attempt(phasors, inertia, start, choice)
-        criterion = _criteria({choice: tried[choice] for choice in choices}, phasors)
+                tried[choice] = _attempt(phasors, inertia, _warm(start, choice, tried), choice)
+        criterion = _criteria({choice: tried[choice] for choice in choices}, phasors, any_delay)
         return min(choices, key=lambda choice: criterion[choice])
 
     if method == "maximum-likelihood":
@@ -203,7 +203,7 @@ def identify_elasticity(
         shapes = _REVERSALS if friction else (None, *_REVERSALS)
         shape = best([_Choice(reversal, True) for reversal in shapes]).reversal
         best([_Choice(reversal, delay) for reversal in {shapes[0], shape}])
-        choice = best(list(tried))
+        choice = best(list(tried), any_delay=delay)
     chosen = tried[choice]
     if isinstance(chosen, JointIdError):
         if method == "auto":  # better an answer that shows what is wrong than none
@@ -220,6 +220,17 @@ class _Choice:
     delay: bool
 
 
+def _warm(
+    start: Floats, choice: _Choice, tried: Mapping[_Choice, LikelihoodEstimate | JointIdError]
+) -> Floats:
+    """Parameters to begin with: those of the last fit of the same kind, or the linear estimate."""
+    for earlier, estimate in reversed(list(tried.items())):
+        alike = (earlier.reversal is None) == (choice.reversal is None) and earlier.delay >= choice.delay
+        if alike and isinstance(estimate, LikelihoodEstimate):
+            return estimate.p if earlier.delay == choice.delay else estimate.p[:-1]
+    return start
+
+
 def _attempt(
     phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats, choice: _Choice
 ) -> LikelihoodEstimate | JointIdError:
@@ -231,7 +242,7 @@ def _attempt(
 
 
 def _criteria(
-    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], phasors: Phasors
+    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], phasors: Phasors, any_delay: bool
 ) -> dict[_Choice, float]:
     """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
@@ -243,7 +254,7 @@ def _criteria(
     rows = 2 * np.count_nonzero(phasors.harmonics[..., : phasors.n])
     return {
         choice: np.inf
-        if isinstance(estimate, JointIdError)
+        if isinstance(estimate, JointIdError) or not _significant(choice, estimate, misfit, any_delay)
         else float(
             2 * estimate.cost / max(1.0, misfit)
             + np.log(rows) * estimate.p.size
@@ -253,10 +264,22 @@ def _criteria(
     }
 
 
+def _significant(choice: _Choice, estimate: LikelihoodEstimate, misfit: float, any_delay: bool) -> bool:
+    """Whether what was fitted beside K and D stands five standard errors clear of nothing.
+
+    Free shapes of reversals soak up many small things that are no friction; this keeps them out.
+    """
+    n = estimate.phasors.n
+    error = np.sqrt(np.diag(estimate.covariance) * max(1.0, misfit))
+    clear = np.abs(estimate.p) > 5 * error
+    friction = choice.reversal is None or clear[2 * n : 4 * n].any()
+    return bool(friction and (any_delay or not choice.delay or clear[-1]))
+
+
 def _candidates(
     tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], chosen: _Choice | None, phasors: Phasors
 ) -> tuple[Candidate, ...]:
-    criterion = _criteria(tried, phasors)
+    criterion = _criteria(tried, phasors, any_delay=False)
     candidates = []
     for choice, estimate in tried.items():
         friction = choice.reversal is not None

@@ -27,10 +27,11 @@ class FrictionWaveforms:
 
     coulomb: Complexes
     """Of sign θ̇, shape (r, H, n)."""
-    reversals: tuple[Complexes, ...]
-    """For each record the waveforms in which friction is free, shape (m, H, n) with its own m."""
+    reversals: Complexes
+    """Waveforms in which friction is free, shape (r, H, n, m); where a record has fewer, zero."""
     standing: np.ndarray
-    """Whether the joint hardly moves in the record, so that its friction is free throughout, (r, n)."""
+    """Whether the joint hardly moves in the record: its friction is unknown throughout, and with it its
+    torque balance says nothing, shape (r, n)."""
 
 
 def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
@@ -62,27 +63,24 @@ def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
 
     carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
     signs = np.sign(velocity)
-    reversals = []
+    shapes_of = []
     for record in range(r):
-        free = [np.zeros((0, H, n), complex)]
         for joint in range(n):
             if standing[record, joint]:
-                shapes = np.concatenate([np.eye(H), 1j * np.eye(H)])
                 signs[record, joint] = 0
-            else:
-                threshold = share[record, joint] * largest[record, joint] if window > 0 else 0.0
-                shapes = _free_shapes(
-                    velocity[record, joint],
-                    signs[record, joint],
-                    threshold,
-                    to_phasor,
-                    int(carried[record]),
-                )
-            placed = np.zeros((len(shapes), H, n), complex)
-            placed[:, :, joint] = shapes
-            free.append(placed)
-        reversals.append(np.concatenate(free))
-    return FrictionWaveforms((signs @ to_phasor).swapaxes(1, 2), tuple(reversals), standing)
+                shapes_of.append(np.zeros((0, H), complex))
+                continue
+            threshold = share[record, joint] * largest[record, joint] if window > 0 else 0.0
+            speed, sign = velocity[record, joint], signs[record, joint]
+            shapes = _free_shapes(speed, sign, threshold, to_phasor, int(carried[record]))
+            shapes_of.append(shapes)
+    most = max(len(shapes) for shapes in shapes_of)
+    reversals = np.zeros((r, H, n, n, most), complex)
+    for place, shapes in enumerate(shapes_of):
+        record, joint = divmod(place, n)
+        reversals[record, :, joint, joint, : len(shapes)] = shapes.T
+    coulomb = (signs @ to_phasor).swapaxes(1, 2)
+    return FrictionWaveforms(coulomb, reversals.reshape(r, H, n, n * most), standing)
 
 
 def _free_shapes(

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import qr
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -27,6 +26,7 @@ from jointid.phasors import Phasors
 from jointid.spring_equations import inertia_arrays, spring_equations
 
 _PASSES = 50
+_RIDGE = 1e-11
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 
@@ -53,6 +53,20 @@ class _Problem:
     def n(self) -> int:
         return int(self.M.shape[1])
 
+    @property
+    def counts(self) -> np.ndarray:
+        """Whether a joint's torque balance in a record says anything, (r, n)."""
+        return np.ones(self.M.shape, bool) if self.friction is None else ~self.friction.standing
+
+    @property
+    def rows(self) -> int:
+        """How many real equations there are."""
+        return int(2 * self.known.sum(axis=1) @ self.counts.sum(axis=1))
+
+    @property
+    def free_shapes(self) -> int:
+        return 0 if self.friction is None else int(self.friction.reversals.shape[3])
+
 
 def maximum_likelihood(
     phasors: Phasors,
@@ -69,8 +83,8 @@ def maximum_likelihood(
     phasors : Phasors
     inertia : Inertia or sequence of Inertia
         One for all records, or one per record.
-    start : ndarray, shape (2n,)
-        K and D to begin with, from a linear estimator.
+    start : ndarray, shape (2n,) or (P,)
+        K and D to begin with, from a linear estimator, or all parameters from a like fit.
     friction : FrictionWaveforms, optional
         Fit Coulomb and viscous friction with these waveforms.
     delay : bool, default False
@@ -109,7 +123,7 @@ def maximum_likelihood(
         friction=friction,
         names=tuple(names),
     )
-    p = np.concatenate([start, np.zeros(len(names) - 2 * n)])
+    p = np.concatenate([start, np.zeros(len(names) - start.size)])
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
@@ -117,24 +131,24 @@ def maximum_likelihood(
     scale = np.maximum(1.0, _misfit_by_harmonic(problem, p))
     p, normal = _minimise(problem, p, scale)
     information = _inverse(problem, normal)
-    rows, _, rank = _whitened(problem, p, np.ones_like(scale))
-    measured = problem.known.sum() * n * 2
+    rows, _ = _whitened(problem, p, np.ones_like(scale))
+    rank = _rank(problem, p)
     first = problem.z[:, 0]
     clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - _taken(problem, p, scale))
     clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
     return LikelihoodEstimate(
         p=p,
         covariance=0.5 * information,
-        cost=float(sum((row**2).sum() for row in rows)),
-        expected_cost=max((measured - rank - len(names)) / 2, 0.0),
+        cost=float((rows**2).sum()),
+        expected_cost=max((problem.rows - rank - len(names)) / 2, 0.0),
         parameters=rank + len(names),
         phasors=clean,
     )
 
 
 def _require_rows(problem: _Problem, p: Floats) -> None:
-    _, _, rank = _whitened(problem, p, np.ones(problem.s.shape[1]))
-    if rank > 0 and 2 * problem.n * problem.known.sum() < rank + 2 * p.size:
+    rank = _rank(problem, p)
+    if rank > 0 and problem.rows < rank + 2 * p.size:
         raise JointIdError(
             "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
@@ -169,41 +183,55 @@ def _minimise(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floa
 
 def _quadratic(problem: _Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix."""
-    rows, columns, _ = _whitened(problem, p, scale)
-    cost, gradient, normal = 0.0, np.zeros(p.size), np.zeros((p.size, p.size))
-    for row, column in zip(rows, columns, strict=True):
-        cost += float(row @ row)
-        gradient += column.T @ row
-        normal += column.T @ column
-    return cost, gradient, normal
+    rows, columns = _whitened(problem, p, scale)
+    rows, columns = rows.reshape(-1), columns.reshape(-1, p.size)
+    return float(rows @ rows), columns.T @ rows, columns.T @ columns
 
 
-def _whitened(problem: _Problem, p: Floats, scale: Floats) -> tuple[list[Floats], list[Floats], int]:
-    """Residual and Jacobian of each record in units of noise, without what friction is free to do."""
+def _whitened(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
+    """Residual (r, m) and Jacobian (r, m, P) in units of noise, without what friction is free to do."""
     r, V, J = _balance(problem, p)
+    W = _whitener(problem, V, scale)
+    both = np.concatenate([_real(W @ r[..., None]), _real(W @ J)], axis=2)
+    if problem.free_shapes > 0:
+        free, gram = _free(problem, W)
+        both -= free @ np.linalg.solve(gram, free.swapaxes(1, 2) @ both)
+    return both[..., 0], both[..., 1:]
+
+
+def _rank(problem: _Problem, p: Floats) -> int:
+    """How many real numbers the free shapes are worth: the trace of their projection."""
+    if problem.free_shapes == 0:
+        return 0
+    _, V, _ = _balance(problem, p)
+    free, gram = _free(problem, _whitener(problem, V, np.ones(problem.s.shape[1])))
+    return round(float(np.einsum("rmk,rkm->", free, np.linalg.solve(gram, free.swapaxes(1, 2)))))
+
+
+def _whitener(problem: _Problem, V: Complexes, scale: Floats) -> Complexes:
+    """W with W V Wᴴ = I for the balances that count, zero for the others, (r, H, n, n)."""
     V = V * (problem.noise.inverse_bias[:, None] * scale)[..., None, None]
-    W = np.linalg.inv(np.linalg.cholesky(V)) * problem.known[..., None, None]
-    rows = _real((W @ r[..., None])[..., 0])
-    columns = _real((W @ J).transpose(0, 3, 1, 2)).transpose(0, 2, 1)
-    if problem.friction is None:
-        return list(rows), list(columns), 0
-    out_rows, out_columns, rank = [], [], 0
-    for record, shapes in enumerate(problem.friction.reversals):
-        row, column = rows[record], columns[record]
-        if len(shapes):
-            free = _real(np.einsum("hij,mhj->mhi", W[record], shapes)).T
-            basis = _span(free)
-            row, column = row - basis @ (basis.T @ row), column - basis @ (basis.T @ column)
-            rank += basis.shape[1]
-        out_rows.append(row)
-        out_columns.append(column)
-    return out_rows, out_columns, rank
+    counts = problem.counts[:, None, :, None]
+    V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
+    W = np.linalg.inv(np.linalg.cholesky(V))
+    return np.asarray(W * (problem.known[..., None, None] & counts))
+
+
+def _free(problem: _Problem, W: Complexes) -> tuple[Floats, Floats]:
+    """Free friction shapes in units of noise, of unit length (r, m, k), and their Gram matrices."""
+    assert problem.friction is not None
+    free = _real(W @ problem.friction.reversals)
+    length = np.linalg.norm(free, axis=1, keepdims=True)
+    free = free / np.where(length > 0, length, 1.0)
+    # Neighbouring hats are nearly dependent: the ridge is where double precision ends.
+    gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
+    return free, gram
 
 
 def _real(values: Complexes) -> Floats:
-    """Complex (..., H, n) as real rows (..., 2Hn)."""
-    flat = values.reshape(*values.shape[:-2], -1)
-    return np.concatenate([flat.real, flat.imag], axis=-1)
+    """Complex (r, H, n, k) as real rows (r, 2Hn, k)."""
+    flat = values.reshape(values.shape[0], -1, values.shape[-1])
+    return np.concatenate([flat.real, flat.imag], axis=1)
 
 
 def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
@@ -216,21 +244,15 @@ def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
     taken = taken + p[2 * n : 3 * n] * problem.friction.coulomb[:, 0]
     taken = taken + p[3 * n : 4 * n] * s * z[:, :n]
     r, V, _ = _balance(problem, p)
-    W = np.linalg.inv(np.linalg.cholesky(V * scale[:, None, None])) * problem.known[..., None, None]
-    for record, shapes in enumerate(problem.friction.reversals):
-        if len(shapes):
-            free = _real(np.einsum("hij,mhj->mhi", W[record], shapes)).T
-            row = _real((W[record] @ r[record][..., None])[..., 0])
-            taken[record] += np.linalg.lstsq(free, row, rcond=1e-6)[0] @ shapes[:, 0]
+    if problem.free_shapes > 0:
+        W = _whitener(problem, V, scale)
+        free, gram = _free(problem, W)
+        length = np.linalg.norm(_real(W @ problem.friction.reversals), axis=1)
+        size = np.linalg.solve(gram, free.swapaxes(1, 2) @ _real(W @ r[..., None]))
+        size = size[..., 0] / np.where(length > 0, length, np.inf)
+        taken = taken + np.einsum("rnk,rk->rn", problem.friction.reversals[:, 0], size)
+    taken = np.where(problem.counts, taken, taken + r[:, 0])  # all that is left over is friction
     return np.asarray(taken)
-
-
-def _span(columns: Floats) -> Floats:
-    """Orthonormal basis of the columns' span, by QR with pivoting."""
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 0] / size[size > 0]
-    basis, triangle, _ = qr(columns, mode="economic", pivoting=True, check_finite=False)
-    return np.asarray(basis[:, np.abs(np.diag(triangle)) > 1e-6])
 
 
 def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
@@ -267,11 +289,12 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
 def _misfit_by_harmonic(problem: _Problem, p: Floats) -> Floats:
     """Cost over expected cost of each harmonic, shape (H,)."""
     ones = np.ones(problem.s.shape[1])
-    rows, _, rank = _whitened(problem, p, ones)
+    rows, _ = _whitened(problem, p, ones)
+    rank = _rank(problem, p)
     H, n = problem.s.shape[1], problem.n
-    squares = np.sum([row**2 for row in rows], axis=0).reshape(2, H, n).sum(axis=(0, 2))
-    measured = problem.known.sum(axis=0) * n
-    left = 1 - rank / max(2 * n * problem.known.sum(), 1)
+    squares = (rows**2).reshape(-1, 2, H, n).sum(axis=(0, 1, 3))
+    measured = problem.counts.sum(axis=1) @ problem.known
+    left = 1 - rank / max(problem.rows, 1)
     return np.asarray(squares / np.maximum(measured * left, 1.0))
 
 

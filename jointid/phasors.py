@@ -204,11 +204,13 @@ def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
 def _quantum(signal: Floats) -> Floats:
     """Step of which all differences between samples are multiples, shape (n,); 0 if there is none."""
     difference = np.abs(np.diff(signal[:4096], axis=0))
-    difference[difference < 1e-12 * np.abs(signal[:4096]).max(axis=0)] = np.inf
+    difference[difference <= 1e-12 * np.abs(signal[:4096]).max(axis=0)] = np.inf
     step = difference.min(axis=0)
+    moving = np.isfinite(step)
+    step = np.where(moving, step, 1.0)
     multiple = np.where(np.isfinite(difference), difference, 0.0) / step
     whole = np.abs(multiple - np.round(multiple)).max(axis=0) < 0.01
-    return np.where(whole & np.isfinite(step), step, 0.0)
+    return np.where(whole & moving, step, 0.0)
 
 
 def _distorted(fit: SineFit) -> bool:
