@@ -69,10 +69,7 @@ class CutAnimation {
     const on = (target, name, action) =>
       target.addEventListener(name, action, { signal: this.leaving.signal });
     on(this.find(".play"), "click", () => this.toggle());
-    on(this.find(".scrub input"), "input", (event) => {
-      this.pause();
-      this.seek(Number(event.target.value));
-    });
+    on(this.find(".scrub input"), "input", (event) => this.jump(Number(event.target.value)));
     on(this.find(".speed select"), "change", (event) => {
       this.speed = Number(event.target.value);
       this.draw();

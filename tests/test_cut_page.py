@@ -1,0 +1,298 @@
+"""The page about the cut without a browser: its words, its figures, and what the browser is sent."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from plants import PAPER
+from streamlit.testing.v1 import AppTest
+
+from jointid import Elasticity, PlanarArm, rectangle
+from jointid.figures.cut import (
+    corner_detail,
+    path_error_histogram,
+    path_error_over_time,
+    tolerance_heatmap,
+    torque_over_time,
+)
+from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
+from jointid.figures.style import DARK, LIGHT
+from jointid.outcome import CutRobot, Outcome, assumed_elasticity, cut_outcome
+from jointid.tolerance import ToleranceMap
+from jointid.ui import workspace
+from jointid.ui.arm_animation import animation_data, tracks
+
+APP = Path(__file__).parents[1] / "app.py"
+PAGE = "pages/5_Cut.py"
+COVARIANCE = np.diag([0.43, 0.075, 0.002, 0.0003]) ** 2
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    return AppTest.from_file(str(APP), default_timeout=60)
+
+
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    robot = CutRobot("direct", PlanarArm.example(), PAPER, COVARIANCE, None, None)
+    return cut_outcome(robot, rectangle(), assumed_elasticity(robot, "soft"), samples=20)
+
+
+def shown(at: AppTest) -> AppTest:
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def words(at: AppTest) -> str:
+    kinds = (at.subheader, at.caption, at.info, at.markdown, at.error, at.warning)
+    return " ".join(element.value for kind in kinds for element in kind)
+
+
+def headline(at: AppTest) -> tuple[float, float]:
+    """Path error before and after, mm."""
+    text = at.subheader[0].value
+    found = re.fullmatch(r"Path error (under )?([\d.]+) mm → (under )?([\d.]+) mm", text)
+    assert found, text
+    return float(found[2]), float(found[4])
+
+
+class TestPage:
+    def test_of_two_joints_gives_millimetres_before_and_after(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        assert at.title[0].value == "Cut"
+        before, after = headline(at)
+        assert before > 1.5
+        assert after < 0.1
+        assert "with a parallelogram drive: its K and D apply as they are" in words(at)
+        assert "K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
+        assert len(at.get("plotly_chart")) == 4
+        assert len(at.get("bidi_component")) == 1
+        assert not at.error
+
+    @pytest.mark.parametrize(("key", "joints"), [("one joint", 1), ("three joints", 3)])
+    def test_of_other_than_two_joints_is_a_demonstration(
+        self, app: AppTest, key: str, joints: int
+    ) -> None:
+        app.query_params["study"] = key
+        at = shown(app.switch_page(PAGE).run())
+        assert f"This study has {joints} joint(s)" in at.info[0].value
+        assert "says nothing about this study" in at.info[0].value
+        assert "Study's own" not in control(at, "cut_nominal").options
+        before, after = headline(at)
+        assert before > 2 > 0.1 > after
+
+    def test_its_choice_survives_a_change_to_a_study_without_nominal_values(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(at.selectbox(key="study").set_value("one joint").run())
+        at = shown(control(at, "cut_nominal").set_value("3 K").run())
+        at = shown(at.selectbox(key="study").set_value("paper").run())
+        assert control(at, "cut_nominal").value == "3 K"
+
+    def test_every_nominal_controller_cuts_differently(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        before = {"Study's own": headline(at)[0]}
+        for name in ("Rigid", "0.4 K", "3 K"):
+            before[name] = headline(shown(control(at, "cut_nominal").set_value(name).run()))[0]
+        assert len(set(before.values())) == 4
+        assert before["0.4 K"] > before["Rigid"] > before["3 K"] > 1
+
+    def test_custom_values_are_taken_or_refused_in_words(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(control(at, "cut_nominal").set_value("Custom").run())
+        at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
+        at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
+        assert headline(at)[0] < 0.1
+        at = shown(at.text_input(key="cut_K").set_value("43, soft").run())
+        assert '"soft" is not a number' in at.error[0].value
+        at = shown(at.text_input(key="cut_K").set_value("43, -7").run())
+        assert "positive" in at.error[0].value
+
+    def test_friction_and_its_compensation_count(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        ideal = headline(at)[1]
+        at = shown(at.selectbox(key="cut_friction").set_value("Custom").run())
+        rough = headline(at)[1]
+        assert rough > ideal + 0.1
+        assert "which the servo does not compensate" in words(at)
+        at = shown(at.checkbox(key="cut_compensated").check().run())
+        assert headline(at)[1] < 0.2 * rough
+
+    def test_the_drive_may_be_another_and_that_is_said(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(at.selectbox(key="cut_drive").set_value("Serial").run())
+        assert "inertias are those of the other drive" in at.info[0].value
+
+    def test_a_path_that_cannot_be_is_refused_with_its_remedy(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(at.number_input(key="cut_width").set_value(10.0).run())
+        assert "does not fit" in at.error[0].value
+        assert at.slider(key="cut_zone").value == 10
+        at = shown(at.slider(key="cut_zone").set_value(4.0).run())
+        assert not at.error
+        assert "does not fit" in at.get("html")[0].proto.body  # its zone of 10 mm
+
+    def test_the_map_is_made_on_demand_and_kept(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        assert at.button(key="cut_map").label == "Compute the map (441 cuts)"
+        at = shown(at.button(key="cut_map").click().run())
+        assert len(at.get("plotly_chart")) == 5
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        at = shown(at.switch_page(PAGE).run())
+        assert len(at.get("plotly_chart")) == 5
+        assert "Errors on this map" in words(at)
+
+    def test_says_what_is_assumed(self, app: AppTest) -> None:
+        text = words(shown(app.switch_page(PAGE).run()))
+        assert "**The paper states**" in text
+        assert "**Our assumption**" in text
+        assert "**Both robots are simulated.**" in text
+
+
+class TestFirstScreen:
+    def test_shows_the_outcome(self, app: AppTest) -> None:
+        at = shown(app.run())
+        assert any(s.value.startswith("Path error ") for s in at.subheader)
+        assert any("nominal values" in html.proto.body for html in at.get("html"))
+
+    @pytest.mark.parametrize("key", ["one joint", "three joints"])
+    def test_makes_no_claim_where_no_cut_applies(self, app: AppTest, key: str) -> None:
+        app.query_params["study"] = key
+        at = shown(app.run())
+        assert not any("Path error" in s.value for s in at.subheader)
+
+
+def control(at: AppTest, key: str) -> Any:
+    return next(group for group in at.get("button_group") if group.key == key)
+
+
+class TestWhatTheBrowserIsSent:
+    def test_tracks_are_those_of_the_runs(self, outcome: Outcome) -> None:
+        table = tracks(outcome.before, outcome.after)
+        assert table.dtype == np.float32
+        assert table.shape[1] == 9
+        time = table[:, 0].astype(float)
+        assert time[0] == 0
+        assert time[-1] == pytest.approx(outcome.before.time_s[-1])
+        assert np.diff(time).max() <= 1.001e-3
+        for first, wanted in (
+            (1, outcome.before.wanted_m),
+            (3, outcome.before.tool_m),
+            (5, outcome.after.tool_m),
+        ):
+            for axis in (0, 1):
+                expected = np.interp(time, outcome.before.time_s, wanted[:, axis])
+                np.testing.assert_allclose(table[:, first + axis], expected, atol=2e-7)
+        assert table[:, 7].max() == pytest.approx(outcome.before_m, rel=1e-3)
+
+    def test_windows_hold_what_is_drawn(self, outcome: Outcome) -> None:
+        data = animation_data(outcome, "nominal (0.4 K)", dark=True)
+        x, y, width, height = data["window_m"]
+        for run in (outcome.before, outcome.after):
+            assert np.all(run.tool_m > [x, y])
+            assert np.all(run.tool_m < [x + width, y + height])
+        x, y, width, height = data["cell_m"]
+        assert x < 0 < x + width
+        assert x + width > outcome.before.tool_m[:, 0].max()
+        assert (data["nominal"], data["identified"]) == (DARK.nominal, DARK.identified)
+        assert "nominal (0.4 K): 3." in data["description"]
+
+
+class TestShapes:
+    SQUARE = np.repeat([[0.0, 0.0], [0.01, 0.0], [0.01, 0.02], [0.0, 0.02]], 4, axis=0)
+
+    def test_a_picture_maps_metres_to_pixels_upright(self) -> None:
+        shape = Shape(self.SQUARE, self.SQUARE, "#0072B2")
+        root = ElementTree.fromstring(shape_svg([shape], window_m=(0.0, 0.0, 0.019, 0.019)))
+        paths = [element.attrib["d"] for element in root]
+        assert len(paths) == 2
+        corners = np.array(re.findall(r"([-\d.]+) ([-\d.]+)", paths[1]), float)
+        np.testing.assert_allclose(corners, [[0, 190], [100, 190], [100, -10], [0, -10]], atol=0.01)
+
+    def test_the_file_holds_every_cut_with_its_caption(self, outcome: Outcome) -> None:
+        run = outcome.before
+        shapes = [Shape(run.wanted_m, run.tool_m, LIGHT.nominal, ("3.8 mm", "zone < 10 mm"))] * 3
+        text = shapes_svg([("Nominal & co", shapes), ("Identified", shapes)], title="A <cut>")
+        root = ElementTree.fromstring(text)
+        space = "{http://www.w3.org/2000/svg}"
+        assert root.find(f"{space}title").text == "A <cut>"
+        captions = [element.text for element in root.iter(f"{space}text")]
+        assert captions.count("3.8 mm") == captions.count("zone < 10 mm") == 6
+        assert "Nominal & co" in captions
+        assert len(list(root.iter(f"{space}path"))) == 12
+        width, height = float(root.attrib["width"]), float(root.attrib["height"])
+        for group in root.iter(f"{space}g"):
+            corner = np.array(re.findall(r"[-\d.]+", group.attrib["transform"]), float)
+            for path in group:
+                xy = np.array(re.findall(r"([-\d.]+) ([-\d.]+)", path.attrib["d"]), float)
+                assert np.all(xy + corner > 0)
+                assert np.all(xy + corner < [width, height])
+        assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+
+
+class TestFigures:
+    def test_axes_have_units_and_meanings_their_colour(self, outcome: Outcome) -> None:
+        distribution = outcome.distribution
+        for dark, ink in ((False, LIGHT), (True, DARK)):
+            both = [
+                path_error_over_time(outcome, dark=dark),
+                torque_over_time(outcome, dark=dark),
+                corner_detail(outcome, dark=dark),
+            ]
+            for figure in both:
+                colours = {t.name: t.line.color for t in figure.data}
+                assert colours["nominal"] == ink.nominal
+                assert colours["identified"] == ink.identified
+            for figure in [*both, path_error_histogram(distribution, dark=dark)]:
+                layout = figure.to_dict()["layout"]
+                titles = [layout[name]["title"]["text"] for name in layout if "axis" in name[:5]]
+                assert all("(" in title or not title for title in titles)
+
+    def test_errors_are_in_millimetres(self, outcome: Outcome) -> None:
+        figure = path_error_over_time(outcome)
+        peak = max(figure.data[0].y)
+        assert peak == pytest.approx(1e3 * outcome.before_m, rel=0.01)
+
+    @pytest.mark.parametrize("corner", [0, 1, 2, 3])
+    def test_every_corner_is_in_view(self, outcome: Outcome, corner: int) -> None:
+        figure = corner_detail(outcome, corner)
+        for axis in (figure.layout.xaxis, figure.layout.yaxis):
+            assert axis.range[0] < 0 < axis.range[1]
+
+    def test_the_histogram_counts_every_robot(self, outcome: Outcome) -> None:
+        figure = path_error_histogram(outcome.distribution)
+        assert sum(figure.data[0].y) == pytest.approx(100)
+        assert figure.data[1].name.startswith("median")
+
+    @pytest.mark.parametrize("dark", [False, True])
+    def test_the_ellipse_holds_95_per_cent_of_draws(self, dark: bool) -> None:
+        covariance = np.diag([1.0, 0.1, 1e-3, 1e-4]) ** 2
+        covariance[0, 1] = covariance[1, 0] = 0.6 * 1.0 * 0.1
+        ratios = np.geomspace(1 / 3, 3, 9)
+        error = 1e-3 * np.hypot(*np.meshgrid(np.log(ratios), np.log(ratios), indexing="ij"))
+        tolerance = ToleranceMap(ratios, ratios, error, error)
+        assumed = Elasticity(0.5 * PAPER.K, PAPER.D)
+        figure = tolerance_heatmap(tolerance, PAPER, covariance, assumed, dark=dark)
+        found = {t.name: t for t in figure.data if t.name}
+        ring = np.stack([found["95 % of its uncertainty"].x, found["95 % of its uncertainty"].y]) - 1
+        draws = np.random.default_rng(1).multivariate_normal([0, 0], covariance[:2, :2], 40_000)
+        draws = draws / PAPER.K
+        inverse = np.linalg.inv(covariance[:2, :2] / np.outer(PAPER.K, PAPER.K))
+        radius = np.einsum("ik,ij,jk->k", ring, inverse, ring)
+        np.testing.assert_allclose(radius, radius[0])
+        inside = np.einsum("ki,ij,kj->k", draws, inverse, draws) < radius[0]
+        assert inside.mean() == pytest.approx(0.95, abs=0.005)
+        assert found["nominal"].x[0] == pytest.approx(0.5)
+        assert found["nominal"].marker.color == (DARK if dark else LIGHT).nominal
+
+    def test_a_nominal_outside_the_map_is_left_out(self) -> None:
+        ratios = np.geomspace(0.99, 1.01, 5)
+        error = np.full((5, 5), 1e-6)
+        tolerance = ToleranceMap(ratios, ratios, error, error)
+        figure = tolerance_heatmap(tolerance, PAPER, COVARIANCE, Elasticity(0.5 * PAPER.K, PAPER.D))
+        assert "nominal" not in {t.name for t in figure.data}
