@@ -1,0 +1,41 @@
+"""Any controller's log in, a study out: read tables, map columns, cut segments, make records."""
+
+from jointid.importing.guess import Guess, Reason, guess_mapping
+from jointid.importing.log_study import segment_records, study_from_logs
+from jointid.importing.mapping import (
+    Channel,
+    JointMapping,
+    MappedLog,
+    Mapping,
+    TimeColumn,
+    apply_mapping,
+    mapping_from_json,
+    mapping_to_json,
+)
+from jointid.importing.reading import read_log, read_logs
+from jointid.importing.segments import Segment, common_frequencies, find_segments, measure_segment
+from jointid.importing.tables import LogColumn, LogTable
+
+__all__ = [
+    "Channel",
+    "Guess",
+    "JointMapping",
+    "LogColumn",
+    "LogTable",
+    "MappedLog",
+    "Mapping",
+    "Reason",
+    "Segment",
+    "TimeColumn",
+    "apply_mapping",
+    "common_frequencies",
+    "find_segments",
+    "guess_mapping",
+    "mapping_from_json",
+    "mapping_to_json",
+    "measure_segment",
+    "read_log",
+    "read_logs",
+    "segment_records",
+    "study_from_logs",
+]

@@ -1,0 +1,139 @@
+"""From segments of logs to the records of a study."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.importing.line_fit import fit_lines
+from jointid.importing.mapping import MappedLog
+from jointid.importing.segments import Segment, common_frequencies
+from jointid.joints import Elasticity, Inertia
+from jointid.records import SineRecord
+from jointid.rounding import significant
+from jointid.study import Study
+
+
+def segment_records(
+    log: MappedLog, segments: Sequence[Segment], *, pose: str | None = None
+) -> tuple[SineRecord, ...]:
+    """Cut the records out of a log: one per segment, or one per line of a multisine segment.
+
+    Parameters
+    ----------
+    log : MappedLog
+    segments : sequence of Segment
+    pose : str, optional
+        In which all of them were measured.
+
+    Returns
+    -------
+    tuple of SineRecord
+        On the clock of the log. In a record of a multisine's line the other lines have been taken out
+        by least squares, so that its phasor is that line's alone; the noise stays.
+
+    Raises
+    ------
+    JointIdError
+        When a segment holds too little of the log for its frequency.
+    """
+    records = []
+    tolerance = 1e-6 * log.interval_s
+    for number, segment in enumerate(segments, start=1):
+        begin = int(np.searchsorted(log.time_s, segment.start_s - tolerance))
+        end = int(np.searchsorted(log.time_s, segment.stop_s + tolerance, side="right"))
+        time, theta, tau = log.time_s[begin:end], log.theta_rad[begin:end], log.tau_Nm[begin:end]
+        place = f"{significant(segment.start_s)} to {significant(segment.stop_s)} s"
+        for line in segment.lines_hz:
+            label = f"{log.name}: {place}".removeprefix(": ")
+            others = [other for other in segment.lines_hz if other != line]
+            if others:
+                label += f", {significant(line)} Hz"
+            try:
+                shares = _others(time, np.column_stack([theta, tau]), line, others)
+                records.append(
+                    SineRecord(
+                        frequency_hz=line,
+                        time_s=time,
+                        theta_rad=theta - shares[:, : log.n],
+                        tau_Nm=tau - shares[:, log.n :],
+                        torque_hold=log.torque_hold,
+                        torque_delay_s=log.torque_delay_s,
+                        pose=pose,
+                        label=label,
+                    )
+                )
+            except JointIdError as error:
+                raise JointIdError(f"Segment {number} ({place}): {error}") from error
+    return tuple(records)
+
+
+def study_from_logs(
+    logs: MappedLog | Sequence[MappedLog],
+    segments: Sequence[Segment] | Sequence[Sequence[Segment]],
+    inertia: Inertia,
+    *,
+    nominal: Elasticity | None = None,
+    name: str = "",
+    description: str = "",
+) -> Study:
+    """Make a study of the segments of one or many logs.
+
+    Parameters
+    ----------
+    logs : MappedLog or sequence of MappedLog
+        All with the joints of ``inertia``.
+    segments : sequence of Segment, or one such sequence for each log
+    inertia : Inertia
+        Motor side.
+    nominal : Elasticity, optional
+    name, description : str, optional
+        By default from the logs.
+
+    Raises
+    ------
+    JointIdError
+        When there is no segment, or joints disagree.
+    """
+    if isinstance(logs, MappedLog):
+        logs, segments = [logs], [segments]  # type: ignore[list-item]
+    each: list[list[Segment]] = [list(part) for part in segments]  # type: ignore[arg-type]
+    if len(each) != len(logs):
+        raise JointIdError(f"{len(logs)} log(s), but segments of {len(each)}: give those of each log.")
+    if not any(each):
+        raise JointIdError(
+            "No sine segments were found or chosen: the method needs steady sines of a few periods. Mark one "
+            "by its start and stop, or check the time and position columns."
+        )
+    for log in logs:
+        if log.n != inertia.n:
+            raise JointIdError(
+                f"{log.name or 'The log'} has {log.n} joint(s), the inertia {inertia.n}: they must agree."
+            )
+    # Frequencies of all logs together, so that runs of one set point in two logs belong together.
+    flat = common_frequencies([segment for part in each for segment in part])
+    records: list[SineRecord] = []
+    done = 0
+    for log, part in zip(logs, each, strict=True):
+        records += segment_records(log, flat[done : done + len(part)])
+        done += len(part)
+    sources = ", ".join(log.name for log in logs[:5] if log.name)
+    return Study(
+        records=tuple(records),
+        inertia=inertia,
+        nominal=nominal,
+        name=name or sources,
+        origin="measured",
+        description=description or f"Imported: {len(flat)} sine segment(s) of {sources or 'a log'}.",
+    )
+
+
+def _others(time: np.ndarray, signals: np.ndarray, line: float, others: Sequence[float]) -> np.ndarray:
+    """What the other lines contribute to each signal, shape (N, 2n)."""
+    if not others:
+        return np.zeros_like(signals)
+    fit = fit_lines(time, signals, [line, *others], free=False)
+    waves = np.exp(2j * np.pi * np.outer(time - fit.middle_s, others))
+    return np.asarray((waves @ fit.phasors[1:]).imag)

@@ -1,0 +1,117 @@
+"""Where in a long log something moves in a sine, and at about which frequency.
+
+Every frequency of a fine geometric grid is fitted, with offset and drift, in windows of a few of its
+periods that slide by half a period. The share of the motion that the sine explains tells a sine from
+rest, noise and travel. Low frequencies are searched in averaged samples, so that a long log costs few
+passes over the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+
+WINDOW_PERIODS = 4
+"""Periods in one window: fewer do not tell a sine from any other motion."""
+SHARE = 0.6
+"""Share of the motion that a sine must explain to be one."""
+
+_GRID = 1.06  # ratio of neighbouring frequencies; half a step costs 2 % of the share
+_FEWEST_PER_PERIOD = 8  # samples; above this frequency a window is too short to tell noise
+_COARSE_PER_PERIOD = 16  # samples per period that averaging leaves
+_CHUNK = 1 << 21  # numbers of the windows in memory at a time
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A stretch in which one frequency explains most of the motion."""
+
+    begin: float
+    """First sample, of the original ones."""
+    end: float
+    """One past the last sample."""
+    frequency: float
+    """Cycles per sample, within a few per cent."""
+    score: float
+    """How many periods it spans, weighted by how much of the motion it explains."""
+
+
+def sine_candidates(signals: Floats) -> list[Candidate]:
+    """Find all stretches that a sine explains, at every frequency that explains them.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (N, n)
+        Positions, evenly sampled; in each window the one counts that a sine explains best.
+
+    Returns
+    -------
+    list of Candidate
+        The best first. Neighbouring frequencies explain the same stretch: take the best, then what
+        it leaves.
+    """
+    found: list[Candidate] = []
+    mean = signals - np.median(signals, axis=0)
+    power = mean**2
+    samples = len(signals)
+    width = 1
+    highest = 1 / _FEWEST_PER_PERIOD
+    lowest = (WINDOW_PERIODS + 0.5) / samples
+    frequency = highest
+    while frequency > lowest:
+        while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
+            mean, power = _halved(mean), _halved(power)
+            width *= 2
+        found += _at_frequency(mean, power, width, frequency)
+        frequency /= _GRID
+    return sorted(found, key=lambda c: -c.score)
+
+
+def _halved(values: Floats) -> Floats:
+    even = len(values) // 2 * 2
+    return np.asarray(0.5 * (values[0:even:2] + values[1:even:2]))
+
+
+def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> Iterator[Candidate]:
+    period = 1 / (frequency * width)
+    length = round(WINDOW_PERIODS * period)
+    hop = max(1, round(period / 2))
+    if len(mean) < length:
+        return
+    share = _shares(mean, power, length, hop, 2 * np.pi / period)
+    inside = np.concatenate([[False], share >= SHARE, [False]])
+    edges = np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2)
+    for first, last in edges:
+        begin, end = first * hop * width, ((last - 1) * hop + length) * width
+        score = float((share[first:last] - 0.5).sum()) * hop / period
+        score += WINDOW_PERIODS * float(share[first:last].mean() - 0.5)
+        yield Candidate(begin, end, frequency, score)
+
+
+def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
+    """Share of the variance about a line that a sine explains, best signal of each window."""
+    j = np.arange(length) - (length - 1) / 2
+    columns = np.column_stack([np.ones(length), j, np.cos(x * j), np.sin(x * j)])
+    basis, _ = np.linalg.qr(columns)
+    count = (len(mean) - length) // hop + 1
+    best = np.zeros(count)
+    step = max(1, _CHUNK // length)
+    for signal, square in zip(mean.T, power.T, strict=True):
+        windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
+        squares = np.concatenate([[0.0], np.cumsum(square)])
+        start = hop * np.arange(count)
+        total = squares[start + length] - squares[start]
+        for begin in range(0, count, step):
+            part = slice(begin, begin + step)
+            energy = (windows[part] @ basis) ** 2
+            about_line = total[part] - energy[:, 0] - energy[:, 1]
+            # What rounding leaves of a joint that stands still is no motion.
+            moves = about_line > 1e-12 * np.maximum(total[part], 1e-300)
+            explained = energy[:, 2:].sum(axis=1)
+            share = np.divide(explained, about_line, out=np.zeros_like(explained), where=moves)
+            best[part] = np.maximum(best[part], share)
+    return best

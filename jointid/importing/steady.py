@@ -1,0 +1,184 @@
+"""Where a sine is steady: same amplitude and phase of every signal, no change of pattern, settled.
+
+The phasors of all signals in short frames, turned back by the frequency, stand still in a steady run.
+Growing from the quietest place to both sides until they move finds its ends; another pattern of the
+joints at the same frequency moves them as much as rest does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+
+PATTERN = 0.12
+"""Relative change of the phasors, over all signals, that makes another run."""
+SETTLED = 0.01
+"""Relative distance from the steady phasors below which a run has settled."""
+
+_SEED = 5  # frames
+_SCATTERS = 4.0  # standard deviations that noise may move a frame's phasors
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Phasors of all signals in frames of a few periods."""
+
+    begin: np.ndarray
+    """First sample of each frame, shape (m,)."""
+    length: int
+    """Samples of each frame."""
+    z: Complexes
+    """Phasors on the clock of sample 0, shape (m, c)."""
+
+
+def frames_of(signals: Floats, frequency: float, periods: float, hop_periods: float) -> Frames:
+    """Fit sine, offset and drift in every frame.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (N, c)
+        Evenly sampled.
+    frequency : float
+        Cycles per sample.
+    periods, hop_periods : float
+        Length of the frames and distance of their beginnings.
+    """
+    length = max(4, round(periods / frequency))
+    count = int((len(signals) - length) * frequency / hop_periods + 1e-9) + 1
+    if len(signals) < length:
+        return Frames(np.empty(0, int), length, np.empty((0, signals.shape[1]), complex))
+    begin = np.minimum(
+        np.round(np.arange(count) * hop_periods / frequency).astype(int), len(signals) - length
+    )
+    x = 2 * np.pi * frequency
+    j = np.arange(length) - (length - 1) / 2
+    columns = np.column_stack([np.cos(x * j), np.sin(x * j), np.ones(length), j / length])
+    weights = np.linalg.pinv(columns)[:2]
+    waves = weights[1] + 1j * weights[0]
+    z = np.empty((count, signals.shape[1]), complex)
+    for c, signal in enumerate(signals.T):
+        windows = np.lib.stride_tricks.sliding_window_view(signal, length)
+        z[:, c] = [windows[b] @ waves for b in begin] if count < 64 else _gathered(windows, begin, waves)
+    turn = np.exp(-1j * x * (begin + (length - 1) / 2))
+    return Frames(begin, length, z * turn[:, None])
+
+
+def _gathered(windows: np.ndarray, begin: np.ndarray, waves: Complexes) -> Complexes:
+    step = max(1, (1 << 20) // len(waves))
+    parts = [windows[begin[k : k + step]] @ waves for k in range(0, len(begin), step)]
+    return np.concatenate(parts)
+
+
+def runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
+    """Yield the steady runs as first and one past the last frame, the longest-lived seeds first.
+
+    Parameters
+    ----------
+    frames : Frames
+        They may overlap; the hop is half a period.
+    fewest : int
+        Frames that a run needs.
+    """
+    y = _weighted(frames.z)
+    apart = int(np.searchsorted(frames.begin, frames.begin[0] + frames.length)) if len(y) else 0
+    todo = [(0, len(y))]
+    while todo:
+        low, high = todo.pop()
+        if high - low < max(fewest, _SEED):
+            continue
+        first, last = _grown(y[low:high])
+        if last - first < _SEED:
+            continue
+        first, last = first + low, last + low
+        if last - first >= fewest:
+            yield first, last
+        todo += [(low, first - apart + 1), (last + apart - 1, high)]
+
+
+def settled_part(frames: Frames) -> tuple[int, int]:
+    """First sample and one past the last of what has settled, among frames that do not overlap."""
+    y = _weighted(frames.z)
+    count = len(y)
+    place = np.arange(count) / max(count - 1, 1)
+    inner = (place > 0.3) & (place < 0.95) if count >= 8 else np.ones(count, bool)
+    # A slow change, such as friction that warms up, is no settling: a line is taken out.
+    columns = np.column_stack([np.ones(count), place])
+    model = np.linalg.lstsq(columns[inner].astype(complex), y[inner], rcond=None)[0]
+    size = float(np.linalg.norm(model.sum(axis=0) - 0.5 * model[1])) or 1.0
+    away = np.linalg.norm(y - columns @ model, axis=1) / size
+    usual = float(np.sqrt(np.mean(away[inner] ** 2)))
+    wrong = away > max(SETTLED, _SCATTERS * usual / 2)
+    middle = count // 2
+    before, after = np.flatnonzero(wrong[:middle]), np.flatnonzero(wrong[middle:])
+    first = int(before[-1]) + 1 if before.size else 0
+    last = middle + int(after[0]) if after.size else count
+    first, last = min(first, count - 1), max(last, first + 1)
+    return int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
+
+
+def _weighted(z: Complexes) -> Complexes:
+    """Signals to a common size; those that drown in noise count less."""
+    if len(z) == 0:
+        return z
+    size = np.sqrt(np.mean(np.abs(z) ** 2, axis=0))
+    lag = min(4, len(z) - 1)
+    change = np.abs(z[lag:] - z[: len(z) - lag]) if lag else np.zeros((1, z.shape[1]))
+    noise = np.median(change, axis=0) / np.sqrt(2)
+    scale = np.sqrt(size**2 + (5 * noise) ** 2)
+    return np.asarray(z / np.where(scale > 0, scale, 1.0))
+
+
+def _grown(y: Complexes) -> tuple[int, int]:
+    """Grow from the quietest frames to both sides, as long as the phasors stay where they are."""
+    seeds = len(y) - _SEED + 1
+    misfit = np.array([_misfit(y[a : a + _SEED]) for a in range(seeds)])
+    first = int(np.argmin(misfit))
+    last = first + _SEED
+    if misfit[first] > PATTERN:
+        return 0, 0
+    centre, turn, origin = _steady(y[first:last], first)
+    fitted = last - first
+    open_left = open_right = True
+    while open_left or open_right:
+        if last - first > 1.1 * fitted:
+            centre, turn, origin = _steady(y[first:last], first)
+            fitted = last - first
+        if open_right:
+            open_right = last < len(y) and _near(y[last], centre, turn * (last - origin))
+            last += open_right
+        if open_left:
+            open_left = first > 0 and _near(y[first - 1], centre, turn * (first - 1 - origin))
+            first -= open_left
+    return first, last
+
+
+def _steady(y: Complexes, first: int) -> tuple[Complexes, float, float]:
+    """Mean phasors, how far they turn per frame, and the frame in the middle."""
+    steps = np.sum(y[1:] * y[:-1].conj())
+    turn = float(np.angle(steps)) if abs(steps) > 0 else 0.0
+    place = np.arange(len(y)) - (len(y) - 1) / 2
+    level = y * np.exp(-1j * turn * place)[:, None]
+    overlap = level @ level.mean(axis=0).conj()
+    phase = np.unwrap(np.angle(overlap)) if np.all(np.abs(overlap) > 0) else np.zeros(len(y))
+    turn += float(place @ phase / (place @ place))
+    centre = (y * np.exp(-1j * turn * place)[:, None]).mean(axis=0)
+    return centre, turn, first + (len(y) - 1) / 2
+
+
+def _misfit(y: Complexes) -> float:
+    centre, turn, _ = _steady(y, 0)
+    size = float(np.linalg.norm(centre))
+    if size == 0:
+        return np.inf
+    place = np.arange(len(y)) - (len(y) - 1) / 2
+    away = y - centre * np.exp(1j * turn * place)[:, None]
+    return float(np.sqrt(np.mean(np.sum(np.abs(away) ** 2, axis=1)))) / size
+
+
+def _near(y: Complexes, centre: Complexes, angle: float) -> bool:
+    away = float(np.linalg.norm(y * np.exp(-1j * angle) - centre))
+    return away <= PATTERN * float(np.linalg.norm(centre))

@@ -1,0 +1,131 @@
+"""Units as people write them, and what each means in SI."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9})
+"""Seconds per unit; "samples" is beside these and needs a rate."""
+SAMPLES = "samples"
+
+ANGLE_UNITS: Mapping[str, float] = MappingProxyType(
+    {
+        "rad": 1.0,
+        "mrad": 1e-3,
+        "deg": np.pi / 180,
+        "rev": 2 * np.pi,
+        "counts": 2 * np.pi,  # over counts per turn
+        "V": np.pi / 180,  # times degrees per volt
+    }
+)
+"""Radians per unit; for "counts" and "V" with the scale of ``SCALES``."""
+
+TORQUE_UNITS: Mapping[str, float] = MappingProxyType(
+    {
+        "N·m": 1.0,
+        "mN·m": 1e-3,
+        "kN·m": 1e3,
+        "A": 1.0,  # times torque constant
+        "mA": 1e-3,
+        "%": 1e-2,  # of rated torque
+        "‰": 1e-3,
+        "V": 1.0,  # times N·m per volt
+    }
+)
+"""Newton metres per unit; for all but the first three with the scale of ``SCALES``."""
+
+POSITION_SCALES: Mapping[str, str] = MappingProxyType(
+    {"counts": "counts per turn", "V": "degrees per volt"}
+)
+"""What the scale of a position means, by unit; other units have none."""
+TORQUE_SCALES: Mapping[str, str] = MappingProxyType(
+    {
+        "A": "torque constant, N·m/A",
+        "mA": "torque constant, N·m/A",
+        "%": "rated torque, N·m",
+        "‰": "rated torque, N·m",
+        "V": "N·m per volt",
+    }
+)
+"""What the scale of a torque means, by unit; other units have none."""
+
+_SPELLINGS = {
+    "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos secondi",
+    "ms": "ms msec msek millis millisecond milliseconds millisekunde millisekunden",
+    "µs": "µs us usec µsec microsecond microseconds mikrosekunde mikrosekunden",
+    "ns": "ns nsec nanosecond nanoseconds nanosec nanosekunden",
+    "samples": "sample samples takt takte cycle cycles zyklus zyklen tick",
+    "rad": "rad radian radians radiant bogenmaß",
+    "mrad": "mrad",
+    "deg": "deg ° degs degree degrees grad degré degrés grados gradi °deg",
+    "rev": "rev revs revolution revolutions turn turns u umdr umdrehung umdrehungen tr tours r",
+    "counts": "count counts cnt cnts inc incs incr increment increments ink inkr inkremente inkrement "
+    "ticks pulse pulses puls pulses impulse imp lsb digit digits",
+    "N·m": "nm n·m n*m n.m n-m newtonmeter newtonmeters newtonmetre newtonmetres newton-meter",
+    "mN·m": "mnm mn·m mn*m mn.m",
+    "kN·m": "knm kn·m kn*m kn.m",
+    "A": "a amp amps ampere amperes arms aeff apk",
+    "mA": "ma milliamp milliampere",
+    "%": "% percent prozent pct",
+    "‰": "‰ permille promille",
+    "V": "v volt volts",
+    "deg/s": "deg/s °/s deg/sec grad/s degrees/s deg/sek",
+    "rad/s": "rad/s rad/sec 1/s rad·s-1",
+    "rpm": "rpm u/min 1/min min-1 umin rev/min r/min",
+    "m": "m meter metre",
+    "mm": "mm",
+    "N": "n newton",
+    "°C": "°c degc",
+    "Hz": "hz",
+    "W": "w watt kw",
+}
+_CANONICAL = {spelling: unit for unit, line in _SPELLINGS.items() for spelling in line.split()}
+_IN_NAMES = {  # what may stand as the last word of a name without brackets; "a", "u" or "n" may not
+    "s", "sec", "ms", "us", "µs", "ns", "rad", "mrad", "deg", "grad", "degrees", "counts", "ticks", "inc",
+    "incr", "nm", "mnm", "knm", "amps", "ma", "percent", "prozent", "pct", "volt", "volts", "rpm", "°",
+    "v", "rads", "degs", "radps", "dps",
+}  # fmt: skip
+_BRACKETS = re.compile(r"\s*[\[({<]\s*([^\[\](){}<>]{0,24}?)\s*[\])}>]\s*$")
+_LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")
+
+
+def unit_of(text: str) -> str:
+    """Return the unit that a piece of text names, as this module writes it, or nothing."""
+    plain = re.sub(r"\s+", "", text.replace("μ", "µ").replace("⋅", "·")).strip("[](){}<>")
+    if plain in ("M", "N", "n", "NM", "S"):
+        return {"NM": "N·m", "M": "m", "N": "N", "n": "", "S": "s"}[plain]
+    return _CANONICAL.get(plain.lower() if plain not in ("mNm", "MNm") else "mnm", "")
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """Take a unit off a column's name: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s".
+
+    Returns
+    -------
+    bare, unit : str
+        The unit is empty, and the name whole, when none is recognised.
+    """
+    name = name.strip()
+    bracket = _BRACKETS.search(name)
+    if bracket:
+        unit = unit_of(bracket[1])
+        return (name[: bracket.start()].strip() or name, unit) if unit else (name, "")
+    word = _LAST_WORD.search(name)
+    if word and word.start() > 0 and word[1].lower() in _IN_NAMES:
+        unit = unit_of(
+            {"rads": "rad/s", "radps": "rad/s", "degs": "deg/s", "dps": "deg/s"}.get(
+                word[1].lower(), word[1]
+            )
+        )
+        # "vel_rad_s", "speed deg/s": the s belongs to a quotient.
+        before = _LAST_WORD.search(name[: word.start()])
+        if unit == "s" and before and before[1].lower() in ("rad", "deg", "grad", "°", "m", "mm"):
+            quotient = unit_of(f"{before[1]}/s")
+            return name[: before.start()] or name, quotient or unit
+        bare = re.sub(r"(?:\s+in|[\s_./,-]+)$", "", name[: word.start()]).strip()
+        return (bare or name), unit
+    return name, ""
