@@ -219,12 +219,14 @@ def sdf_snippet(
     return "\n".join([*lines, "  </model>", "</sdf>", ""])
 
 
-_NESTING_NOTE = """<!-- Nest the bodies as your arm does. Where motor 2 turns link 2 against link 1 (serial drive) the
+_NESTING_NOTE = """\
+<!-- Nest the bodies as your arm does. Where motor 2 turns link 2 against link 1 (serial drive) the
      hinges stand as they are; a parallelogram drive turns link 2 against the base. -->"""
 _ROTOR_MASS = 1e-3
-_ROTOR_NOTE = """<!-- The rotor link carries the rotor inertia reflected to the arm side. As a body of its
-     own it also turns with its parent. That is exact for a joint on the base and for parallelogram drives, but
-     too much inertia for a motor that rides on a moving link: there MuJoCo's armature is right. The
+_ROTOR_NOTE = """\
+<!-- The rotor link carries the rotor inertia reflected to the arm side. As a body of its own it also
+     turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
+     much inertia for a motor that rides on a moving link: there MuJoCo's armature is right. The
      rotor's mass only keeps it from being zero. -->"""
 
 
