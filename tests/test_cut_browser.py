@@ -17,7 +17,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import BrowserContext, Page, expect, sync_playwright
+from playwright.sync_api import Page, expect, sync_playwright
 
 pytestmark = pytest.mark.browser
 
@@ -78,50 +78,48 @@ def browse(address: str, chromium: str) -> Iterator[Browse]:
         browser = aside.submit(
             lambda: playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         ).result()
-        contexts: dict[str, BrowserContext] = {}
-
-        def kept(**options: Any) -> BrowserContext:
-            """Windows of one kind share what the browser has already read."""
-            kind = repr(options)
-            if kind not in contexts:
-                contexts[kind] = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
-            return contexts[kind]
+        windows: dict[str, Window] = {}
 
         def look_at(look: Look, **options: Any) -> None:
-            aside.submit(lambda: _look(kept(**options), f"{address}/Cut", look)).result()
+            kind = repr(options)
+            if kind not in windows:
+                context = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
+                windows[kind] = Window(context.new_page(), f"{address}/Cut")
+            windows[kind].look(look)
 
-        yield look_at
+        yield lambda look, **options: aside.submit(look_at, look, **options).result()
         aside.submit(browser.close).result()
         aside.submit(playwright.stop).result()
 
 
-def _look(context: BrowserContext, url: str, look: Look) -> None:
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    errors: list[str] = []
-    abroad: list[str] = []
+class Window:
+    """A page about the cut that stays open from test to test."""
 
-    def console(message: Any) -> None:
-        if message.type == "error" and not PROBE.fullmatch(str(message.location.get("url", ""))):
-            errors.append(message.text)
-
-    def request(request: Any) -> None:
-        parts = urlsplit(request.url)
-        if parts.scheme not in ("data", "blob") and parts.hostname != "127.0.0.1":
-            abroad.append(request.url)
-
-    page.on("console", console)
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("request", request)
-    try:
+    def __init__(self, page: Page, url: str) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        self.abroad: list[str] = []
+        page.set_default_timeout(PATIENCE_MS)
+        page.on("console", self._console)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("request", self._request)
         page.goto(url, wait_until="commit")
         expect(canvas(page)).to_have_attribute("data-frame", re.compile(r"\d+"), timeout=PATIENCE_MS)
         finished(page)
-        look(page)
-    finally:
-        page.close()
-    assert errors == []
-    assert abroad == []
+
+    def look(self, look: Look) -> None:
+        look(self.page)
+        assert self.errors == []
+        assert self.abroad == []
+
+    def _console(self, message: Any) -> None:
+        if message.type == "error" and not PROBE.fullmatch(str(message.location.get("url", ""))):
+            self.errors.append(message.text)
+
+    def _request(self, request: Any) -> None:
+        parts = urlsplit(request.url)
+        if parts.scheme not in ("data", "blob") and parts.hostname != "127.0.0.1":
+            self.abroad.append(request.url)
 
 
 def canvas(page: Page) -> Any:
@@ -160,39 +158,69 @@ def scrub(page: Page, time_s: float) -> None:
     )
 
 
-def in_view(page: Page) -> None:
+def playing(page: Page) -> None:
+    """In view and playing at true time, errors as they are, whatever an earlier test left."""
     canvas(page).scroll_into_view_if_needed()
+    page.locator(".speed select").select_option("true time")
+    page.get_by_role("slider", name="Magnify errors").press("Home")
+    if state(page)["playing"] == "false":
+        page.get_by_role("button", name="Play", exact=True).click()
+    now = state(page)
+    assert (now["playing"], now["speed"], now["magnification"]) == ("true", "1", "1")
+
+
+def pace(page: Page) -> float:
+    """Seconds of the cut per second of the clock, from frame to frame."""
+    passed = canvas(page).evaluate(
+        """canvas => new Promise(done => {
+            const seen = [];
+            const look = now => {
+                seen.push([now, 1000 * Number(canvas.dataset.time)]);
+                if (seen.length < 120) requestAnimationFrame(look); else done(seen);
+            };
+            requestAnimationFrame(look);
+        })"""
+    )
+    steps = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(passed) if a[1] < b[1] < 600]
+    steps = [step for step in steps if step[0] < 200]  # a busy machine drops frames
+    assert len(steps) > 10
+    by_clock, by_cut = map(sum, zip(*steps, strict=True))
+    return float(by_cut / by_clock)
+
+
+def loops(page: Page) -> float:
+    """Animation callbacks per frame."""
+    return float(
+        page.evaluate(
+            """() => new Promise(done => {
+                const real = window.requestAnimationFrame.bind(window);
+                let [calls, frames] = [0, 0];
+                window.requestAnimationFrame = callback => { calls += 1; return real(callback); };
+                const look = () => {
+                    frames += 1;
+                    if (frames < 40) return real(look);
+                    window.requestAnimationFrame = real;
+                    done(calls / frames);
+                };
+                real(look);
+            })"""
+        )
+    )
 
 
 def test_it_advances_at_true_time(browse: Browse) -> None:
     def look(page: Page) -> None:
-        in_view(page)
-        assert state(page)["playing"] == "true"
-        passed = canvas(page).evaluate(
-            """canvas => new Promise(done => {
-                const seen = [];
-                const look = now => {
-                    seen.push([now, Number(canvas.dataset.time)]);
-                    if (seen.length < 240) requestAnimationFrame(look); else done(seen);
-                };
-                requestAnimationFrame(look);
-            })"""
-        )
-        steps = [
-            (b[0] - a[0], 1e3 * (b[1] - a[1]))
-            for a, b in pairwise(passed)
-            if a[1] < b[1] < 0.6 and b[0] - a[0] < 200
-        ]
-        assert len(steps) > 10
-        by_clock, by_cut = map(sum, zip(*steps, strict=True))
-        assert by_cut == pytest.approx(by_clock, rel=0.25)
+        playing(page)
+        assert pace(page) == pytest.approx(1, rel=0.25)
+        page.locator(".speed select").select_option("1/5")
+        assert pace(page) == pytest.approx(0.2, rel=0.25)
 
     browse(look)
 
 
 def test_it_pauses_scrubs_and_steps(browse: Browse) -> None:
     def look(page: Page) -> None:
-        in_view(page)
+        playing(page)
         page.get_by_role("button", name="Pause", exact=True).click()
         paused = frame(page)
         picture = pixels(page)
@@ -218,7 +246,7 @@ def test_it_pauses_scrubs_and_steps(browse: Browse) -> None:
 
 def test_the_keyboard_does_it_all(browse: Browse) -> None:
     def look(page: Page) -> None:
-        in_view(page)
+        playing(page)
         page.locator(".cut-animation").focus()
         page.keyboard.press("Space")
         assert state(page)["playing"] == "false"
@@ -241,7 +269,7 @@ def test_the_keyboard_does_it_all(browse: Browse) -> None:
 
 def test_errors_are_magnified_about_the_wanted_path(browse: Browse) -> None:
     def look(page: Page) -> None:
-        in_view(page)
+        playing(page)
         page.get_by_role("button", name="Pause", exact=True).click()
         scrub(page, 0.25)
         near, true = point(page, "nominal"), point(page, "identified")
@@ -262,7 +290,7 @@ def test_errors_are_magnified_about_the_wanted_path(browse: Browse) -> None:
 
 def test_another_setting_shows_another_path_and_keeps_the_moment(browse: Browse) -> None:
     def look(page: Page) -> None:
-        in_view(page)
+        playing(page)
         page.get_by_role("button", name="Pause", exact=True).click()
         page.locator(".speed select").select_option("1/10")
         scrub(page, 0.25)
@@ -275,10 +303,9 @@ def test_another_setting_shows_another_path_and_keeps_the_moment(browse: Browse)
         assert pixels(page) != picture
         now = state(page)
         assert (now["time"], now["playing"], now["speed"]) == ("0.2500", "false", "0.1")
-        # One loop runs, not two: at a tenth of the speed, the cut takes ten times as long.
         page.get_by_role("button", name="Play", exact=True).click()
-        page.wait_for_timeout(500)
-        assert 0.26 < float(state(page)["time"]) < 0.36
+        assert pace(page) == pytest.approx(0.1, rel=0.25)
+        assert loops(page) == pytest.approx(1, abs=0.3)  # the old one has ended
 
     browse(look)
 
@@ -289,7 +316,7 @@ def test_who_wants_no_motion_sees_the_finished_cut(browse: Browse) -> None:
         assert now["playing"] == "false"
         assert int(now["frame"]) == int(now["frames"]) - 1
         page.get_by_role("button", name="Play", exact=True).click()
-        in_view(page)
+        canvas(page).scroll_into_view_if_needed()
         expect(canvas(page)).to_have_attribute("data-playing", "true")
 
     browse(look, reduced_motion="reduce")
