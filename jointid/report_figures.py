@@ -142,9 +142,7 @@ def _bode(
     lowest, highest = min(-90.0, float(known.min())), max(180.0, float(known.max()))
     size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
     turn = _Frame(left, legend + 94, inner, 46, x, (lowest - 15, highest + 15))
-    shapes: list[Line | Marks | Text] = [
-        *_legend(curves, 6.0 if len(curves) > 3 else left, width - right)
-    ]
+    shapes: list[Line | Marks | Text] = [*_legend(curves, left)]
     ticks = [m * 10.0**d for d in range(-4, 5) for m in (1, 2, 3, 5)]
     shapes += _frame(size, np.log10(ticks), [""] * len(ticks), *_log_ticks(size.y))
     degrees = np.arange(-720.0, 721.0, 90.0)
