@@ -6,11 +6,28 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from jointid import rules_causes, rules_model, rules_records, rules_response
 from jointid.chosen_model import parameter_names
 from jointid.elasticity import ElasticityFit
 from jointid.evidence import Evidence, Finding, good, percent
 from jointid.plausibility import scale_findings
+from jointid.rules_causes import (
+    against_the_paper,
+    depends_on_amplitude,
+    inertias_look_wrong,
+    poses_disagree,
+    torque_lags,
+)
+from jointid.rules_model import hardly_known, model_limits, not_physical, resonance_missed
+from jointid.rules_records import (
+    coarse_encoder,
+    counted_twice,
+    few_periods,
+    same_experiment,
+    standing_joint,
+    still_settling,
+    wrong_frequency,
+)
+from jointid.rules_response import foreign_peak, rejected
 
 __all__ = ["Evidence", "Finding", "findings"]
 
@@ -18,29 +35,29 @@ __all__ = ["Evidence", "Finding", "findings"]
 _Rule = Callable[[Evidence], Iterator[Finding]]
 
 _OF_RECORDS: tuple[_Rule, ...] = (
-    rules_records.wrong_frequency,
-    rules_records.still_settling,
-    rules_records.counted_twice,
-    rules_records.same_experiment,
-    rules_records.standing_joint,
-    rules_records.few_periods,
-    rules_records.coarse_encoder,
+    wrong_frequency,
+    still_settling,
+    counted_twice,
+    same_experiment,
+    standing_joint,
+    few_periods,
+    coarse_encoder,
 )
 """What holds whatever the answer is."""
 
 _OF_THE_ANSWER: tuple[_Rule, ...] = (
-    rules_model.not_physical,
-    rules_causes.against_the_paper,
-    rules_causes.torque_lags,
-    rules_response.foreign_peak,
-    rules_response.rejected,
+    not_physical,
+    against_the_paper,
+    torque_lags,
+    foreign_peak,
+    rejected,
 )
 """What makes sense only when units, signs and gear ratios are right."""
 
 _OF_ITS_PRECISION: tuple[_Rule, ...] = (
-    rules_model.model_limits,
-    rules_model.hardly_known,
-    rules_model.resonance_missed,
+    model_limits,
+    hardly_known,
+    resonance_missed,
 )
 """What makes sense only when no cause is known that spoils the answer."""
 
@@ -58,10 +75,10 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     found += scales
     if not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
-        causes = list(rules_causes.inertias_look_wrong(evidence))
+        causes = list(inertias_look_wrong(evidence))
         if not causes:  # wrong inertias would pass for both
-            causes += rules_causes.poses_disagree(evidence)
-            causes += rules_causes.depends_on_amplitude(evidence)
+            causes += poses_disagree(evidence)
+            causes += depends_on_amplitude(evidence)
         found += causes
         if not causes:
             found += [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]

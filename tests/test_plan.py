@@ -1,0 +1,265 @@
+"""The next experiment: predictions against what campaigns then give, suggestions against their limits."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, steady_records
+
+from jointid import (
+    ElasticityFit,
+    Inertia,
+    JointIdError,
+    MotorFriction,
+    Phasors,
+    extract_phasors,
+    identify_elasticity,
+    simulate_records,
+)
+from jointid.experiment import Controller, Excitation, Measurement
+from jointid.plan import (
+    PlannedRecords,
+    planned_records,
+    predict_standard_errors,
+    suggest_records,
+)
+
+NOISE = (1e-4, 1e-2)
+
+
+def run(
+    inertia: Inertia, frequencies: np.ndarray, torques: np.ndarray, seconds: float, seed: int
+) -> Phasors:
+    n = inertia.n
+    springs = ROBOTS[n][1]
+    records = []
+    for k, (f, torque) in enumerate(zip(frequencies, torques, strict=True)):
+        records += steady_records(
+            inertia, springs, [f], torque[None], noise=NOISE, periods=seconds * f, seed=1000 * seed + k
+        )
+    return extract_phasors(records)
+
+
+@cache
+def base(n: int = 2) -> tuple[Phasors, ElasticityFit]:
+    inertia, _ = ROBOTS[n]
+    phasors = run(inertia, *campaign(BAND_HZ, n), 3.0, 1)
+    return phasors, identify_elasticity(phasors, inertia, method="maximum-likelihood")
+
+
+@cache
+def rubbing() -> tuple[Phasors, ElasticityFit]:
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        BAND_HZ,
+        friction=MotorFriction(coulomb=[0.1, 0.02]),
+        controller=Controller(sample_rate_hz=2000),
+        excitation=Excitation(duration_s=2.0),
+        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+    )
+    phasors = extract_phasors(records)
+    return phasors, identify_elasticity(
+        phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True
+    )
+
+
+# --------------------------------------------------------------------------------------------- planning
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_torque_and_motion_are_two_views_of_one_plan(n: int) -> None:
+    inertia, springs = ROBOTS[n]
+    frequencies, torques = campaign([4.0, 11.0], n)
+    by_torque = planned_records(inertia, springs, frequencies, torque_Nm=torques)
+    by_angle = planned_records(inertia, springs, frequencies, angle_rad=by_torque.angle_rad)
+    assert np.allclose(by_angle.torque_Nm, torques)
+    speed = np.abs(by_torque.angle_rad) * 2 * np.pi * frequencies[:, None]
+    assert np.allclose(by_torque.velocity_rad_s, speed)
+
+
+def test_a_plan_without_sense_is_refused() -> None:
+    with pytest.raises(JointIdError, match="one of the two"):
+        planned_records(SERIAL, PAPER, [3.0])
+    with pytest.raises(JointIdError, match="one period"):
+        planned_records(SERIAL, PAPER, [3.0], torque_Nm=[1, 1], duration_s=0.1)
+    with pytest.raises(JointIdError, match="one column for each of the 2"):
+        planned_records(SERIAL, PAPER, [3.0], torque_Nm=[1, 1, 1])
+
+
+# ------------------------------------------------------------------------------------------- prediction
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_today_is_what_the_fit_says(n: int) -> None:
+    phasors, fit = base(n)
+    inertia, _ = ROBOTS[n]
+    plan = planned_records(inertia, fit.elasticity, [9.0], torque_Nm=np.ones(n))
+    predicted = predict_standard_errors(plan, phasors, inertia, fit)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.1)
+    assert np.all(predicted.together < predicted.today)
+    assert len(predicted.names) == 2 * n
+
+
+def test_the_same_again_makes_it_root_two_better() -> None:
+    phasors, fit = base()
+    frequencies, torques = campaign(BAND_HZ, 2)
+    plan = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=3.0)
+    predicted = predict_standard_errors(plan, phasors, SERIAL, fit)
+    assert np.allclose(predicted.planned / predicted.today, 1, rtol=0.05)
+    assert np.allclose(predicted.together / predicted.today, np.sqrt(0.5), rtol=0.05)
+    longer = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=12.0)
+    assert np.allclose(
+        predict_standard_errors(longer, phasors, SERIAL, fit).planned, predicted.planned / 2
+    )
+    larger = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=3 * torques, duration_s=3.0)
+    assert np.allclose(
+        predict_standard_errors(larger, phasors, SERIAL, fit).planned, predicted.planned / 3
+    )
+
+
+def test_prediction_against_campaigns() -> None:
+    """A plan unlike the records it is predicted from, carried out 60 times."""
+    phasors, fit = base()
+    frequencies, torques = campaign([6.1, 9.4, 17.3, 24.1], 2, amplitude=1.7)
+    plan = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=2.0)
+    predicted = predict_standard_errors(plan, phasors, SERIAL, fit).planned / np.sqrt(
+        max(1.0, fit.misfit)
+    )
+    errors = []
+    for seed in range(60):
+        made = identify_elasticity(
+            run(SERIAL, frequencies, torques, 2.0, 100 + seed), SERIAL, method="maximum-likelihood"
+        )
+        errors.append(np.r_[made.K, made.D] - np.r_[PAPER.K, PAPER.D])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / predicted
+    assert np.all((ratio > 0.7) & (ratio < 1.4)), ratio
+
+
+def test_friction_is_part_of_the_prediction() -> None:
+    phasors, fit = rubbing()
+    plan = planned_records(
+        PARALLELOGRAM,
+        fit.elasticity,
+        phasors.omega / (2 * np.pi),
+        angle_rad=phasors.q,
+        duration_s=2.0,
+    )
+    predicted = predict_standard_errors(plan, phasors, PARALLELOGRAM, fit)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.3)
+    assert np.allclose(predicted.planned, predicted.today, rtol=0.1)
+    # A joint that stands sticks: that record tells nothing of its own.
+    still = planned_records(PARALLELOGRAM, fit.elasticity, [9.0], angle_rad=[0.05, 0])
+    alone = predict_standard_errors(still, phasors, PARALLELOGRAM, fit).planned
+    assert np.isinf(alone[[1, 3]]).all()
+
+
+def test_what_a_plan_cannot_tell_is_infinite() -> None:
+    phasors, fit = base()
+    rigid = Inertia(M=SERIAL.M, M2=np.diag(np.diag(SERIAL.M2)))
+    plan = planned_records(rigid, fit.elasticity, [9.0], torque_Nm=[1, 0])
+    predicted = predict_standard_errors(plan, phasors, SERIAL, fit, planned_inertia=rigid)
+    assert np.isinf(predicted.planned[[1, 3]]).all()
+    assert np.isfinite(predicted.planned[[0, 2]]).all()
+    assert np.isfinite(predicted.together).all()
+
+
+# ------------------------------------------------------------------------------------------- suggestion
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_suggestion_cuts_the_worst_error(n: int) -> None:
+    phasors, fit = base(n)
+    inertia, _ = ROBOTS[n]
+    suggestion = suggest_records(phasors, inertia, fit, count=3, duration_s=3.0)
+    assert suggestion.relative_error.shape == (4, 2 * n)
+    assert np.all(np.diff(suggestion.worst) < 0)
+    assert np.all(np.diff(suggestion.relative_error, axis=0) <= 0)
+    records = suggestion.records
+    again = predict_standard_errors(records, phasors, inertia, fit)
+    assert np.allclose(again.together / np.abs(again.estimate), suggestion.relative_error[-1])
+    # Better than the same number of records taken at random from what was done before.
+    rng = np.random.default_rng(0)
+    frequencies, torques = campaign(BAND_HZ, n)
+    for _ in range(5):
+        rows = rng.integers(0, len(torques), 3)
+        plan = planned_records(
+            inertia, fit.elasticity, frequencies[rows], torque_Nm=torques[rows], duration_s=3.0
+        )
+        other = predict_standard_errors(plan, phasors, inertia, fit)
+        assert (other.together / other.estimate).max() > suggestion.worst[-1]
+
+
+def test_suggested_records_do_what_was_promised() -> None:
+    phasors, fit = base()
+    suggestion = suggest_records(phasors, SERIAL, fit, count=2, duration_s=3.0)
+    promised = suggestion.relative_error[-1] * np.abs(np.r_[fit.K, fit.D])
+    promised /= np.sqrt(max(1.0, fit.misfit))
+    frequencies, torques = campaign(BAND_HZ, 2)
+    errors = []
+    for seed in range(40):
+        made = identify_elasticity(
+            run(
+                SERIAL,
+                np.r_[frequencies, suggestion.records.frequency_hz],
+                np.vstack([torques, suggestion.records.torque_Nm]),
+                3.0,
+                500 + seed,
+            ),
+            SERIAL,
+            method="maximum-likelihood",
+        )
+        errors.append(np.r_[made.K, made.D] - np.r_[PAPER.K, PAPER.D])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / promised
+    assert np.all((ratio > 0.65) & (ratio < 1.5)), ratio
+
+
+def velocities(records: PlannedRecords, inertia: Inertia) -> np.ndarray:
+    """Of motors and arm, by the motors' equation of motion."""
+    omega = 2 * np.pi * records.frequency_hz[:, None]
+    on_arm = records.torque_Nm + inertia.M * omega**2 * records.angle_rad
+    arm = np.linalg.solve(inertia.M2, on_arm.T).T / -(omega**2)
+    return omega * np.maximum(np.abs(arm), np.abs(records.angle_rad))
+
+
+@pytest.mark.parametrize(("torque", "velocity"), [(0.5, 2.0), (3.0, 0.3), (0.05, 10.0)])
+def test_suggestion_stays_within_the_limits(torque: float, velocity: float) -> None:
+    phasors, fit = base()
+    suggestion = suggest_records(
+        phasors,
+        SERIAL,
+        fit,
+        torque_limit_Nm=[torque, torque / 2],
+        velocity_limit_rad_s=[velocity, velocity],
+    )
+    torques = np.abs(suggestion.records.torque_Nm) / [torque, torque / 2]
+    speeds = velocities(suggestion.records, SERIAL) / velocity
+    assert np.all(torques <= 1 + 1e-9)
+    assert np.all(speeds <= 1 + 1e-9)
+    assert np.allclose(np.maximum(torques, speeds).max(axis=1), 1)  # and uses them
+
+
+def test_suggestion_leaves_torque_for_friction() -> None:
+    phasors, fit = rubbing()
+    assert fit.friction is not None
+    suggestion = suggest_records(phasors, PARALLELOGRAM, fit, torque_limit_Nm=[1.0, 0.5])
+    left = np.array([1.0, 0.5]) - 4 / np.pi * fit.friction.coulomb
+    assert np.all(np.abs(suggestion.records.torque_Nm) <= left + 1e-9)
+    assert np.all(np.abs(suggestion.records.angle_rad) > 0)
+    with pytest.raises(JointIdError, match="overcome its friction"):
+        suggest_records(phasors, PARALLELOGRAM, fit, torque_limit_Nm=[0.1, 0.5])
+
+
+def test_suggestion_from_given_frequencies_only() -> None:
+    phasors, fit = base()
+    suggestion = suggest_records(phasors, SERIAL, fit, frequencies_hz=[4.0, 5.0], count=1)
+    assert suggestion.records.frequency_hz[0] in (4.0, 5.0)
+    for wrong, message in [
+        ({"count": 0}, "count"),
+        ({"torque_limit_Nm": [-1.0, 1.0]}, "torque_limit_Nm"),
+        ({"velocity_limit_rad_s": [1.0, 1.0, 1.0]}, "velocity_limit_rad_s"),
+    ]:
+        with pytest.raises(JointIdError, match=message):
+            suggest_records(phasors, SERIAL, fit, **wrong)

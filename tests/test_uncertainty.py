@@ -1,0 +1,290 @@
+"""Error bars: what the inertias add, and whether independent checks agree with the stated ones."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from plants import (
+    BAND_HZ,
+    PAPER,
+    PARALLELOGRAM,
+    ROBOTS,
+    SERIAL,
+    campaign,
+    circular,
+    noisy,
+    plant_phasors,
+    random_covariance,
+    steady_records,
+)
+
+from jointid import (
+    ElasticityFit,
+    Inertia,
+    JointIdError,
+    MotorFriction,
+    Phasors,
+    extract_phasors,
+    identify_elasticity,
+    simulate_records,
+)
+from jointid.experiment import Controller, Excitation, Measurement
+from jointid.resampling import bootstrap, jackknife
+from jointid.uncertainty import confidence_ellipse, inertia_sensitivity
+
+METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
+
+
+@cache
+def measured(n: int = 2, noise: float = 1.0) -> Phasors:
+    inertia, elasticity = ROBOTS[n]
+    return extract_phasors(
+        steady_records(
+            inertia, elasticity, *campaign(BAND_HZ, n), noise=(1e-5 * noise, 3e-3 * noise),
+            periods=20.37, seed=5,
+        )
+    )  # fmt: skip
+
+
+@cache
+def rubbing() -> Phasors:
+    """A short campaign with Coulomb friction."""
+    return extract_phasors(
+        simulate_records(
+            PARALLELOGRAM,
+            PAPER,
+            BAND_HZ,
+            friction=MotorFriction(coulomb=[0.1, 0.02]),
+            controller=Controller(sample_rate_hz=2000),
+            excitation=Excitation(duration_s=2.0),
+            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+        )
+    )
+
+
+def fitted(phasors: Phasors, inertia: Inertia, method: str, **model: bool) -> ElasticityFit:
+    return identify_elasticity(phasors, inertia, method=method, **model)
+
+
+# ---------------------------------------------------------------------------- sensitivity to inertias
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("method", METHODS)
+def test_sensitivity_predicts_what_other_inertias_give(n: int, method: str) -> None:
+    """A change of all inertias at once, small against curvature, against the sum of the slopes."""
+    inertia, _ = ROBOTS[n]
+    phasors = measured(n)
+    fit = fitted(phasors, inertia, method)
+    sensitivity = inertia_sensitivity(phasors, inertia, fit)
+    assert len(sensitivity.names) == n + n * (n + 1) // 2
+    change = 1e-3 * np.cos(np.arange(sensitivity.value.size))
+    values = sensitivity.value * (1 + change)
+    M2 = np.zeros((n, n))
+    M2[np.triu_indices(n)] = values[n:]
+    other = fitted(phasors, Inertia(values[:n], M2 + np.triu(M2, 1).T), method)
+    expected = sensitivity.slope @ (sensitivity.value * change)
+    actual = np.concatenate([other.K - fit.K, other.D - fit.D])
+    scale = np.abs(sensitivity.slope) @ (sensitivity.value * 1e-3)
+    assert np.allclose(actual, expected, atol=0.02 * scale.max() * (scale / scale.max()), rtol=0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scaling_law_of_the_sensitivities(method: str) -> None:
+    """K and D scale with torques and inertias together, so slopes by both sum to one."""
+    phasors = measured()
+    fit = fitted(phasors, SERIAL, method)
+    total = inertia_sensitivity(phasors, SERIAL, fit).relative.sum(axis=1)
+    up = 1e-3
+    scale = np.array([1, 1, 1 + up, 1 + up])
+    both = np.outer(scale, scale)
+    stronger = Phasors(
+        **{
+            **{name: getattr(phasors, name) for name in phasors.__dataclass_fields__},
+            "tau": phasors.tau * (1 + up),
+            "covariance": phasors.covariance * both,
+            "harmonics": phasors.harmonics * scale,
+            "harmonic_covariance": phasors.harmonic_covariance * both,
+        }
+    )
+    other = fitted(stronger, SERIAL, method)
+    by_torque = np.log(np.r_[other.K / fit.K, other.D / fit.D]) / np.log(1 + up)
+    assert np.allclose(total + by_torque, 1, atol=0.02)
+
+
+def test_sensitivity_goes_through_friction_and_delay() -> None:
+    phasors = rubbing()
+    fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True, delay=True)
+    sensitivity = inertia_sensitivity(phasors, PARALLELOGRAM, fit)
+    more = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2 * [[1.002, 1], [1, 1]])
+    other = fitted(phasors, more, "maximum-likelihood", friction=True, delay=True)
+    expected = sensitivity.slope[:, 2] * 0.002 * PARALLELOGRAM.M2[0, 0]
+    assert sensitivity.names[2] == "J_a1"
+    assert np.allclose((other.K - fit.K)[0], expected[0], rtol=0.1)
+
+
+def test_second_error_bar() -> None:
+    phasors = measured()
+    fit = fitted(phasors, SERIAL, "weighted")
+    sensitivity = inertia_sensitivity(phasors, SERIAL, fit)
+    error = sensitivity.standard_error(0.03)
+    assert np.allclose(sensitivity.standard_error(0.06), 2 * error)
+    assert np.allclose(error**2, np.diag(sensitivity.covariance(0.03)))
+    by_hand = np.sqrt(((sensitivity.relative * 0.03) ** 2).sum(axis=1)) * sensitivity.estimate
+    assert np.allclose(error, by_hand)
+    assert np.all(error > 20 * fit.standard_error)  # here inertias matter far more than noise
+    with pytest.raises(JointIdError, match="0.03 for 3 %"):
+        sensitivity.standard_error(-1.0)
+
+
+def test_sensitivity_tells_poses_apart() -> None:
+    """Rotors belong to all poses, arm inertias to one; a coupling of zero has a slope as well."""
+    uncoupled = Inertia(M=SERIAL.M, M2=np.diag(np.diag(SERIAL.M2)))
+    frequencies, torques = campaign(BAND_HZ, 2)
+    records = steady_records(SERIAL, PAPER, frequencies, torques, periods=9.3)
+    uneven = torques * np.tile([[1, 1], [1, 0.3]], (BAND_HZ.size, 1))  # equal ones would cancel it
+    records += steady_records(uncoupled, PAPER, frequencies, uneven, periods=9.3)
+    inertias = [SERIAL] * torques.shape[0] + [uncoupled] * torques.shape[0]
+    phasors = extract_phasors(records)
+    fit = identify_elasticity(phasors, inertias, method="weighted")
+    sensitivity = inertia_sensitivity(phasors, inertias, fit)
+    assert sensitivity.names == (
+        "J_m1", "J_m2",
+        "J_a1, pose 1", "J_12, pose 1", "J_a2, pose 1",
+        "J_a1, pose 2", "J_12, pose 2", "J_a2, pose 2",
+    )  # fmt: skip
+    assert sensitivity.value[6] == 0
+    assert np.all(np.abs(sensitivity.slope[:, 6]) > 1e-3)
+    assert np.all(sensitivity.relative[:, 6] == 0)
+
+
+# ------------------------------------------------------------------------------ jackknife, bootstrap
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
+    phasors = measured(noise=10.0)
+    fit = fitted(phasors, SERIAL, method)
+    result = bootstrap(phasors, SERIAL, fit, draws=200, seed=1)
+    ratio = result.standard_error / fit.standard_error
+    assert np.all((ratio > 0.75) & (ratio < 1.33)), ratio
+    assert np.all(np.abs(result.bias) < 0.5 * fit.standard_error)
+    low, high = result.interval(0.68)
+    assert np.allclose((high - low) / 2, result.standard_error, rtol=0.25)
+    assert result.failed == 0
+
+
+def test_bootstrap_sees_the_bias_of_least_squares() -> None:
+    """Noise in the angles pulls least squares; truth, bootstrap and theory have the same sign."""
+    clean = plant_phasors(SERIAL, PAPER, *campaign(BAND_HZ, 2))
+    rng = np.random.default_rng(3)
+    size = 0.05 * np.abs(clean.z).mean(axis=0)
+    covariance = np.repeat(random_covariance(rng, size)[None], len(clean.z), axis=0)
+    draws = [
+        identify_elasticity(noisy(clean, covariance, e), SERIAL, method="least-squares")
+        for e in circular(rng, covariance, 400)
+    ]
+    true_bias = np.mean([np.r_[f.K, f.D] for f in draws], axis=0) - np.r_[PAPER.K, PAPER.D]
+    start = noisy(clean, covariance, np.zeros(clean.z.shape))
+    fit = identify_elasticity(start, SERIAL, method="least-squares")
+    found = bootstrap(start, SERIAL, fit, draws=2000).bias
+    scatter = np.std([np.r_[f.K, f.D] for f in draws], axis=0)
+    clear = np.abs(true_bias) > 0.3 * scatter
+    assert clear.any()
+    assert np.allclose(found[clear], true_bias[clear], rtol=0.3)
+
+
+def test_bootstrap_with_friction() -> None:
+    phasors = rubbing()
+    fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True)
+    result = bootstrap(phasors, PARALLELOGRAM, fit, draws=25)
+    ratio = result.standard_error / fit.standard_error
+    assert np.all((ratio > 0.55) & (ratio < 1.8)), ratio
+
+
+def test_bootstrap_is_repeatable_reports_and_stops() -> None:
+    phasors = measured()
+    fit = fitted(phasors, SERIAL, "weighted")
+    seen: list[float] = []
+    first = bootstrap(phasors, SERIAL, fit, draws=5, seed=7, progress=seen.append)
+    second = bootstrap(phasors, SERIAL, fit, draws=5, seed=7)
+    assert np.array_equal(first.estimates, second.estimates)
+    assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+
+    class StopError(Exception):
+        pass
+
+    def stop(_: float) -> None:
+        raise StopError
+
+    with pytest.raises(StopError):
+        bootstrap(phasors, SERIAL, fit, draws=5, progress=stop)
+    with pytest.raises(JointIdError, match="draws"):
+        bootstrap(phasors, SERIAL, fit, draws=1)
+    with pytest.raises(JointIdError, match="level"):
+        first.interval(1.0)
+
+
+@pytest.mark.parametrize("method", ["least-squares", "weighted", "maximum-likelihood"])
+def test_jackknife_agrees_on_average(method: str) -> None:
+    """The jackknife of a few frequencies is rough, so it is averaged over repetitions."""
+    clean = plant_phasors(SERIAL, PAPER, *campaign(np.geomspace(3, 30, 12), 2))
+    rng = np.random.default_rng(11)
+    covariance = np.array([random_covariance(rng, 1e-3 * np.abs(z)) for z in clean.z])
+    squares = []
+    for error in circular(rng, covariance, 8):
+        phasors = noisy(clean, covariance, error)
+        fit = identify_elasticity(phasors, SERIAL, method=method)
+        squares.append((jackknife(phasors, SERIAL, fit).standard_error / fit.standard_error) ** 2)
+    ratio = np.sqrt(np.mean(squares, axis=0))
+    assert np.all((ratio > 0.6) & (ratio < 1.8)), ratio
+
+
+def test_jackknife_finds_the_frequency_that_is_off() -> None:
+    frequencies, torques = campaign(BAND_HZ, 2)
+    phasors = plant_phasors(SERIAL, PAPER, frequencies, torques)
+    covariance = np.array([np.diag((1e-4 * np.abs(z)) ** 2) for z in phasors.z]).astype(complex)
+    error = np.zeros(phasors.z.shape, complex)
+    error[6:8] = 0.02 * phasors.z[6:8] * [1, 1, 0, 0]
+    bad = noisy(phasors, covariance, error)
+    result = jackknife(bad, SERIAL, identify_elasticity(bad, SERIAL, method="weighted"))
+    assert result.frequency_hz == pytest.approx(BAND_HZ)
+    away = np.abs(result.estimates / np.r_[PAPER.K, PAPER.D] - 1).max(axis=1)
+    assert away[3] < 1e-6 < 1e-4 < np.delete(away, 3).min()  # without the culprit all is well
+    with pytest.raises(JointIdError, match="at least 3"):
+        few = bad.select(range(4))
+        jackknife(few, SERIAL, identify_elasticity(few, SERIAL, method="weighted"))
+
+
+# -------------------------------------------------------------------------------------------- ellipses
+
+
+def test_ellipse_holds_its_share_of_draws() -> None:
+    fit = fitted(measured(), SERIAL, "weighted")
+    index = [0, 2]
+    rng = np.random.default_rng(2)
+    draws = rng.multivariate_normal(
+        np.r_[fit.K, fit.D][index], fit.covariance[np.ix_(index, index)], size=20_000
+    )
+    inverse = np.linalg.inv(fit.covariance[np.ix_(index, index)])
+    for level in (0.5, 0.95):
+        ellipse = confidence_ellipse(fit, "K1", "D1", level=level)
+        apart = ellipse.outline - ellipse.centre
+        radius = np.einsum("pi,ij,pj->p", apart, inverse, apart)
+        assert np.allclose(radius, radius[0])
+        off = draws - ellipse.centre
+        inside = np.einsum("pi,ij,pj->p", off, inverse, off) < radius[0]
+        assert inside.mean() == pytest.approx(level, abs=0.015)
+        assert ellipse.semi_axes[0] >= ellipse.semi_axes[1] > 0
+
+
+def test_ellipse_refuses_what_it_does_not_know() -> None:
+    fit = fitted(measured(), SERIAL, "weighted")
+    with pytest.raises(JointIdError, match="K1, K2, D1, D2"):
+        confidence_ellipse(fit, "K1", "K3")
+    with pytest.raises(JointIdError, match="two different"):
+        confidence_ellipse(fit, "K1", "K1")
+    with pytest.raises(JointIdError, match="between 0 and 1"):
+        confidence_ellipse(fit, "K1", "K2", level=95)

@@ -1,0 +1,310 @@
+"""Validation: silent and calibrated when the model holds, loud when it does not."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from plants import (
+    BAND_HZ,
+    PAPER,
+    PARALLELOGRAM,
+    ROBOTS,
+    SERIAL,
+    campaign,
+    circular,
+    noisy,
+    plant_phasors,
+    random_covariance,
+    steady_records,
+)
+
+from jointid import (
+    Elasticity,
+    Inertia,
+    JointIdError,
+    MotorFriction,
+    Phasors,
+    extract_phasors,
+    identify_elasticity,
+    motor_response,
+    simulate_records,
+)
+from jointid.experiment import Controller, Excitation, Measurement
+from jointid.inertia_check import check_inertia
+from jointid.poses import fits_by_pose
+from jointid.validation import (
+    amplitude_dependence,
+    freed_phasors,
+    harmonic_content,
+    predict_left_out,
+    record_residuals,
+)
+
+FREQUENCIES = np.geomspace(3, 30, 8)
+
+
+def drawn(n: int, seed: int, relative: float = 1e-3, elasticity: Elasticity | None = None) -> Phasors:
+    inertia, springs = ROBOTS[n]
+    clean = plant_phasors(inertia, elasticity or springs, *campaign(FREQUENCIES, n))
+    rng = np.random.default_rng(seed)
+    covariance = np.array([random_covariance(rng, relative * np.abs(z)) for z in clean.z])
+    return noisy(clean, covariance, circular(rng, covariance, 1)[0])
+
+
+@cache
+def rubbing() -> Phasors:
+    return extract_phasors(
+        simulate_records(
+            PARALLELOGRAM,
+            PAPER,
+            BAND_HZ,
+            friction=MotorFriction(coulomb=[0.2, 0.04]),
+            controller=Controller(sample_rate_hz=2000),
+            excitation=Excitation(duration_s=2.0),
+            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+        )
+    )
+
+
+# ---------------------------------------------------------------------------------- left out, predicted
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("method", ["least-squares", "maximum-likelihood"])
+def test_prediction_errs_as_stated(n: int, method: str) -> None:
+    inertia, _ = ROBOTS[n]
+    scores = []
+    for seed in range(6):
+        phasors = drawn(n, seed)
+        fit = identify_elasticity(phasors, inertia, method=method)
+        prediction = predict_left_out(phasors, inertia, fit)
+        assert prediction.omega == pytest.approx(2 * np.pi * FREQUENCIES)
+        assert prediction.measured.shape == (8, n, n)
+        scores.append(prediction.misfit)
+    assert 0.6 < np.mean(scores) < 1.5
+
+
+def test_prediction_is_exact_without_noise() -> None:
+    phasors = plant_phasors(SERIAL, PAPER, *campaign(FREQUENCIES, 2))
+    fit = identify_elasticity(phasors, SERIAL, method="weighted")
+    prediction = predict_left_out(phasors, SERIAL, fit, folds=3)
+    assert np.all(prediction.relative_error < 1e-6)
+    truth = motor_response(prediction.omega, SERIAL, PAPER)
+    assert np.allclose(prediction.predicted, truth, rtol=1e-5)
+    assert len(prediction.estimates) == 3
+
+
+def test_prediction_fails_where_the_springs_change() -> None:
+    """Softer springs above 10 Hz: each half contradicts the other."""
+    phasors = drawn(2, 0)
+    softer = drawn(2, 0, elasticity=Elasticity(K=[36.0, 7.5], D=[0.1, 0.015]))
+    high = phasors.omega > 2 * np.pi * 10
+    mixed = Phasors(
+        **{
+            name: np.where(high.reshape(-1, *[1] * (getattr(phasors, name).ndim - 1)),
+                           getattr(softer, name), getattr(phasors, name))
+            for name in phasors.__dataclass_fields__ if name != "labels"
+        },
+        labels=phasors.labels,
+    )  # fmt: skip
+    fit = identify_elasticity(mixed, SERIAL, method="weighted")
+    good = identify_elasticity(phasors, SERIAL, method="weighted")
+    assert fit.misfit > 10
+    bad = predict_left_out(mixed, SERIAL, fit)
+    assert bad.relative_error.max() > 5 * predict_left_out(phasors, SERIAL, good).relative_error.max()
+
+
+def test_prediction_with_friction() -> None:
+    phasors = rubbing()
+    fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
+    prediction = predict_left_out(phasors, PARALLELOGRAM, fit)
+    assert np.all(prediction.relative_error < 0.01)
+    raw = identify_elasticity(phasors, PARALLELOGRAM, method="least-squares")
+    assert predict_left_out(phasors, PARALLELOGRAM, raw).relative_error.max() > 0.05
+
+
+def test_prediction_needs_frequencies() -> None:
+    phasors = drawn(2, 0).select(range(6))
+    fit = identify_elasticity(phasors, SERIAL, method="weighted")
+    with pytest.raises(JointIdError, match="3 frequencies"):
+        predict_left_out(phasors, SERIAL, fit)
+
+
+def test_freed_phasors_obey_the_springs() -> None:
+    phasors = rubbing()
+    fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
+    free = freed_phasors(phasors, fit)
+    H = motor_response(free.omega, PARALLELOGRAM, PAPER)
+    expected = -(free.omega[:, None] ** 2) * free.q
+    found = np.einsum("rij,rj->ri", H, free.tau)
+    assert np.linalg.norm(found - expected) < 0.01 * np.linalg.norm(expected)
+    assert np.allclose(free.q, phasors.q, rtol=0.01)
+    assert np.abs(free.tau - phasors.tau).max() > 0.1  # friction was there to take off
+
+
+# -------------------------------------------------------------------------------------------- residuals
+
+
+def test_residuals_have_their_expected_size() -> None:
+    squares = []
+    for seed in range(8):
+        phasors = drawn(2, seed)
+        fit = identify_elasticity(phasors, SERIAL, method="weighted")
+        residuals = record_residuals(phasors, fit)
+        squares.append((residuals.normalised**2).mean())
+        assert residuals.relative.max() < 0.3
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.35)
+
+
+def test_residuals_name_the_bad_record() -> None:
+    phasors = drawn(2, 1)
+    error = np.zeros(phasors.z.shape, complex)
+    error[5, 3] = 0.1 * phasors.tau[5, 1]
+    bad = noisy(phasors, phasors.covariance, error)
+    fit = identify_elasticity(bad, SERIAL, method="weighted")
+    residuals = record_residuals(bad, fit)
+    assert residuals.worst == (5, 1)
+    assert residuals.labels[5] == "record 6"
+
+
+# ------------------------------------------------------------------------------------------- harmonics
+
+
+def test_harmonics_are_those_of_friction() -> None:
+    content = harmonic_content(rubbing())
+    assert content.odd.shape == content.even.shape == content.significance.shape == (14, 4)
+    assert content.odd[:, 2:].max() > 0.02
+    assert content.even[:, 2:].max() < 0.2 * content.odd[:, 2:].max()
+    assert content.significance[:, 2:].max() > 20
+
+
+def test_harmonics_of_noise_are_noise() -> None:
+    records = steady_records(
+        SERIAL, PAPER, *campaign(BAND_HZ, 2), noise=(1e-5, 3e-3), periods=20.37, seed=2
+    )
+    content = harmonic_content(extract_phasors(records, harmonics=5))
+    assert 0.6 < np.sqrt((content.significance**2).mean()) < 1.5
+    with pytest.raises(JointIdError, match="harmonics=3"):
+        harmonic_content(extract_phasors(records, harmonics=1))
+
+
+# ------------------------------------------------------------------------------------------- amplitude
+
+
+def two_amplitudes(harder: float) -> Phasors:
+    """Every frequency at a small and at a large amplitude; springs that much stiffer at the large one."""
+    frequencies, torques = campaign(FREQUENCIES, 2)
+    stiffer = Elasticity(K=[PAPER.K[0] * (1 + harder), PAPER.K[1]], D=PAPER.D)
+    records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-5, 1e-3), seed=1)
+    records += steady_records(SERIAL, stiffer, frequencies, 3 * torques, noise=(1e-5, 1e-3), seed=2)
+    return extract_phasors(records)
+
+
+def test_hardening_shows_against_amplitude() -> None:
+    found = amplitude_dependence(identify_elasticity(two_amplitudes(0.02), SERIAL, method="weighted"))
+    ends = found.deflection_rad[0]
+    whole = np.log(ends[1] / ends[0]) / np.log(3)  # the step of 2 % is per factor three
+    assert found.change[0] == pytest.approx(0.02 * whole, rel=0.3)
+    assert found.change[0] > 5 * found.standard_error[0]
+    assert abs(found.change[1]) < 0.2 * found.change[0]
+
+
+def test_linear_springs_do_not_harden() -> None:
+    found = amplitude_dependence(identify_elasticity(two_amplitudes(0.0), SERIAL, method="weighted"))
+    assert np.all(np.abs(found.change) < 4 * found.standard_error)
+    assert np.all(found.standard_error < 0.01)
+
+
+def test_one_amplitude_tells_nothing() -> None:
+    found = amplitude_dependence(identify_elasticity(drawn(2, 0), SERIAL, method="weighted"))
+    assert np.all(np.isinf(found.standard_error))
+    assert np.isnan(found.deflection_rad).all()
+
+
+# ------------------------------------------------------------------------------------------------ poses
+
+
+def two_poses(second: Elasticity = PAPER) -> tuple[Phasors, list[Inertia], list[str]]:
+    frequencies, torques = campaign(FREQUENCIES, 2)
+    records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-5, 3e-3), seed=1)
+    records += steady_records(PARALLELOGRAM, second, frequencies, torques, noise=(1e-5, 3e-3), seed=2)
+    count = len(torques)
+    return (
+        extract_phasors(records),
+        [SERIAL] * count + [PARALLELOGRAM] * count,
+        ["here"] * count + ["there"] * count,
+    )
+
+
+def test_poses_agree_within_their_errors() -> None:
+    phasors, inertias, poses = two_poses()
+    fit = identify_elasticity(phasors, inertias, method="weighted")
+    fits = fits_by_pose(phasors, inertias, poses, fit)
+    assert fits.names == ("here", "there")
+    assert np.all(fits.significance < 3.5)
+    assert fits.probability > 1e-3
+    assert np.all(np.abs(fits.estimates - np.r_[PAPER.K, PAPER.D]) < 5 * fits.standard_error)
+    alone = identify_elasticity(phasors.select(range(16)), SERIAL, method="weighted")
+    assert np.allclose(fits.estimates[0], np.r_[alone.K, alone.D])
+
+
+def test_poses_disagree_on_what_differs() -> None:
+    phasors, inertias, poses = two_poses(Elasticity(K=[43.0, 7.7], D=PAPER.D))
+    fit = identify_elasticity(phasors, inertias, method="weighted")
+    fits = fits_by_pose(phasors, inertias, poses, fit)
+    assert int(np.argmax(fits.spread[:2])) == 1
+    assert fits.spread[1] == pytest.approx(0.2 / 7.6, rel=0.05)
+    assert fits.significance[1] > 10
+    assert fits.probability < 1e-6
+
+
+def test_a_pose_that_cannot_stand_alone_is_named() -> None:
+    phasors, inertias, poses = two_poses()
+    fit = identify_elasticity(phasors, inertias, method="weighted")
+    q, tau = phasors.q.copy(), phasors.tau.copy()
+    q[16:, 1] = tau[16:, 1] = 0
+    still = Phasors(
+        **{
+            **{name: getattr(phasors, name) for name in phasors.__dataclass_fields__},
+            "q": q,
+            "tau": tau,
+        }
+    )
+    fits = fits_by_pose(still, inertias, poses, fit)
+    assert fits.names == ("here",)
+    assert fits.probability == 1.0
+    assert re.match(r"there: Joint 2", fits.problems[0])
+    with pytest.raises(JointIdError, match="one per record"):
+        fits_by_pose(phasors, inertias, poses[:3], fit)
+
+
+# --------------------------------------------------------------------------------------------- inertias
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_inertias_are_found_from_the_records(n: int) -> None:
+    inertia, elasticity = ROBOTS[n]
+    phasors = drawn(n, 3)
+    given = Inertia(M=inertia.M, M2=inertia.M2 * 1.05)
+    check = check_inertia(phasors, given, elasticity.K, elasticity.D)
+    truth = np.concatenate([inertia.M, inertia.M2[np.triu_indices(n)]])
+    assert np.all(np.abs(check.found - truth) < 5 * check.standard_error)
+    assert check.misfit_found < 2 < 5 < check.misfit_given
+    assert check.significance[n:].max() > 5
+
+
+def test_right_inertias_are_confirmed() -> None:
+    significance = []
+    for seed in range(6):
+        check = check_inertia(drawn(2, seed), SERIAL, PAPER.K, PAPER.D)
+        assert check.misfit_given < 2
+        significance.append(check.significance)
+    assert np.sqrt(np.mean(np.square(significance))) < 1.7
+
+
+def test_too_few_records_for_inertias() -> None:
+    with pytest.raises(JointIdError, match="too few records"):
+        check_inertia(drawn(2, 0).select(range(4)), SERIAL, PAPER.K, PAPER.D)
