@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.friction import friction_waveforms
 from jointid.joints import Elasticity, Inertia
-from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.likelihood import LikelihoodEstimate
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
+from jointid.model_choice import Candidate, Choice, choose_model, fit_model
 from jointid.phasors import Phasors
 from jointid.spring_equations import SpringEquations, spring_equations
 
@@ -26,8 +27,6 @@ METHODS = {
 """Estimators by name, with a line that says what each is."""
 
 _LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}
-_REVERSALS = (0.0, 0.03, 0.1)
-"""Shares of the largest velocity below which friction is left free: from a sharp to a blunt reversal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,26 +39,6 @@ class Friction:
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
     """Of coulomb (n), then viscous (n), shape (2n,); 0 where nothing shows it."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One model that the automatic choice looked at."""
-
-    name: str
-    friction: bool
-    delay: bool
-    reversal: float
-    """Share of the largest velocity below which friction was left free."""
-    problem: str
-    """Why it could not be fitted; empty when it could."""
-    cost: float
-    expected_cost: float
-    parameters: int
-    """Real numbers fitted, the free shapes of friction included."""
-    criterion: float
-    """Information criterion, 2 · cost over the best model's misfit + penalty; the least is chosen."""
-    chosen: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,128 +165,20 @@ def identify_elasticity(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
             )
         return _fit(method, _LINEAR[method](equations), equations, phasors)
-    start = weighted(equations).p
-    tried: dict[_Choice, LikelihoodEstimate | JointIdError] = {}
-
-    def best(choices: Sequence[_Choice], *, any_delay: bool = True) -> _Choice:
-        for choice in choices:
-            if choice not in tried:
-                tried[choice] = _attempt(phasors, inertia, _warm(start, choice, tried), choice)
-        criterion = _criteria({choice: tried[choice] for choice in choices}, phasors, any_delay)
-        return min(choices, key=lambda choice: criterion[choice])
-
-    if method == "maximum-likelihood":
-        choice = best([_Choice(reversal, delay) for reversal in (_REVERSALS if friction else (None,))])
-    else:
-        # A wrong delay would pass for friction, so the shape of friction is chosen with the delay free.
-        shapes = _REVERSALS if friction else (None, *_REVERSALS)
-        shape = best([_Choice(reversal, True) for reversal in shapes]).reversal
-        best([_Choice(reversal, delay) for reversal in {shapes[0], shape}])
-        choice = best(list(tried), any_delay=delay)
-    chosen = tried[choice]
-    if isinstance(chosen, JointIdError):
-        if method == "auto":  # better an answer that shows what is wrong than none
-            fit = _fit("weighted", weighted(equations), equations, phasors)
-            return replace(fit, candidates=_candidates(tried, None, phasors))
-        raise chosen
-    equations = spring_equations(chosen.phasors, inertia)
-    return _likelihood_fit(method, choice, chosen, equations, _candidates(tried, choice, phasors))
-
-
-@dataclass(frozen=True)
-class _Choice:
-    reversal: float | None  # None: no friction
-    delay: bool
-
-
-def _warm(
-    start: Floats, choice: _Choice, tried: Mapping[_Choice, LikelihoodEstimate | JointIdError]
-) -> Floats:
-    """Parameters to begin with: those of the last fit of the same kind, or the linear estimate."""
-    for earlier, estimate in reversed(list(tried.items())):
-        alike = (earlier.reversal is None) == (choice.reversal is None) and earlier.delay >= choice.delay
-        if alike and isinstance(estimate, LikelihoodEstimate):
-            return estimate.p if earlier.delay == choice.delay else estimate.p[:-1]
-    return start
-
-
-def _attempt(
-    phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats, choice: _Choice
-) -> LikelihoodEstimate | JointIdError:
-    waveforms = None if choice.reversal is None else friction_waveforms(phasors, choice.reversal)
-    try:
-        return maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=choice.delay)
-    except JointIdError as error:
-        return error
-
-
-def _criteria(
-    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], phasors: Phasors, any_delay: bool
-) -> dict[_Choice, float]:
-    """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
-
-    Schwarz's penalty ln(rows) for what is asked for (K, D, friction, delay); Akaike's 2 for the free
-    shapes of the reversals, of which there are many and none matters by itself.
-    """
-    fitted = [e for e in tried.values() if isinstance(e, LikelihoodEstimate)]
-    misfit = min((e.cost / e.expected_cost for e in fitted if e.expected_cost > 0), default=1.0)
-    rows = 2 * np.count_nonzero(phasors.harmonics[..., : phasors.n])
-    return {
-        choice: np.inf
-        if isinstance(estimate, JointIdError) or not _significant(choice, estimate, misfit, any_delay)
-        else float(
-            2 * estimate.cost / max(1.0, misfit)
-            + np.log(rows) * estimate.p.size
-            + 2 * (estimate.parameters - estimate.p.size)
-        )
-        for choice, estimate in tried.items()
-    }
-
-
-def _significant(choice: _Choice, estimate: LikelihoodEstimate, misfit: float, any_delay: bool) -> bool:
-    """Whether what was fitted beside K and D stands five standard errors clear of nothing.
-
-    Free shapes of reversals soak up many small things that are no friction; this keeps them out.
-    """
-    n = estimate.phasors.n
-    error = np.sqrt(np.diag(estimate.covariance) * max(1.0, misfit))
-    clear = np.abs(estimate.p) > 5 * error
-    friction = choice.reversal is None or clear[2 * n : 4 * n].any()
-    return bool(friction and (any_delay or not choice.delay or clear[-1]))
-
-
-def _candidates(
-    tried: Mapping[_Choice, LikelihoodEstimate | JointIdError], chosen: _Choice | None, phasors: Phasors
-) -> tuple[Candidate, ...]:
-    criterion = _criteria(tried, phasors, any_delay=False)
-    candidates = []
-    for choice, estimate in tried.items():
-        friction = choice.reversal is not None
-        parts = ["elasticity"] + ["friction"] * friction + ["delay"] * choice.delay
-        shape = f", reversals free below {choice.reversal:.0%}" if choice.reversal else ""
-        candidates.append(
-            Candidate(
-                name=" + ".join(parts) + shape,
-                friction=friction,
-                delay=choice.delay,
-                reversal=choice.reversal or 0.0,
-                problem=str(estimate) if isinstance(estimate, JointIdError) else "",
-                cost=np.inf if isinstance(estimate, JointIdError) else estimate.cost,
-                expected_cost=0.0 if isinstance(estimate, JointIdError) else estimate.expected_cost,
-                parameters=0 if isinstance(estimate, JointIdError) else estimate.parameters,
-                criterion=criterion[choice],
-                chosen=choice == chosen,
-            )
-        )
-    return tuple(sorted(candidates, key=lambda c: c.criterion))
+    linear = weighted(equations)
+    find = choose_model if method == "auto" else fit_model
+    with ThreadpoolController().limit(limits=1, user_api="blas"):  # for small matrices threads only wait
+        choice = find(phasors, inertia, linear.p, friction=friction, delay=delay)
+    if isinstance(choice.estimate, LikelihoodEstimate):
+        equations = spring_equations(choice.estimate.phasors, inertia)
+        return _likelihood_fit(method, choice, choice.estimate, equations)
+    if method == "auto":  # better an answer that shows what is wrong than none
+        return replace(_fit("weighted", linear, equations, phasors), candidates=choice.candidates)
+    raise choice.estimate
 
 
 def _likelihood_fit(
-    method: str,
-    choice: _Choice,
-    estimate: LikelihoodEstimate,
-    equations: SpringEquations,
-    candidates: tuple[Candidate, ...],
+    method: str, choice: Choice, estimate: LikelihoodEstimate, equations: SpringEquations
 ) -> ElasticityFit:
     n, p = equations.a.shape[1], estimate.p
     fit = _fit(method, estimate, equations, estimate.phasors)
@@ -315,15 +186,15 @@ def _likelihood_fit(
     error = np.sqrt(np.diag(estimate.covariance) * inflation)
     friction = (
         Friction(p[2 * n : 3 * n], p[3 * n : 4 * n], error[2 * n : 4 * n])
-        if choice.reversal is not None
+        if choice.model.reversal is not None
         else None
     )
     return replace(
         fit,
         friction=friction,
-        delay=float(p[-1]) if choice.delay else None,
-        delay_error=float(error[-1]) if choice.delay else None,
-        candidates=candidates,
+        delay=float(p[-1]) if choice.model.delay else None,
+        delay_error=float(error[-1]) if choice.model.delay else None,
+        candidates=choice.candidates,
     )
 
 

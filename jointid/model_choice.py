@@ -1,0 +1,208 @@
+"""Which model the data ask for: elasticity alone, or with friction, with a delay, with both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.friction import friction_waveforms
+from jointid.joints import Inertia
+from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.phasors import Phasors
+
+REVERSALS = (0.0, 0.03, 0.1)
+"""Shares of the largest velocity below which friction is left free: from a sharp to a blunt reversal."""
+
+_EXPLAINED = 1.1  # cost over its expectation that leaves no room for a better model
+_CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
+
+
+@dataclass(frozen=True)
+class Model:
+    """What is fitted beside K and D."""
+
+    reversal: float | None
+    """Share of the largest velocity below which friction is free; None: no friction."""
+    delay: bool
+
+    @property
+    def name(self) -> str:
+        """The model in words."""
+        parts = ["elasticity"] + ["friction"] * (self.reversal is not None) + ["delay"] * self.delay
+        return " + ".join(parts) + (
+            f", reversals free below {self.reversal:.0%}" if self.reversal else ""
+        )
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One model that the choice looked at."""
+
+    name: str
+    friction: bool
+    delay: bool
+    reversal: float
+    """Share of the largest velocity below which friction was left free."""
+    problem: str
+    """Why it could not be fitted; empty when it could."""
+    cost: float
+    expected_cost: float
+    parameters: int
+    """Real numbers fitted, the free shapes of friction included."""
+    criterion: float
+    """Information criterion, 2 · cost over the best model's misfit + penalty; the least is chosen.
+    Infinite where the model could not be fitted, or its friction or delay is none."""
+    chosen: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The chosen model, its estimate, and what it was chosen from."""
+
+    model: Model
+    estimate: LikelihoodEstimate | JointIdError
+    """The error where no model could be fitted."""
+    candidates: tuple[Candidate, ...]
+    """Best first."""
+
+
+def fit_model(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    start: Floats,
+    *,
+    friction: bool,
+    delay: bool,
+) -> Choice:
+    """Fit the model as told; of friction only the width of its reversals is chosen."""
+    search = _Search(phasors, inertia, start)
+    best = search.best([Model(reversal, delay) for reversal in (REVERSALS if friction else (None,))])
+    return search.choice(best)
+
+
+def choose_model(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    start: Floats,
+    *,
+    friction: bool,
+    delay: bool,
+) -> Choice:
+    """Go from few parts to many, no further than the noise asks for, and take the best.
+
+    Parameters
+    ----------
+    friction, delay : bool
+        Parts that must be in the model; the others may be.
+    """
+    search = _Search(phasors, inertia, start)
+    # A wrong delay would pass for friction, so the shape of friction is chosen with the delay free.
+    models = [] if friction else [Model(None, True)]
+    for reversal in REVERSALS:
+        models.append(Model(reversal, True))
+        best = search.best(models)
+        if search.explains(models[-1]) or (best.reversal is None and search.explains(best)):
+            break
+    for model in {models[0], best}:
+        search.fit(Model(model.reversal, delay))
+    return search.choice(search.best(list(search.tried), any_delay=delay), any_delay=delay)
+
+
+class _Search:
+    """The models tried so far, with their estimates."""
+
+    def __init__(self, phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats) -> None:
+        self.phasors = phasors
+        self.inertia = inertia
+        self.start = start
+        self.tried: dict[Model, LikelihoodEstimate | JointIdError] = {}
+
+    def fit(self, model: Model) -> None:
+        if model in self.tried:
+            return
+        waveforms = None if model.reversal is None else friction_waveforms(self.phasors, model.reversal)
+        try:
+            self.tried[model] = maximum_likelihood(
+                self.phasors, self.inertia, self._begin(model), friction=waveforms, delay=model.delay
+            )
+        except JointIdError as error:
+            self.tried[model] = error
+
+    def best(self, models: Sequence[Model], *, any_delay: bool = True) -> Model:
+        for model in models:
+            self.fit(model)
+        criterion = self._criterion(models, any_delay)
+        return min(models, key=lambda model: criterion[model])
+
+    def explains(self, model: Model) -> bool:
+        estimate = self.tried[model]
+        if isinstance(estimate, JointIdError):
+            return False
+        return estimate.cost < _EXPLAINED * estimate.expected_cost
+
+    def choice(self, best: Model, *, any_delay: bool = True) -> Choice:
+        criterion = self._criterion(list(self.tried), any_delay)
+        candidates = [
+            self._candidate(model, criterion[model], model == best)
+            for model in sorted(self.tried, key=lambda model: criterion[model])
+        ]
+        return Choice(best, self.tried[best], tuple(candidates))
+
+    def _candidate(self, model: Model, criterion: float, chosen: bool) -> Candidate:
+        estimate = self.tried[model]
+        fitted = estimate if isinstance(estimate, LikelihoodEstimate) else None
+        return Candidate(
+            name=model.name,
+            friction=model.reversal is not None,
+            delay=model.delay,
+            reversal=model.reversal or 0.0,
+            problem="" if fitted else str(estimate),
+            cost=fitted.cost if fitted else np.inf,
+            expected_cost=fitted.expected_cost if fitted else 0.0,
+            parameters=fitted.parameters if fitted else 0,
+            criterion=criterion,
+            chosen=chosen and fitted is not None,
+        )
+
+    def _begin(self, model: Model) -> Floats:
+        """Parameters of the last fit of the same kind, or the linear estimate."""
+        for earlier, estimate in reversed(self.tried.items()):
+            alike = (earlier.reversal is None) == (model.reversal is None)
+            if alike and earlier.delay >= model.delay and isinstance(estimate, LikelihoodEstimate):
+                return estimate.p if earlier.delay == model.delay else estimate.p[:-1]
+        return self.start
+
+    def _criterion(self, models: Sequence[Model], any_delay: bool) -> dict[Model, float]:
+        """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
+
+        Schwarz's penalty ln(rows) for what is asked for (K, D, friction, delay); Akaike's 2 for the
+        free shapes of the reversals, of which there are many and none matters by itself.
+        """
+        fitted = {m: e for m in models if isinstance(e := self.tried[m], LikelihoodEstimate)}
+        ratios = [e.cost / e.expected_cost for e in fitted.values() if e.expected_cost > 0]
+        misfit = max(1.0, min(ratios, default=1.0))
+        rows = 2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n])
+        criterion = dict.fromkeys(models, np.inf)
+        for model, estimate in fitted.items():
+            if self._is_clear(model, estimate, misfit, any_delay):
+                free = estimate.parameters - estimate.p.size
+                penalty = float(np.log(rows)) * estimate.p.size + 2 * free
+                criterion[model] = 2 * estimate.cost / misfit + penalty
+        return criterion
+
+    def _is_clear(
+        self, model: Model, estimate: LikelihoodEstimate, misfit: float, any_delay: bool
+    ) -> bool:
+        """Whether friction and delay stand clear of nothing.
+
+        Free shapes of reversals soak up many small things that are no friction; this keeps them out.
+        """
+        n = self.phasors.n
+        error = np.sqrt(np.diag(estimate.covariance) * misfit)
+        clear = np.abs(estimate.p) > _CLEAR * error
+        friction = model.reversal is None or clear[2 * n : 4 * n].any()
+        return bool(friction and (any_delay or not model.delay or clear[-1]))
