@@ -62,14 +62,12 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """What the two figures of the headline are."""
     if outcome.distribution is None:
         st.warning(f"What the identification promises is not known. {outcome.problem}")
-        promise = (
-            "After: a robot with exactly the identified springs; how far they are off is not known."
-        )
+        promise = "a robot with exactly the identified springs; how far they are off is not known."
     else:
         promise = (
-            "After: the servo assumes the identified values, and the robot differs from them as far as "
-            f"their uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of "
-            f"them {_below(outcome.distribution.median_m)}."
+            "the servo assumes the identified values, and the robot differs from them as far as their "
+            f"uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
+            f"{_below(outcome.distribution.median_m)}."
         )
     assumed = outcome.assumed
     servo = (
@@ -78,9 +76,11 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
         else f"assumes K = {_three(assumed.K)} N·m/rad, D = {_three(assumed.D)} N·m·s/rad"
     )
     st.caption(
-        "Largest distance of the tool from the wanted path, simulated. Before: a robot with the "
-        f"identified springs, K = {_three(outcome.robot.elasticity.K)} N·m/rad, whose servo "
-        f"{servo}. {promise} {_conditions(settings)}"
+        "Path error is the largest distance of the tool from the wanted path, simulated.\n"
+        "- **Before**: a robot with the identified springs, "
+        f"K = {_three(outcome.robot.elasticity.K)} N·m/rad, whose servo {servo}.\n"
+        f"- **After**: {promise}\n"
+        f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
         st.warning("A motor torque was cut off at its limit.")
@@ -90,15 +90,13 @@ def _conditions(settings: CutSettings) -> str:
     """Controller and friction, the same before and after."""
     encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
     delay = f"{settings.delay_samples} sample{'' if settings.delay_samples == 1 else 's'}"
-    text = f"Both have a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}, "
+    text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
-        return text + "and motors without friction."
-    what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m"
+        return text + "motors without friction."
+    what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m, which the servo "
     if settings.compensated:
-        return text + f"and {what}, which the servo compensates."
-    return (
-        text + f"and {what}, which the servo does not compensate and which leaves an error of its own."
-    )
+        return text + what + "compensates."
+    return text + what + "does not compensate: that leaves an error of its own."
 
 
 def _below(length_m: float) -> str:
