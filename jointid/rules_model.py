@@ -40,7 +40,7 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     error = fit.standard_error / np.sqrt(max(1.0, fit.misfit))  # what is not noise has its own finding
     share = relative(error, np.concatenate([fit.K, fit.D]))
-    limit = np.where(np.arange(2 * fit.n) < fit.n, 0.1, 0.3)
+    limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
     names = [n for n, s, m in zip(parameter_names(fit.n), share, limit, strict=True) if s > m]
     if names:
         worst = int(np.argmax(share / limit))

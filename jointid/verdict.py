@@ -13,10 +13,10 @@ from jointid.plausibility import scale_findings
 from jointid.rules_causes import (
     against_the_paper,
     depends_on_amplitude,
-    inertias_look_wrong,
     poses_disagree,
     torque_lags,
 )
+from jointid.rules_inertia import inertias_look_wrong
 from jointid.rules_model import hardly_known, model_limits, not_physical, resonance_missed
 from jointid.rules_records import (
     coarse_encoder,

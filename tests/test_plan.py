@@ -1,4 +1,4 @@
-"""The next experiment: predictions against what campaigns then give, suggestions against their limits."""
+"""The next experiment: predictions against what campaigns give, suggestions against their limits."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def test_second_error_bar() -> None:
     by_hand = np.sqrt(((sensitivity.relative * 0.03) ** 2).sum(axis=1)) * sensitivity.estimate
     assert np.allclose(error, by_hand)
     assert np.all(error > 20 * fit.standard_error)  # here inertias matter far more than noise
-    with pytest.raises(JointIdError, match="0.03 for 3 %"):
+    with pytest.raises(JointIdError, match="such as"):
         sensitivity.standard_error(-1.0)
 
 
@@ -253,9 +253,10 @@ def test_jackknife_finds_the_frequency_that_is_off() -> None:
     assert result.frequency_hz == pytest.approx(BAND_HZ)
     away = np.abs(result.estimates / np.r_[PAPER.K, PAPER.D] - 1).max(axis=1)
     assert away[3] < 1e-6 < 1e-4 < np.delete(away, 3).min()  # without the culprit all is well
+    few = bad.select(range(4))
+    fit = identify_elasticity(few, SERIAL, method="weighted")
     with pytest.raises(JointIdError, match="at least 3"):
-        few = bad.select(range(4))
-        jackknife(few, SERIAL, identify_elasticity(few, SERIAL, method="weighted"))
+        jackknife(few, SERIAL, fit)
 
 
 # -------------------------------------------------------------------------------------------- ellipses

@@ -195,7 +195,7 @@ def test_harmonics_of_noise_are_noise() -> None:
 
 
 def two_amplitudes(harder: float) -> Phasors:
-    """Every frequency at a small and at a large amplitude; springs that much stiffer at the large one."""
+    """Every frequency at a small and a large amplitude; springs stiffer at the large one."""
     frequencies, torques = campaign(FREQUENCIES, 2)
     stiffer = Elasticity(K=[PAPER.K[0] * (1 + harder), PAPER.K[1]], D=PAPER.D)
     records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-5, 1e-3), seed=1)

@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, SERIAL, campaign, steady_records
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, steady_records
 
-from jointid import Analysis, Finding, Inertia, SineRecord, Study, analyse
+from jointid import (
+    Analysis,
+    Elasticity,
+    Finding,
+    Inertia,
+    MotorFriction,
+    SineRecord,
+    Study,
+    analyse,
+    estimate_transfer_matrix,
+    extract_phasors,
+    identify_elasticity,
+    simulate_records,
+)
+from jointid.experiment import Controller, Excitation, Measurement
+from jointid.plausibility import scale_findings
+from jointid.rules_causes import against_the_paper
+from jointid.verdict import Evidence, findings
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -112,3 +131,328 @@ def test_frequency_without_transfer_matrix_is_mentioned() -> None:
     found = [f for f in analysis.findings if "transfer matrix" in f.title]
     assert len(found) == 1
     assert "28.9 Hz" in found[0].detail
+
+
+# ---------------------------------------------------------------------- units, signs and gear ratios
+
+
+def scaled(angle: Any = 1.0, torque: Any = 1.0) -> list[SineRecord]:
+    return [
+        remade(r, theta_rad=r.theta_rad * np.asarray(angle), tau_Nm=r.tau_Nm * np.asarray(torque))
+        for r in sound()
+    ]
+
+
+def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | None:
+    """What is said of scales, without an estimate having to be possible."""
+    found = scale_findings(extract_phasors(records), [inertia] * len(records))
+    assert len(found) < 2
+    return found[0] if found else None
+
+
+@pytest.mark.parametrize(
+    ("angle", "torque", "title", "detail"),
+    [
+        (1, -1, "sign of the torque of all joints", "−1"),
+        ([1, 1], [1, -1], "sign of the torque of joint 2", "−1"),
+        ([-1, 1], [1, 1], "sign of the angle of joint 1", "−1"),
+        (180 / np.pi, 1, "angle of all joints looks logged in degrees", "57.3"),
+        ([1, 180 / np.pi], 1, "angle of joint 2 looks logged in degrees", "57.3"),
+        (1 / (2 * np.pi), 1, "revolutions", "6.283"),
+        (1, 1000, "mN·m", "1000"),
+        ([1 / 100, 1 / 90], 1, "gear ratio of all joints looks applied not at all", "100, 90"),
+        (1, [100, 90], "gear ratio of all joints looks applied not at all", "100, 90"),
+        (1, [1, 90], "gear ratio of joint 2 looks applied not at all", "90"),
+        ([100, 90], 1, "gear ratio of all joints looks applied twice", "100, 90"),
+    ],
+)
+def test_wrong_scales_are_named(angle: Any, torque: Any, title: str, detail: str) -> None:
+    found = scales(scaled(angle, torque))
+    assert found is not None
+    assert found.level == "problem"
+    assert title in found.title
+    assert detail in found.detail
+    assert "theta_m" in found.remedy or "tau_m" in found.remedy
+
+
+def test_arm_inertia_on_the_arm_side_is_named() -> None:
+    gears = np.outer([100.0, 90.0], [100.0, 90.0])
+    found = scales(sound(), Inertia(SERIAL.M, SERIAL.M2 * gears))
+    assert found is not None
+    assert "M2 looks given on the arm side" in found.title
+    assert "100, 90" in found.detail
+
+
+@pytest.mark.parametrize("band", [BAND_HZ, BAND_HZ[3:], BAND_HZ[:2], BAND_HZ[4:5]])
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_right_scales_are_left_alone(band: np.ndarray, n: int) -> None:
+    """Above a resonance angles oppose torques: no reason to call a sign reversed."""
+    inertia, elasticity = ROBOTS[n]
+    records = steady_records(inertia, elasticity, *campaign(band, n), noise=(1e-6, 1e-3))
+    assert scales(records, inertia) is None
+
+
+def test_scales_of_wrong_inertia_or_friction_are_left_alone() -> None:
+    assert scales(sound(), Inertia(SERIAL.M, SERIAL.M2 * 1.1)) is None
+    assert scales(list(rubbing()), PARALLELOGRAM) is None
+
+
+def test_wrong_scale_comes_first_and_hides_what_follows_from_it() -> None:
+    analysis = analysed(scaled(torque=-1.0))
+    assert "sign of the torque" in analysis.findings[0].title
+    assert len(unsound(analysis)) == 1
+
+
+# --------------------------------------------------------------------------- friction, delay, estimator
+
+
+@cache
+def rubbing(coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal") -> tuple[Any, ...]:
+    return simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        BAND_HZ,
+        friction=MotorFriction(coulomb=list(coulomb)),
+        controller=Controller(sample_rate_hz=2000),
+        excitation=Excitation(duration_s=2.0, pattern=pattern),
+        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+    )
+
+
+def evidence(
+    records: Sequence[SineRecord],
+    inertia: Inertia,
+    *,
+    poses: dict[str, Inertia] | None = None,
+    **model: Any,
+) -> Evidence:
+    """An analysis with a model of one's own choice: rules must not depend on how it was chosen."""
+    study = Study(records, inertia, poses=poses or {})
+    phasors = extract_phasors(study.records)
+    inertias = study.inertias
+    pose_of = np.array([r.pose or "" for r in records])
+    return Evidence(
+        records=study.records,
+        inertias=inertias,
+        phasors=phasors,
+        fit=identify_elasticity(phasors, inertias, **{"method": "maximum-likelihood", **model}),
+        paper=identify_elasticity(phasors, inertias, method="least-squares"),
+        transfer_matrices={
+            str(pose): estimate_transfer_matrix(phasors.select(pose_of == pose))
+            for pose in np.unique(pose_of)
+        },
+    )
+
+
+def said(found: Sequence[Finding] | Iterator[Finding], words: str) -> list[Finding]:
+    return [finding for finding in found if words in finding.title]
+
+
+def test_friction_is_weighed_against_the_paper() -> None:
+    case = evidence(rubbing(), PARALLELOGRAM, friction=True)
+    found = findings(case)
+    (friction,) = said(found, "Friction matters")
+    assert friction.level == "note"
+    share = np.abs(np.r_[case.paper.K, case.paper.D] / np.r_[PAPER.K, PAPER.D] - 1).max()
+    assert friction.weight == pytest.approx(share, rel=0.02)
+    assert f"{100 * share:.0f} % too high" in friction.title
+    assert "0.1, 0.02 N·m" in friction.detail
+    assert found[0].level == "good"
+
+
+def test_friction_that_is_ignored_is_a_warning() -> None:
+    case = evidence(rubbing(), PARALLELOGRAM, method="weighted")
+    (limits,) = said(findings(case), "model, not the noise")
+    assert "odd harmonics" in limits.remedy
+    assert "automatic" in limits.remedy
+
+
+def test_without_friction_nothing_is_said_of_it() -> None:
+    case = evidence(sound(), SERIAL)
+    assert not said(findings(case), "riction")
+    assert not said(findings(case), "paper")
+
+
+def test_noise_that_biases_least_squares_is_told() -> None:
+    case = evidence(sound(noise=(5e-3, 0.1)), SERIAL)
+    rule = list(against_the_paper(case))
+    off = np.abs(np.r_[case.paper.K, case.paper.D] - np.r_[case.fit.K, case.fit.D])
+    clear = off > 4 * np.hypot(case.fit.standard_error, case.paper.standard_error)
+    assert bool(rule) == bool(clear.any())
+    assert not list(against_the_paper(evidence(sound(), SERIAL, method="least-squares")))
+
+
+@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 400 µs")])
+def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
+    case = evidence(sound(delay_s=delay_s, told=False), SERIAL, delay=True)
+    (lag,) = said(findings(case), verb)
+    assert lag.level == "note"
+    assert "too" in lag.detail
+    assert "torque_delay_s" in lag.remedy
+    assert not said(findings(evidence(sound(), SERIAL, delay=True)), "The torque")
+
+
+def test_lag_of_a_hold_is_recognised() -> None:
+    case = evidence(sound(hold=True, told=False), SERIAL, delay=True)
+    (lag,) = said(findings(case), "The torque lags by 500 µs")
+    assert "torque_hold = true" in lag.remedy
+
+
+def test_joint_that_stands_is_named() -> None:
+    case = evidence(rubbing((0.4, 0.08), "one-at-a-time"), PARALLELOGRAM, friction=True)
+    (standing,) = said(findings(case), "Joint 1 stands still")
+    assert "7 of 14 records" in standing.detail
+    assert not said(findings(evidence(rubbing(), PARALLELOGRAM, friction=True)), "stands")
+
+
+# --------------------------------------------------------------------------------- inertias, poses, gear
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
+    found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor)))
+    (wrong,) = said(found, "inertias look wrong")
+    assert wrong.level == "warning"
+    assert any(f"{value:.4g}" in wrong.detail for value in (0.006345, 0.002095, 0.001889))
+    assert not said(found, "model, not the noise")  # the cause is known
+
+
+def test_wrong_inertias_do_not_hide_behind_friction() -> None:
+    given = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2 * 1.03)
+    found = findings(evidence(rubbing(), given, friction=True))
+    assert len(said(found, "inertias look wrong")) == 1
+
+
+def test_inertias_of_another_drive_are_a_finding() -> None:
+    for truth, given in ((SERIAL, PARALLELOGRAM), (PARALLELOGRAM, SERIAL)):
+        records = steady_records(truth, PAPER, FREQUENCIES, TORQUES, noise=(1e-5, 3e-3))
+        assert said(findings(evidence(records, given, method="weighted")), "inertias look wrong")
+
+
+def test_right_inertias_are_not_blamed() -> None:
+    for case in (
+        evidence(sound(), SERIAL),
+        evidence(rubbing(), PARALLELOGRAM, friction=True),
+        evidence(rubbing(), PARALLELOGRAM, method="weighted"),
+        evidence(sound(delay_s=0.0015, told=False), SERIAL, method="weighted"),
+    ):
+        assert not said(findings(case), "inertias")
+
+
+def in_two_poses(second: Elasticity) -> list[SineRecord]:
+    records = sound()
+    return records + steady_records(
+        PARALLELOGRAM, second, FREQUENCIES, TORQUES, noise=(1e-5, 3e-3), pose="there", seed=8
+    )
+
+
+def test_poses_that_disagree_are_a_finding() -> None:
+    stiffer = Elasticity(K=[43.0, 7.8], D=PAPER.D)
+    case = evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
+    (apart,) = said(findings(case), "poses disagree on K2")
+    assert "there" in apart.detail
+    assert apart.weight == pytest.approx(10 + 0.3 / 7.65, abs=0.005)
+    case = evidence(in_two_poses(PAPER), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
+    assert not said(findings(case), "poses")
+
+
+@pytest.mark.parametrize("harder", [0.03, 0.0])
+def test_gear_that_hardens_is_a_finding(harder: float) -> None:
+    stiffer = Elasticity(K=[43.0 * (1 + harder), 7.5], D=PAPER.D)
+    records = sound() + steady_records(
+        SERIAL, stiffer, FREQUENCIES, 3 * TORQUES, noise=(1e-5, 3e-3), periods=20.37, seed=9
+    )
+    found = said(findings(evidence(records, SERIAL, method="weighted")), "rises with the deflection")
+    assert len(found) == (harder > 0)
+
+
+# ------------------------------------------------------------------------------------------ the records
+
+
+def test_record_that_is_there_twice_is_named() -> None:
+    records = sound()
+    twice = [*records, remade(records[2], label="copy.csv")]
+    (double,) = said(analysed(twice, method="weighted").findings, "in the study twice")
+    assert "record 3 and copy.csv" in double.detail
+    again = [*records, *sound(seed=77)[2:3]]  # a repetition is no copy
+    assert not said(analysed(again, method="weighted").findings, "twice")
+
+
+def test_two_records_of_one_experiment_are_named() -> None:
+    records = sound()
+    other = sound(seed=5)
+    records[-1] = remade(other[-2], theta_rad=1.3 * other[-2].theta_rad, tau_Nm=1.3 * other[-2].tau_Nm)
+    found = analysed(records, method="weighted").findings
+    (same,) = said(found, "same experiment")
+    assert "28.9 Hz" in same.detail
+    assert not said(found, "transfer matrix")  # once is enough
+    assert not said(analysed(sound(), method="weighted").findings, "same experiment")
+
+
+@pytest.mark.parametrize(("periods", "told"), [(2.2, True), (5.0, False)])
+def test_few_periods_are_told(periods: float, told: bool) -> None:
+    found = analysed(sound(periods=periods), method="weighted").findings
+    assert bool(said(found, "few periods")) == told
+
+
+def test_frequencies_that_miss_the_resonances() -> None:
+    low = steady_records(
+        SERIAL, PAPER, *campaign([1.0, 1.5, 2.0, 2.7, 3.5], 2), noise=(1e-4, 1e-2), seed=1
+    )
+    (missed,) = said(analysed(low, method="weighted").findings, "miss a resonance")
+    assert "1 to 3.5 Hz" in missed.detail
+    assert "8.8" in missed.remedy
+    assert not said(analysed(sound(), method="weighted").findings, "resonance")
+
+
+def test_value_that_is_hardly_known_is_a_warning() -> None:
+    torques = 0.2 * TORQUES
+    wild = steady_records(SERIAL, PAPER, FREQUENCIES, torques, noise=(0.02, 0.4), periods=9.3)
+    (vague,) = said(analysed(wild, method="weighted").findings, "hardly known")
+    assert vague.level == "warning"
+    assert not said(analysed(sound(), method="weighted").findings, "hardly known")
+
+
+def test_noise_is_no_contradiction_to_the_frequency() -> None:
+    loud = analysed(sound(noise=(0.05, 3.0), periods=6.3), method="weighted")
+    assert not said(loud.findings, "frequency")
+
+
+@pytest.mark.parametrize("counts", [4096, 2**22])
+def test_coarse_encoder_is_told(counts: int) -> None:
+    step = 2 * np.pi / counts
+    records = [remade(r, theta_rad=np.rint(r.theta_rad / step) * step) for r in sound()]
+    found = said(analysed(records, method="weighted").findings, "encoder of joint")
+    assert bool(found) == (counts == 4096)
+    for finding in found:
+        assert "4096 per revolution" in finding.detail
+
+
+# ------------------------------------------------------------------------------ the story of the figures
+
+
+def test_peak_of_the_other_joints_controller_is_told_apart() -> None:
+    """Weakly damped control: one record shows its resonance, H11 and H22 do not."""
+
+    def campaign_with(damping_ratio: float) -> tuple[SineRecord, ...]:
+        return simulate_records(
+            SERIAL,
+            PAPER,
+            np.geomspace(3, 30, 25),
+            controller=Controller(
+                bandwidth_hz=[10.0, 8.0],
+                damping_ratio=damping_ratio,
+                feedforward=False,
+                sample_rate_hz=2000,
+            ),
+            excitation=Excitation(duration_s=1.5, pattern="one-at-a-time"),
+            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+        )
+
+    case = evidence(campaign_with(0.2), SERIAL, method="weighted")
+    (story,) = said(findings(case), "belongs to the controller of joint 1")
+    assert story.level == "note"
+    assert "peak of joint 2 at 9.49 Hz" in story.title
+    assert "H22, which has no peak" in story.detail
+    calm = evidence(campaign_with(0.7), SERIAL, method="weighted")
+    assert not said(findings(calm), "belongs to the controller")
