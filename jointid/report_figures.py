@@ -230,7 +230,7 @@ def _legend(curves: Sequence[Curve], left: float) -> list[Line | Marks | Text]:
         else:
             shapes.append(Marks(np.array([[at + 8, 5.0]]), curve.colour, curve.symbol, _size(curve)))
         shapes.append(Text(at + 16, 7.4, curve.name, 7))
-        at += 28 + 3.6 * len(curve.name)
+        at += 23 + 3.5 * len(curve.name)
     return shapes
 
 
