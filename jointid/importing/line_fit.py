@@ -62,7 +62,7 @@ def fit_lines(
     step = max(1, len(time_s) // _ENOUGH_SAMPLES)
     if len(time_s) < 20 * (harmonics + 1) * max(frequency_hz) * np.ptp(time_s) * step:
         step = 1  # fewer than some twenty samples per period would be left
-    time, data = time_s[::step], signals[::step]
+    time, data = time_s[::step], signals[::step] - signals.mean(axis=0)
     middle = float(time[0] + time[-1]) / 2
     clock, span = time - middle, float(time[-1] - time[0])
     omega = 2 * np.pi * np.asarray(frequency_hz, float)
@@ -72,18 +72,20 @@ def fit_lines(
     variance = np.full(omega.size, np.inf)
     for _ in range(_ROUNDS if free else 1):
         basis, slope = _columns(clock, span, omega, orders)
-        q, r = np.linalg.qr(basis)
-        coefficients = np.linalg.pinv(r) @ (q.T @ data)
+        # Lines that a window tells apart are nearly orthogonal: normal equations lose nothing.
+        inverse = np.linalg.pinv(basis.T @ basis, hermitian=True)
+        coefficients = inverse @ (basis.T @ data)
         residual = data - basis @ coefficients
         if not free:
             break
         noise = residual.std(axis=0) + 1e-12 * np.abs(data).max(axis=0) + 1e-300
-        shift, variance = _improvement(q, slope, coefficients, residual, noise, orders)
+        shift, variance = _improvement(basis, inverse, slope, coefficients, residual, noise, orders)
         omega = omega + np.clip(shift, -0.5 * np.pi / span, 0.5 * np.pi / span)
         omega = np.clip(omega, start - 2 * np.pi / span, start + 2 * np.pi / span)
         if np.all(np.abs(shift) * span < 1e-8):
             break
-    about_line = data - q[:, :2] @ (q[:, :2].T @ data)
+    ramp = basis[:, :2]
+    about_line = data - ramp @ (np.linalg.pinv(ramp.T @ ramp) @ (ramp.T @ data))
     places = 2 + 2 * np.concatenate([[0], np.cumsum(orders)[:-1]]).astype(int)
     return LineFit(
         frequency_hz=omega / (2 * np.pi),
@@ -107,7 +109,8 @@ def _columns(clock: Floats, span: float, omega: Floats, orders: Sequence[int]) -
 
 
 def _improvement(
-    q: Floats,
+    basis: Floats,
+    inverse: Floats,
     slope: Floats,
     coefficients: Floats,
     residual: Floats,
@@ -121,11 +124,12 @@ def _improvement(
     for k in range(lines):
         part = slice(begin[k], begin[k + 1])
         rates[k] = slope[:, part] @ coefficients[2:][part]
-    flat = rates.transpose(1, 0, 2).reshape(len(q), -1)
+    flat = rates.transpose(1, 0, 2).reshape(len(basis), -1)
     # What the amplitudes can take up of a change of frequency is no evidence for it.
-    flat = flat - q @ (q.T @ flat)
-    rates = flat.reshape(len(q), lines, signals) / noise
-    normal = np.einsum("tks,tls->kl", rates, rates)
-    right = np.einsum("tks,ts->k", rates, residual / noise)
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    return inverse @ right, np.diag(inverse).copy()
+    flat = flat - basis @ (inverse @ (basis.T @ flat))
+    rates = flat.reshape(len(basis), lines, signals) / noise
+    by_line = rates.transpose(1, 0, 2).reshape(lines, -1)
+    normal = by_line @ by_line.T
+    right = by_line @ (residual / noise).ravel()
+    spread = np.linalg.pinv(normal, hermitian=True)
+    return spread @ right, np.diag(spread).copy()

@@ -259,6 +259,12 @@ def _worth(time: Floats, theta: Floats, lines: Sequence[float]) -> list[float]:
     return kept
 
 
+def _repeats(candidate: Candidate, tried: Candidate) -> bool:
+    """Whether a candidate is the same stretch at nearly the same frequency as one tried before."""
+    inside = tried.begin <= candidate.begin and candidate.end <= tried.end
+    return inside and abs(candidate.frequency / tried.frequency - 1) < 0.15
+
+
 class _Stretch:
     """A part of a log without gaps, on an even grid for the search and as it is for the result."""
 
@@ -287,18 +293,23 @@ class _Stretch:
     def _best_first(self, candidates: list[Candidate], taken: np.ndarray) -> Iterator[Candidate]:
         """Yield what is left of each candidate, longest first; ``taken`` grows meanwhile."""
         done = np.zeros(self._time.size, bool)
+        failed: list[Candidate] = []
         for candidate in candidates:
             begin, end = int(candidate.begin), min(int(candidate.end), self._time.size)
             free = np.concatenate([[False], ~(taken | done)[begin:end], [False]])
             for first, last in np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2):
-                if (last - first) * candidate.frequency < self._fewest:
-                    continue
                 left = replace(candidate, begin=begin + int(first), end=begin + int(last))
+                if (last - first) * left.frequency < self._fewest or any(
+                    _repeats(left, f) for f in failed
+                ):
+                    continue
                 before = int(taken.sum())
                 yield left
                 if int(taken.sum()) > before:
                     # Edges of a run that was found look like sines of other frequencies.
                     done[int(left.begin) : int(left.end)] = True
+                else:
+                    failed.append(left)
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int]]:
         """Settled stretches of one pattern inside a candidate."""
@@ -316,10 +327,14 @@ class _Stretch:
                 harmonics=_HARMONICS,
             )
             frequency = float(fit.frequency_hz[0]) * self._interval
-            fine = frames_of(self._even[begin:end], frequency, periods=1, hop_periods=1)
+            is_end = end >= self._time.size - 2 / frequency and last == len(rough.z)
+            end = self._time.size if is_end else end
+            fine = frames_of(
+                self._even[begin:end], frequency, periods=1, hop_periods=1, to_the_end=is_end
+            )
             if len(fine.z) < 2:
                 continue
-            from_, to = settled_part(fine)
+            from_, to = settled_part(fine, is_end=is_end)
             if (to - from_) * frequency >= self._fewest - 0.5:
                 yield begin + from_, begin + to
 
@@ -362,7 +377,8 @@ class _Stretch:
                 if not lines or min(lines) * (self._time[end - 1] - self._time[begin]) < self._fewest:
                     continue
                 lines = _worth(self._time[part], self._theta[part], lines)
-                if len(lines) < 2:
+                fit = fit_lines(self._time[part], self._theta[part], lines, free=False)
+                if len(lines) < 2 or fit.share.max() < SHARE:
                     continue
                 segment = _measured(self._time[part], self._theta[part], self._tau[part], lines)
                 if segment.share >= 0.9:

@@ -20,7 +20,7 @@ SETTLED = 0.01
 """Relative distance from the steady phasors below which a run has settled."""
 
 _SEED = 5  # frames
-_SCATTERS = 4.0  # standard deviations that noise may move a frame's phasors
+_SCATTERS = 3.5  # times the usual that noise may move a frame's phasors
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,9 @@ class Frames:
     """Phasors on the clock of sample 0, shape (m, c)."""
 
 
-def frames_of(signals: Floats, frequency: float, periods: float, hop_periods: float) -> Frames:
+def frames_of(
+    signals: Floats, frequency: float, periods: float, hop_periods: float, *, to_the_end: bool = False
+) -> Frames:
     """Fit sine, offset and drift in every frame.
 
     Parameters
@@ -46,6 +48,8 @@ def frames_of(signals: Floats, frequency: float, periods: float, hop_periods: fl
         Cycles per sample.
     periods, hop_periods : float
         Length of the frames and distance of their beginnings.
+    to_the_end : bool, default False
+        Add a frame that ends with the last sample.
     """
     length = max(4, round(periods / frequency))
     count = int((len(signals) - length) * frequency / hop_periods + 1e-9) + 1
@@ -54,6 +58,9 @@ def frames_of(signals: Floats, frequency: float, periods: float, hop_periods: fl
     begin = np.minimum(
         np.round(np.arange(count) * hop_periods / frequency).astype(int), len(signals) - length
     )
+    if to_the_end and begin[-1] + length < len(signals):
+        begin = np.append(begin, len(signals) - length)
+        count += 1
     x = 2 * np.pi * frequency
     j = np.arange(length) - (length - 1) / 2
     columns = np.column_stack([np.cos(x * j), np.sin(x * j), np.ones(length), j / length])
@@ -99,24 +106,38 @@ def runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
         todo += [(low, first - apart + 1), (last + apart - 1, high)]
 
 
-def settled_part(frames: Frames) -> tuple[int, int]:
-    """First sample and one past the last of what has settled, among frames that do not overlap."""
-    y = _weighted(frames.z)
-    count = len(y)
-    place = np.arange(count) / max(count - 1, 1)
+def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
+    """Find what has settled among frames of one period.
+
+    Parameters
+    ----------
+    frames : Frames
+    is_end : bool
+        The log ends here while the sine goes on. Otherwise the last frame that looks steady may hold
+        the beginning of the run's end, and is left out.
+
+    Returns
+    -------
+    first, last : int
+        First sample and one past the last.
+    """
+    z, count = frames.z, len(frames.z)
+    place = frames.begin / max(int(frames.begin[-1]), 1)
     inner = (place > 0.3) & (place < 0.95) if count >= 8 else np.ones(count, bool)
     # A slow change, such as friction that warms up, is no settling: a line is taken out.
     columns = np.column_stack([np.ones(count), place])
-    model = np.linalg.lstsq(columns[inner].astype(complex), y[inner], rcond=None)[0]
-    size = float(np.linalg.norm(model.sum(axis=0) - 0.5 * model[1])) or 1.0
-    away = np.linalg.norm(y - columns @ model, axis=1) / size
-    usual = float(np.sqrt(np.mean(away[inner] ** 2)))
-    wrong = away > max(SETTLED, _SCATTERS * usual / 2)
+    model = np.linalg.lstsq(columns[inner].astype(complex), z[inner], rcond=None)[0]
+    away = np.abs(z - columns @ model)
+    size = np.abs(model[0] + 0.5 * model[1])
+    noise = np.median(away[inner], axis=0) / 0.83  # the median of a complex normal number's size
+    wrong = (away > np.maximum(SETTLED * size, _SCATTERS * noise)).any(axis=1)
     middle = count // 2
     before, after = np.flatnonzero(wrong[:middle]), np.flatnonzero(wrong[middle:])
     first = int(before[-1]) + 1 if before.size else 0
     last = middle + int(after[0]) if after.size else count
-    first, last = min(first, count - 1), max(last, first + 1)
+    last -= not is_end and count >= 8
+    first = min(first, count - 1)
+    last = max(last, first + 1)
     return int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
 
 

@@ -1,0 +1,310 @@
+"""One long log falls into its steady sine runs, with their frequencies, whatever lies between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from plants import PAPER, PARALLELOGRAM
+
+from jointid import Inertia, JointIdError, analyse, extract_phasors, motor_response
+from jointid.arrays import Complexes
+from jointid.importing import (
+    MappedLog,
+    Segment,
+    common_frequencies,
+    find_segments,
+    measure_segment,
+    segment_records,
+    study_from_logs,
+)
+
+BOTH = np.array([1.0, 0.6 * np.exp(0.4j)])
+OTHER = np.array([0.8, -0.9 * np.exp(-0.5j)])
+FIRST, SECOND = np.array([1.0, 0.03j]), np.array([-0.02, 1.0])
+
+
+@dataclass(frozen=True)
+class Run:
+    """Torques of one or more lines for some periods; what the motors do follows from the model."""
+
+    hz: float
+    periods: float
+    torque: Complexes
+    others: tuple[tuple[float, Complexes], ...] = ()
+    rest_s: float = 0.8
+    size: float = 1.0
+
+    @property
+    def seconds(self) -> float:
+        return self.periods / self.hz
+
+    @property
+    def lines(self) -> tuple[tuple[float, Complexes], ...]:
+        return ((self.hz, self.size * self.torque), *((f, self.size * t) for f, t in self.others))
+
+
+def angles(hz: float, torque: Complexes) -> Complexes:
+    """Motor angles for motor torques, equation (16)."""
+    omega = 2 * np.pi * hz
+    response: Complexes = motor_response([omega], PARALLELOGRAM, PAPER)[0]
+    return -(response @ torque) / omega**2
+
+
+def log_of(
+    runs: list[Run], *, rate: float = 1000.0, noise: float = 0.0, seed: int = 0, jitter_s: float = 0.0
+) -> tuple[MappedLog, list[tuple[float, float]]]:
+    """A log of runs with rests between; every run begins softly and rings down. With each run's times."""
+    rng = np.random.default_rng(seed)
+    begins, clock = [], 0.5
+    for run in runs:
+        begins.append(clock)
+        clock += run.seconds + run.rest_s
+    time = np.arange(0, clock, 1 / rate)
+    time = time + jitter_s * rng.uniform(-1, 1, time.size)
+    theta, tau = np.empty((2, time.size, 2))
+    theta[:], tau[:] = [0.4, -7.0], [0.01, -0.02]
+    for run, begin in zip(runs, begins, strict=True):
+        inside = (time >= begin) & (time < begin + run.seconds)
+        t = time[inside] - begin
+        ramp = min(1.5 / run.hz, 0.2 * run.seconds)
+        envelope = np.clip(np.minimum(t, run.seconds - t) / ramp, 0, 1)
+        envelope = envelope * envelope * (3 - 2 * envelope)
+        settling = 1 + 0.4 * np.exp(-4 * t * run.hz / 2)
+        for hz, torque in run.lines:
+            wave = np.exp(2j * np.pi * hz * t)
+            tau[inside] += (envelope[:, None] * np.outer(wave, torque)).imag
+            moved = np.outer(wave * settling, angles(hz, torque)).imag
+            theta[inside] += envelope[:, None] * moved
+    scale = max(np.abs(angles(run.hz, run.size * run.torque)).max() for run in runs)
+    theta += noise * scale * rng.standard_normal(theta.shape)
+    tau += noise * rng.standard_normal(tau.shape)
+    spans = [(b, b + run.seconds) for b, run in zip(begins, runs, strict=True)]
+    return MappedLog(time, theta, tau, name="log.csv"), spans
+
+
+def check(
+    log: MappedLog, runs: list[Run], spans: list[tuple[float, float]], accuracy: float = 1e-4
+) -> None:
+    """Every run is found once, inside its true times, most of it, at its frequency."""
+    found = find_segments(log)
+    said = [(round(s.start_s, 2), round(s.stop_s, 2), round(s.frequency_hz, 4)) for s in found]
+    assert len(found) == len(runs), said
+    for segment, run, (begin, end) in zip(found, runs, spans, strict=True):
+        assert abs(segment.frequency_hz / run.hz - 1) < accuracy, said
+        assert begin <= segment.start_s < segment.stop_s <= end + 1e-9, (said, begin, end)
+        assert segment.stop_s - segment.start_s > 0.4 * (end - begin), (said, begin, end)
+
+
+def phasors_right(log: MappedLog, runs: list[Run], accuracy: float) -> None:
+    """The torque over angle of every run is the model's: nothing of rest or settling is left."""
+    records = segment_records(log, find_segments(log))
+    phasors = extract_phasors(records)
+    for q, tau, record, run in zip(phasors.q, phasors.tau, records, runs, strict=True):
+        expected = angles(record.frequency_hz, tau)
+        np.testing.assert_allclose(q, expected, atol=accuracy * np.abs(expected).max())
+        turn = np.vdot(run.torque, tau) / np.vdot(run.torque, run.torque)
+        np.testing.assert_allclose(np.abs(turn), run.size, rtol=accuracy)
+
+
+LADDER = [Run(f, 16, t) for f in (3.1, 4.7, 7.3, 11.9, 19.0, 27.7) for t in (BOTH, OTHER)]
+
+
+def test_a_ladder_of_runs_with_rests() -> None:
+    log, spans = log_of(LADDER)
+    check(log, LADDER, spans, accuracy=1e-4)
+    phasors_right(log, LADDER, 0.01)
+
+
+def test_with_noise() -> None:
+    runs = [replace(run, size=run.hz / 3) for run in LADDER]
+    log, spans = log_of(runs, noise=0.01, seed=1)
+    check(log, runs, spans, accuracy=5e-4)
+
+
+def test_one_joint_at_a_time() -> None:
+    runs = [Run(f, 14, t) for f in (3.0, 6.1, 12.4) for t in (FIRST, SECOND)]
+    log, spans = log_of(runs, noise=1e-4, seed=2)
+    check(log, runs, spans)
+
+
+def test_same_frequency_with_another_pattern_and_no_rest() -> None:
+    runs = [Run(5.0, 15, t, rest_s=0.0) for t in (BOTH, OTHER, BOTH)]
+    log, spans = log_of(runs)
+    check(log, runs, spans)
+    found = find_segments(log)
+    assert found[0].frequency_hz == found[1].frequency_hz == found[2].frequency_hz
+
+
+def test_pattern_that_jumps_in_the_middle_of_the_sine() -> None:
+    """No ramp, no rest: from one sample to the next the joints move in another pattern."""
+    time = np.arange(0, 8, 1e-3)
+    theta, tau = np.empty((2, time.size, 2))
+    for torque, part in ((BOTH, time < 4), (OTHER, time >= 4)):
+        wave = np.exp(2j * np.pi * 4.0 * time[part])
+        tau[part] = np.outer(wave, torque).imag
+        theta[part] = np.outer(wave, angles(4.0, torque)).imag
+    first, second = find_segments(MappedLog(time, theta, tau))
+    assert 3.2 < first.stop_s < 4.0 <= second.start_s < 4.8
+    assert abs(first.frequency_hz / 4 - 1) < 1e-4
+    assert first.frequency_hz == second.frequency_hz
+
+
+def test_frequencies_close_to_each_other_without_rest() -> None:
+    runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.2, 5.5)]
+    log, spans = log_of(runs)
+    check(log, runs, spans)
+
+
+def test_amplitudes_that_differ_a_hundredfold() -> None:
+    runs = [Run(4.0, 12, BOTH, size=s) for s in (1.0, 0.01, 0.1, 1.0)]
+    log, spans = log_of(runs)
+    check(log, runs, spans)
+
+
+def test_jittered_clock() -> None:
+    runs = [Run(f, 15, BOTH) for f in (1.0, 2.3, 5.1)]
+    log, spans = log_of(runs, rate=100.0, jitter_s=7e-4)
+    check(log, runs, spans)
+
+
+def test_a_single_run_without_rest_is_one_segment() -> None:
+    time = np.arange(999) / 100
+    wave = np.exp(2j * np.pi * 1.0 * time)
+    log = MappedLog(time, (0.4 * wave.imag + 0.06)[:, None], (0.05 * (wave * 1j).imag)[:, None])
+    (segment,) = find_segments(log)
+    assert abs(segment.frequency_hz - 1) < 1e-9
+    assert segment.periods > 9
+    assert segment.share == pytest.approx(1)
+    np.testing.assert_allclose(segment.amplitude_rad, [0.4], rtol=1e-9)
+
+
+def test_travel_superposed() -> None:
+    """The joint moves on at a constant velocity during the sine, and by much between the runs."""
+    runs = [Run(6.0, 18, BOTH), Run(9.0, 25, OTHER)]
+    log, spans = log_of(runs)
+    travel = 3.0 * log.time_s[:, None] + [0.0, 5.0]
+    check(replace(log, theta_rad=log.theta_rad + travel), runs, spans)
+
+
+def test_gap_in_the_log_parts_a_run() -> None:
+    log, _ = log_of([Run(5.0, 40, BOTH)])
+    kept = (log.time_s < 4.0) | (log.time_s > 4.6)
+    cut = MappedLog(log.time_s[kept], log.theta_rad[kept], log.tau_Nm[kept])
+    first, second = find_segments(cut)
+    assert first.stop_s < 4.0
+    assert second.start_s > 4.6
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_multisine_gives_one_record_per_line(noise: float) -> None:
+    others = tuple((f, t) for f, t in ((5.0, 2 * OTHER), (8.0, 3 * BOTH), (13.0, 6 * OTHER)))
+    runs = [Run(3.0, 36, BOTH, others), Run(6.0, 20, OTHER)]
+    log, spans = log_of(runs, noise=noise, seed=3)
+    multi, single = find_segments(log)
+    assert multi.is_multisine
+    assert not single.is_multisine
+    np.testing.assert_allclose(multi.lines_hz, [3, 5, 8, 13], rtol=1e-4)
+    assert spans[0][0] <= multi.start_s < multi.stop_s <= spans[0][1]
+    records = segment_records(log, [multi])
+    assert [round(r.frequency_hz, 2) for r in records] == [3, 5, 8, 13]
+    phasors = extract_phasors(records)
+    for q, tau, record in zip(phasors.q, phasors.tau, records, strict=True):
+        expected = angles(record.frequency_hz, tau)
+        np.testing.assert_allclose(q, expected, atol=(0.01 + 5 * noise) * np.abs(expected).max())
+
+
+def test_nothing_to_find_is_no_segment() -> None:
+    rng = np.random.default_rng(4)
+    time = np.arange(20_000) * 1e-3
+    still = MappedLog(time, np.zeros((time.size, 1)), np.zeros((time.size, 1)))
+    assert find_segments(still) == ()
+    noise = MappedLog(time, rng.standard_normal((time.size, 1)), rng.standard_normal((time.size, 1)))
+    assert find_segments(noise) == ()
+    random_walk = np.cumsum(rng.standard_normal((time.size, 1)), axis=0)
+    assert find_segments(MappedLog(time, random_walk, random_walk)) == ()
+    square = np.sign(np.sin(2 * np.pi * time * (1 + 0.05 * time)))[:, None]  # sweeps
+    assert all(s.periods < 10 for s in find_segments(MappedLog(time, square, square)))
+
+
+@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(data=st.data())
+def test_any_sequence_of_runs(data: st.DataObject) -> None:
+    count = data.draw(st.integers(1, 4))
+    runs = []
+    for _ in range(count):
+        hz = data.draw(st.floats(3.0, 30.0))
+        pattern = data.draw(st.sampled_from([BOTH, OTHER, FIRST, SECOND]))
+        periods = data.draw(st.floats(14.0, 30.0))
+        rest_s = data.draw(st.floats(0.3, 2.0))
+        runs.append(Run(hz, periods, pattern, rest_s=rest_s, size=data.draw(st.floats(0.3, 3.0))))
+    log, spans = log_of(runs, noise=1e-5, seed=5)
+    check(log, runs, spans)
+
+
+def test_user_adds_and_corrects_a_segment() -> None:
+    runs = [Run(4.0, 12, BOTH)]
+    log, ((begin, end),) = log_of(runs)
+    (found,) = find_segments(log)
+    chosen = measure_segment(log, begin + 1.0, end - 0.6)
+    assert abs(chosen.frequency_hz / 4 - 1) < 1e-3
+    assert abs(chosen.start_s - begin - 1.0) < 2e-3
+    given_ = measure_segment(log, found.start_s, found.stop_s, frequency_hz=4.1)
+    assert given_.frequency_hz == 4.1
+    assert given_.share < found.share
+    with pytest.raises(JointIdError, match="spans 0 s"):
+        measure_segment(log, 100.0, 101.0)
+    with pytest.raises(JointIdError, match="No joint moves"):
+        measure_segment(log, 0.0, 0.4)
+    with pytest.raises(JointIdError, match="must come later"):
+        Segment(2.0, 1.0, 3.0)
+    with pytest.raises(JointIdError, match="must be positive"):
+        Segment(1.0, 2.0, -3.0)
+
+
+def test_common_frequencies_join_only_what_belongs_together() -> None:
+    segments = [
+        Segment(0, 5, 4.00001, frequency_error_hz=1e-5),
+        Segment(6, 9, 3.99999, frequency_error_hz=1e-5),
+        Segment(10, 15, 4.05, frequency_error_hz=1e-5),
+    ]
+    one, two, three = common_frequencies(segments)
+    assert one.frequency_hz == two.frequency_hz == pytest.approx(4, abs=1e-8)
+    assert three.frequency_hz == 4.05
+
+
+def test_study_of_a_log_gives_back_the_elasticity() -> None:
+    log, _ = log_of(LADDER, noise=1e-5, seed=6)
+    study = study_from_logs(log, find_segments(log), PARALLELOGRAM, name="Cell")
+    analysis = analyse(study)
+    np.testing.assert_allclose(analysis.fit.K, PAPER.K, rtol=5e-3)
+    np.testing.assert_allclose(analysis.fit.D, PAPER.D, rtol=5e-2)
+    assert analysis.transfer_problem == ""
+    assert len(analysis.transfer_matrices[""].omega) == 6
+    assert study.origin == "measured"
+
+
+def test_study_of_many_logs() -> None:
+    halves = [log_of(LADDER[k::2], seed=k)[0] for k in (0, 1)]
+    study = study_from_logs(halves, [find_segments(log) for log in halves], PARALLELOGRAM)
+    assert len(study.records) == len(LADDER)
+    assert len({record.frequency_hz for record in study.records}) == 6
+
+
+def test_study_refuses_what_it_cannot_use() -> None:
+    log, _ = log_of([Run(4.0, 12, BOTH)])
+    with pytest.raises(JointIdError, match="No sine segments"):
+        study_from_logs(log, [], PARALLELOGRAM)
+    with pytest.raises(JointIdError, match="2 joint\\(s\\), the inertia 1"):
+        study_from_logs(log, find_segments(log), Inertia(0.002, 0.004))
+    with pytest.raises(JointIdError, match="Segment 1"):
+        segment_records(log, [Segment(1.0, 1.1, 4.0)])
+
+
+def test_one_run_in_a_long_log() -> None:
+    """Two minutes at 1 kHz with one run: the search takes few passes, not one per frequency."""
+    log, spans = log_of([Run(7.0, 40, BOTH, rest_s=120.0)])
+    check(log, [Run(7.0, 40, BOTH)], spans)
