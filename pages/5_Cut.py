@@ -13,7 +13,8 @@ from jointid.outcome import cut_robot
 from jointid.ui import cut_cached
 from jointid.ui.arm_animation import show_animation
 from jointid.ui.charts import plot, side_by_side
-from jointid.ui.cut_parts import headline, show_figure_7, show_meaning, show_rule, show_tolerance
+from jointid.ui.cut_parts import headline, show_meaning, show_rule, show_tolerance
+from jointid.ui.cut_pictures import show_figure_7
 from jointid.ui.cut_settings import ask, nominal_name
 from jointid.ui.page import open_page
 

@@ -17,10 +17,10 @@ from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
     path_error_over_time,
-    tolerance_heatmap,
     torque_over_time,
 )
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
+from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
 from jointid.outcome import CutRobot, Outcome, assumed_elasticity, cut_outcome
 from jointid.tolerance import ToleranceMap

@@ -1,25 +1,17 @@
-"""The cut over time, a corner of it, and how well the springs must be known."""
+"""The cut over time, a corner of it, and the path error that an identification promises."""
 
 from __future__ import annotations
 
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.arrays import Floats
-from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis, points
-from jointid.joints import Elasticity
+from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis
 from jointid.outcome import Outcome
-from jointid.tolerance import PathErrorDistribution, ToleranceMap
+from jointid.tolerance import PathErrorDistribution
 from jointid.tracking import TrackingRun
 
 _STRIDE = 4
 """Every millisecond is enough to look at."""
-_CONFIDENT = 2.448
-"""Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""
-_MOST_LEVELS = 5
-_LEAST_DECADES = 0.3
-"""Errors that differ by less than this look alike: their differences hardly matter."""
-_LEVELS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
 def path_error_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
@@ -141,174 +133,6 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
         yaxis=linear_axis("Share of the robots (%)", range=[0.0, top]),
         bargap=0,
     )
-
-
-def tolerance_heatmap(
-    tolerance: ToleranceMap,
-    elasticity: Elasticity,
-    covariance: Floats,
-    assumed: Elasticity | None = None,
-    *,
-    dark: bool = False,
-) -> go.Figure:
-    """Largest path error over the assumed stiffnesses, the identified point and its 95 % ellipse on it.
-
-    Parameters
-    ----------
-    tolerance : ToleranceMap
-        Computed with ``elasticity`` as the true one.
-    elasticity : Elasticity
-        Identified K and D.
-    covariance : ndarray, shape (4, 4)
-        Their covariance, order K1, K2, D1, D2.
-    assumed : Elasticity, optional
-        The nominal controller, drawn when it lies within the map.
-    """
-    ink = colours(dark)
-    x, y = tolerance.ratios_1, tolerance.ratios_2
-    error = 1e3 * np.maximum(tolerance.max_contour_error_m.T, 1e-7)
-    levels = [v for v in _LEVELS_MM if error.min() < v < error.max()][-_MOST_LEVELS:]
-    low, high = float(np.log10(error.min())), float(np.log10(error.max()))
-    shades = ["#1B1B1B", "#6E6E6E"] if dark else ["#FFFFFF", "#B5B5B5"]
-    hover = "K̂1/K1 = %{x:.4g}<br>K̂2/K2 = %{y:.4g}<br>%{customdata:.3g} mm<extra>path error</extra>"
-    shared = {"x": x, "y": y, "z": np.log10(error), "customdata": error}
-    traces: list[Trace] = [
-        {
-            "type": "heatmap",
-            "colorscale": [[0.0, shades[0]], [1.0, shades[1]]],
-            "zmin": min(max(low, high - 2), high - _LEAST_DECADES),
-            "zmax": high,
-            "zsmooth": "best",
-            "hovertemplate": hover,
-            "showscale": False,
-        }
-        | shared
-    ]
-    for level in levels:
-        traces.append(
-            {
-                "type": "contour",
-                "contours": {
-                    "start": float(np.log10(level)),
-                    "end": float(np.log10(level)),
-                    "size": 1,
-                    "coloring": "none",
-                    "showlabels": False,
-                },
-                "line": {"color": ink.measured, "width": 1.2},
-                "hoverinfo": "skip",
-                "showlegend": False,
-                "showscale": False,
-            }
-            | {key: shared[key] for key in ("x", "y", "z")}
-        )
-    traces += _ellipse(elasticity, covariance, ink.identified)
-    if assumed is not None:
-        at = assumed.K / elasticity.K
-        if x[0] <= at[0] <= x[-1] and y[0] <= at[1] <= y[-1]:
-            traces.append(
-                points(
-                    at[:1],
-                    at[1:],
-                    "nominal",
-                    ink.nominal,
-                    marker={"size": 12, "symbol": "x"},
-                    hovertemplate="K̂1/K1 = %{x:.3g}<br>K̂2/K2 = %{y:.3g}<extra>nominal</extra>",
-                )
-            )
-    notes = [_level_note(x, y, np.log10(error), level, ink.measured, shades[0]) for level in levels]
-    return figure(
-        traces,
-        height=520,
-        dark=dark,
-        xaxis=_ratio_axis("K̂1 / K1", x),
-        yaxis=_ratio_axis("K̂2 / K2", y),
-        annotations=[note for note in notes if note is not None],
-    )
-
-
-def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str) -> list[Trace]:
-    """The identified point, and the ellipse of K̂/K that holds the truth with 95 %."""
-    scale = 1 / elasticity.K
-    relative = scale[:, None] * covariance[:2, :2] * scale
-    value, vector = np.linalg.eigh(relative)
-    turn = np.linspace(0, 2 * np.pi, 121)
-    circle = np.stack([np.cos(turn), np.sin(turn)])
-    around = 1 + _CONFIDENT * (vector * np.sqrt(np.maximum(value, 0.0))) @ circle
-    around = np.maximum(around, 1e-3)
-    hover = "identified ± %{customdata:.2g} %<extra></extra>"
-    spread = 100 * np.sqrt(np.diag(relative).max())
-    return [
-        line(around[0], around[1], "95 % of its uncertainty", colour, hoverinfo="skip"),
-        points(
-            np.ones(1),
-            np.ones(1),
-            "identified",
-            colour,
-            marker={"size": 9},
-            customdata=[spread],
-            hovertemplate=hover,
-        ),
-    ]
-
-
-def _level_note(
-    x: Floats, y: Floats, z: Floats, level: float, colour: str, paper: str
-) -> dict[str, object] | None:
-    """Label of a contour, where it crosses the diagonal from the middle towards small ratios."""
-    log_x, log_y = np.log(x), np.log(y)
-    share = np.linspace(0.5, 0.02, 200)
-    along_x = log_x[0] + share * (log_x[-1] - log_x[0])
-    along_y = log_y[0] + (1 - share) * (log_y[-1] - log_y[0])
-    from_x = np.interp(along_x, log_x, np.arange(x.size))
-    from_y = np.interp(along_y, log_y, np.arange(y.size))
-    i, j = from_x.astype(int).clip(0, x.size - 2), from_y.astype(int).clip(0, y.size - 2)
-    a, b = from_x - i, from_y - j
-    value = (1 - a) * ((1 - b) * z[j, i] + b * z[j + 1, i]) + a * (
-        (1 - b) * z[j, i + 1] + b * z[j + 1, i + 1]
-    )
-    above = np.flatnonzero(value >= np.log10(level))
-    if above.size == 0 or above[0] == 0:
-        return None
-    k = int(above[0])
-    return {
-        "x": float(along_x[k] / np.log(10)),
-        "y": float(along_y[k] / np.log(10)),
-        "text": f"{level:g} mm",
-        "showarrow": False,
-        "font": {"size": 12, "color": colour},
-        "bgcolor": paper,
-        "borderpad": 1,
-    }
-
-
-def _ratio_axis(title: str, ratios: Floats) -> Axis:
-    """Logarithmic axis of K̂/K; near 1 in per cent."""
-    low, high = float(ratios[0]), float(ratios[-1])
-    if high / low > 1.5:
-        ticks = [0.1, 0.2, 1 / 3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0]
-        text = [f"{t:.2g}" for t in ticks]
-    else:
-        step = _round_step((high - low) / 4)
-        count = int((high - 1) / step)
-        ticks = [1 + step * k for k in range(-count, count + 1)]
-        text = [
-            f"{100 * step * k:+.3g} %".replace("-", "−") if k else "1" for k in range(-count, count + 1)
-        ]
-    return linear_axis(
-        title,
-        type="log",
-        range=[float(np.log10(low)), float(np.log10(high))],
-        tickvals=ticks,
-        ticktext=text,
-        showgrid=False,
-    )
-
-
-def _round_step(size: float) -> float:
-    """1, 2 or 5 times a power of ten, near a size."""
-    power = 10.0 ** np.floor(np.log10(size))
-    return float(power * min((1, 2, 5, 10), key=lambda m: abs(m - size / power)))
 
 
 def _both(outcome: Outcome, dark: bool) -> list[tuple[str, TrackingRun, str]]:
