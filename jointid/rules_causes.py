@@ -12,6 +12,9 @@ from jointid.evidence import Evidence, Finding, note, percent, relative, warning
 from jointid.poses import fits_by_pose
 from jointid.validation import amplitude_dependence, harmonic_content
 
+LINEAR = ("weighted", "least-squares", "explicit")
+"""Estimators that know nothing of friction."""
+
 _CLEAR = 4.0  # standard errors that are not by chance
 
 
@@ -103,7 +106,7 @@ def half_a_sample(evidence: Evidence, lag: float) -> str:
 
 def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
     """K and D do not depend on the pose; when they seem to, something else does."""
-    if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0):
+    if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
         return
     try:
         fits = fits_by_pose(evidence.phasors, list(evidence.inertias), evidence.poses, evidence.fit)
@@ -133,7 +136,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
 
 def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
     """The stiffness changes with the deflection."""
-    if np.any(evidence.fit.K <= 0):
+    if np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
         return
     found = amplitude_dependence(evidence.fit)
     clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)
@@ -158,3 +161,8 @@ def distortion(evidence: Evidence) -> float:
         return 0.0
     n = evidence.fit.n
     return float(np.where(content.significance > 4, content.odd, 0.0)[:, n:].max())
+
+
+def rubs_unheeded(evidence: Evidence) -> bool:
+    """Whether a linear estimator ignores friction, which then passes for other things."""
+    return evidence.fit.method in LINEAR and distortion(evidence) > 1e-3

@@ -16,7 +16,7 @@ from jointid.inertia_check import InertiaCheck, check_inertia
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate
 from jointid.plausibility import low_frequency_inertia
-from jointid.rules_causes import distortion
+from jointid.rules_causes import distortion, rubs_unheeded
 from jointid.validation import freed_phasors
 
 _CLEAR = 4.0  # standard errors that are not by chance
@@ -25,7 +25,7 @@ _CLEAR = 4.0  # standard errors that are not by chance
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     """The records would rather have other inertias, and then leave much less unexplained."""
     fit, names = evidence.fit, parameter_names(evidence.fit.n)
-    if np.any(fit.K <= 0) or fit.misfit <= 3:
+    if np.any(fit.K <= 0) or fit.misfit <= 3 or rubs_unheeded(evidence):
         return
     guilty = [(pose, check) for pose, check in _inertia_checks(evidence) if _guilty(check)]
     if not guilty:

@@ -9,10 +9,9 @@ import numpy as np
 from jointid.chosen_model import parameter_names
 from jointid.evidence import Evidence, Finding, note, percent, problem, relative, some, warning
 from jointid.joints import locked_resonances, resonances
-from jointid.rules_causes import distortion, half_a_sample
+from jointid.rules_causes import LINEAR, distortion, half_a_sample
 
 _GAP = 1.4  # a resonance is covered when a frequency lies within this factor
-_LINEAR = ("weighted", "least-squares", "explicit")
 
 
 def not_physical(evidence: Evidence) -> Iterator[Finding]:
@@ -59,11 +58,11 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.misfit <= 3:
         return
     remedy = "Friction, a torque delay or wrong inertias are the usual causes."
-    if fit.method in _LINEAR or fit.friction is None:
+    if fit.method in LINEAR or fit.friction is None:
         odd = distortion(evidence)
         if odd > 1e-3:
             remedy = f"The torque carries odd harmonics of {percent(odd)}: friction. " + (
-                "Use the automatic estimator." if fit.method in _LINEAR else "Check the inertias too."
+                "Use the automatic estimator." if fit.method in LINEAR else "Check the inertias too."
             )
     if fit.delay is not None and (mended := half_a_sample(evidence, fit.delay)):
         remedy = mended

@@ -366,6 +366,35 @@ def test_gear_that_hardens_is_a_finding(harder: float) -> None:
     assert len(found) == (harder > 0)
 
 
+@pytest.mark.parametrize(
+    ("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), (BAND_HZ[4:], [0.03, 0.006])]
+)
+def test_friction_that_is_ignored_does_not_pass_for_other_causes(
+    band: np.ndarray, coulomb: list[float]
+) -> None:
+    """With few frequencies it looks much like a gear that hardens, or like other inertias."""
+    records = [
+        record
+        for speed in (2.0, 8.0)
+        for record in simulate_records(
+            PARALLELOGRAM,
+            PAPER,
+            band,
+            friction=MotorFriction(coulomb=coulomb),
+            controller=Controller(sample_rate_hz=2000),
+            excitation=Excitation(
+                duration_s=1.5, velocity_rad_s=speed, acceleration_rad_s2=1e4
+            ),
+            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+        )
+    ]
+    found = findings(evidence(records, PARALLELOGRAM, method="weighted"))
+    assert not said(found, "with the deflection")
+    assert not said(found, "inertias")
+    (limits,) = said(found, "model, not the noise")
+    assert "odd harmonics" in limits.remedy
+
+
 # ------------------------------------------------------------------------------------------ the records
 
 
