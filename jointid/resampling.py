@@ -37,8 +37,21 @@ class Jackknife:
     """What leaving a frequency out changes, in standard errors of the fit, shape (f, 2n)."""
 
 
-def jackknife(phasors: Phasors, inertia: Inertia | Sequence[Inertia], fit: ElasticityFit) -> Jackknife:
+def jackknife(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> Jackknife:
     """Leave one frequency out at a time; the scatter checks the error bars, whatever the noise is.
+
+    Parameters
+    ----------
+    phasors, inertia, fit
+        The analysis.
+    progress : callable, optional
+        Called with the fraction done, up to 1.0. What it raises ends the run.
 
     Raises
     ------
@@ -52,9 +65,11 @@ def jackknife(phasors: Phasors, inertia: Inertia | Sequence[Inertia], fit: Elast
         )
     each = inertia_of_each(phasors, inertia)
     n, estimates = fit.n, []
-    for _, group in groups:
+    for done, (_, group) in enumerate(groups, start=1):
         kept = np.setdiff1d(np.arange(phasors.omega.size), group)
         estimates.append(refit(phasors.select(kept), [each[i] for i in kept], fit).p[: 2 * n])
+        if progress is not None:
+            progress(done / len(groups))
     table, f = np.array(estimates), len(groups)
     scatter = ((table - table.mean(axis=0)) ** 2).sum(axis=0)
     error = np.where(fit.standard_error > 0, fit.standard_error, np.inf)

@@ -55,7 +55,11 @@ class InertiaSensitivity:
 
 
 def inertia_sensitivity(
-    phasors: Phasors, inertia: Inertia | Sequence[Inertia], fit: ElasticityFit
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    *,
+    progress: Callable[[float], None] | None = None,
 ) -> InertiaSensitivity:
     """Differentiate the chosen estimator by each inertia: central differences of complete estimates.
 
@@ -64,6 +68,8 @@ def inertia_sensitivity(
     phasors, inertia
         What ``fit`` was made from.
     fit : ElasticityFit
+    progress : callable, optional
+        Called with the fraction done, up to 1.0. What it raises ends the run.
 
     Raises
     ------
@@ -92,6 +98,8 @@ def inertia_sensitivity(
             for by in (change, -change)
         )
         slope[:, column] = (plus - minus) / (2 * change)
+        if progress is not None:
+            progress((column + 1) / len(elements))
     return InertiaSensitivity(
         names=tuple(element.name for element in elements),
         value=np.array([element.value for element in elements]),

@@ -213,6 +213,14 @@ def test_bootstrap_is_repeatable_reports_and_stops() -> None:
     assert np.array_equal(first.estimates, second.estimates)
     assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
 
+    seen.clear()
+    inertia_sensitivity(phasors, SERIAL, fit, progress=seen.append)
+    assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
+    seen.clear()
+    jackknife(phasors, SERIAL, fit, progress=seen.append)
+    assert len(seen) == BAND_HZ.size
+    assert seen[-1] == 1.0
+
     class StopError(Exception):
         pass
 
