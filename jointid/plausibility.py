@@ -269,7 +269,7 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
     ratios = np.abs(factor[wrong]) ** (-1 if twice else 1)
     reversed_too = " The sign is reversed as well." if factor[j] < 0 else ""
     return problem(
-        f"The gear ratio of {joints} looks applied {'twice' if twice else 'not at all'}",
+        f"The gear ratio of {joints} looks {'applied twice' if twice else 'not applied'}",
         f"Torque over acceleration is {_list(factor[wrong])} times what the inertias say: gear ratios "
         f"of {_list(ratios)} on angle or torque, or of {_list(np.sqrt(ratios))} on both.{reversed_too} "
         f"{proof}",

@@ -160,9 +160,9 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         ([1, 180 / np.pi], 1, "angle of joint 2 looks logged in degrees", "57.3"),
         (1 / (2 * np.pi), 1, "revolutions", "6.283"),
         (1, 1000, "mN·m", "1000"),
-        ([1 / 100, 1 / 90], 1, "gear ratio of all joints looks applied not at all", "100, 90"),
-        (1, [100, 90], "gear ratio of all joints looks applied not at all", "100, 90"),
-        (1, [1, 90], "gear ratio of joint 2 looks applied not at all", "90"),
+        ([1 / 100, 1 / 90], 1, "gear ratio of all joints looks not applied", "100, 90"),
+        (1, [100, 90], "gear ratio of all joints looks not applied", "100, 90"),
+        (1, [1, 90], "gear ratio of joint 2 looks not applied", "90"),
         ([100, 90], 1, "gear ratio of all joints looks applied twice", "100, 90"),
     ],
 )
