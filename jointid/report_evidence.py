@@ -89,10 +89,12 @@ def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
     """What the identification changes on the path, or why not; neither where no cut applies."""
     if analysis.study.inertia.n != 2:
         return None, ""
+    if any(finding.level == "problem" for finding in analysis.findings):
+        return None, "No cut is shown, because the answer cannot be used: see the verdict."
     try:
         return study_outcome(analysis), ""
     except JointIdError as error:
-        return None, f"The cut cannot be shown. {error}"
+        return None, f"No cut is shown. {error}"
 
 
 def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) -> Iterator[Block]:

@@ -1,0 +1,326 @@
+"""The command line: results for people and machines, exit codes, no traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jointid import Study, analyse, load_study, resonances
+from jointid.cli import app
+from jointid.cli_results import finite, inertia_from, write_file
+from jointid.digest import study_digest
+from jointid.errors import JointIdError
+from jointid.exporting import from_json, load_identification
+from jointid.rounding import with_error
+
+run = CliRunner()
+ROOT = Path(__file__).parents[1]
+
+
+def ok(*arguments: object) -> str:
+    result = run.invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+def refused(code: int, *arguments: object) -> str:
+    """The message of a command that must fail; nothing may stand on standard output."""
+    result = run.invoke(app, [str(a) for a in arguments])
+    assert result.exit_code == code, result.output
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    return str(result.stderr)
+
+
+@pytest.fixture(scope="module")
+def study(sample_folder: Path) -> Path:
+    return sample_folder / "paper.zip"
+
+
+@pytest.fixture(scope="module")
+def one_joint(sample_folder: Path) -> Path:
+    return sample_folder / "one_joint"
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# --- identify
+
+
+def test_identify_prints_json_that_is_the_identification(study: Path) -> None:
+    text = ok("identify", study, "--json")
+    document = json.loads(text)
+    fit = analyse(load_study(study)).fit
+    assert document["K"] == fit.K.tolist()
+    assert document["covariance"] == fit.covariance.tolist()
+    assert {"level", "title", "detail", "remedy"} == set(document["findings"][0])
+    del document["answer"], document["findings"]
+    assert from_json(json.dumps(document)).K.tolist() == fit.K.tolist()
+
+
+def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
+    text = ok("identify", one_joint)
+    fit = analyse(load_study(one_joint)).fit
+    assert with_error(float(fit.K[0]), float(fit.standard_error[0])) in text
+    assert "N·m·s/rad" in text
+    assert "Good: " in text
+
+
+def test_the_method_is_passed_on(one_joint: Path) -> None:
+    document = json.loads(ok("identify", one_joint, "--method", "explicit", "--json"))
+    assert document["obtained"]["method"] == "explicit"
+    assert document["K"] == analyse(load_study(one_joint), method="explicit").fit.K.tolist()
+
+
+# --- what is wrong
+
+
+def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
+    assert "nothing is there" in refused(1, "identify", here / "none.zip")
+    (here / "broken.zip").write_bytes(study.read_bytes()[:1000])
+    message = refused(1, "identify", here / "broken.zip", "--json")
+    assert message.startswith("Error: ")
+    assert len(message.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["identify"],
+        ["identify", "x.zip", "--method", "magic"],
+        ["identify", "x.zip", "--nonsense"],
+        ["frobnicate"],
+        ["report", "x.zip", "-o", "x.docx"],
+        ["export", "x.zip", "-o", "x.csv"],
+        ["export", "x.zip", "-o", "x.urdf"],
+        ["cut", "x.zip", "--zones-mm", "a,b"],
+        ["cut", "--drive", "hydraulic"],
+        ["convert", "x.csv"],
+        ["convert", "x.csv", "--mapping", "m.json", "--guess", "m.json"],
+        ["simulate", "x.zip", "--count", "0"],
+    ],
+)
+def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:
+    refused(2, *arguments)
+
+
+def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("somewhere deep")
+
+    monkeypatch.delenv("JOINTID_DEBUG", raising=False)
+    monkeypatch.setattr("jointid.study.analyse", fails)
+    message = refused(1, "identify", study)
+    assert "Internal error, ZeroDivisionError: somewhere deep" in message
+
+
+# --- simulate, cut, plan
+
+
+def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
+    made = ["simulate", "s.zip", "--count", "6", "--periods", "8", "--K", "30,9", "--D", "0.05,0.02"]
+    made += ["--seed", "7", "--nominal-K", "20,5", "--nominal-D", "0.05,0.02", "--json"]
+    document = json.loads(ok(*made))
+    assert document["joints"] == 2
+    assert len(document["records"]) == 12
+    study = load_study(here / "s.zip")
+    assert document["digest"] == study_digest(study)
+    found = json.loads(ok("identify", "s.zip", "--json"))
+    errors = found["standard_error"]
+    for value, true, error in zip([*found["K"], *found["D"]], [30, 9, 0.05, 0.02], errors, strict=True):
+        assert abs(value - true) < 5 * error + 1e-4 * true
+    assert "--overwrite" in refused(1, *made)
+    assert json.loads(ok(*made, "--overwrite"))["digest"] == document["digest"]
+
+
+def test_a_robot_of_ones_own_is_simulated(here: Path) -> None:
+    (here / "robot.toml").write_text("M = [0.003]\nM2 = [[0.005]]\n", "utf-8")
+    ok("simulate", "s", "--inertia", "robot.toml", "--K", "30", "--D", "0.05", "--count", "3")
+    study = load_study(here / "s")
+    assert study.inertia.n == 1
+    assert study.origin == "simulated"
+    assert inertia_from(here / "s").M2.tolist() == [[0.005]]
+    assert resonances(study.inertia, analyse(study).fit.elasticity)[0] == pytest.approx(20.1, abs=0.1)
+
+
+def test_cut_of_a_study(study: Path, here: Path) -> None:
+    document = json.loads(ok("cut", study, "--zones-mm", "5", "--svg", "cut.svg", "--json"))
+    assert document["rule"] == "direct"
+    assert document["assumption"] == "study"
+    (row,) = document["cuts"]
+    assert row["before_mm"] > 10 * row["after_mm"] > 0
+    assert row["before_tracking_mm"] >= row["before_mm"]
+    assert (here / "cut.svg").read_text("utf-8").startswith("<svg")
+
+
+def test_cut_without_a_study_shows_the_papers_values() -> None:
+    document = json.loads(ok("cut", "--zones-mm", "10", "--assumed", "stiff", "--json"))
+    assert document["K"] == [43.0, 7.5]
+    assert document["assumed"]["K"] == [129.0, 22.5]
+    assert document["cuts"][0]["before_mm"] == pytest.approx(1.96, rel=0.15)
+    assert "10 mm" in ok("cut", "--zones-mm", "10")
+
+
+def test_plan_promises_smaller_errors(study: Path) -> None:
+    document = json.loads(ok("plan", study, "--count", "2", "--json"))
+    today, after = document["relative_error_today"], document["records"][-1]["relative_error_after"]
+    assert max(after) < max(today)
+    assert len(document["records"][0]["torque_Nm"]) == 2
+    assert "record 1" in ok("plan", study, "--count", "1")
+
+
+# --- report, export, convert
+
+
+def test_report_is_written_as_asked(one_joint: Path, here: Path) -> None:
+    assert json.loads(ok("report", one_joint, "-o", "a.html", "-o", "a.pdf", "--json"))["written"] == [
+        "a.html",
+        "a.pdf",
+    ]
+    assert (here / "a.pdf").read_bytes().startswith(b"%PDF")
+    ok("report", one_joint, "--no-cut")
+    assert (here / "one_joint-report.html").read_text("utf-8") == (here / "a.html").read_text("utf-8")
+    assert sorted(path.name for path in here.iterdir()) == ["a.html", "a.pdf", "one_joint-report.html"]
+
+
+def test_export_writes_every_kind(study: Path, here: Path) -> None:
+    kinds = ["json", "toml", "mat", "phasors.csv", "H.csv", "zip", "xml", "urdf", "sdf"]
+    files = [f"r.{kind}" for kind in kinds]
+    arguments = [part for file in files for part in ("-o", file)]
+    ok("export", study, *arguments, "--gear-ratio", "100,90")
+    analysis = analyse(load_study(study))
+    for name in ("r.json", "r.toml"):
+        np.testing.assert_array_equal(load_identification(here / name).K, analysis.fit.K)
+    assert study_digest(load_study(here / "r.zip")) == study_digest(analysis.study)
+    assert repr(float(100.0**2 * analysis.fit.K[0])) in (here / "r.xml").read_text("utf-8")
+    assert sorted(path.name for path in here.iterdir()) == sorted(files)
+    assert "is not a folder" in refused(1, "export", study, "-o", "none/r.json")
+
+
+def log_text(study: Study) -> str:
+    """All records of a study as one log with rests, time in ms, angle in degrees at the joint."""
+    lines, start = ["time [ms];position joint 1 [deg];torque motor 1 [Nm]"], 0.0
+    for record in study.records:
+        rest = np.arange(0.0, 0.4, record.interval_s)
+        for time, theta, tau in (
+            (record.time_s, record.theta_rad[:, 0], record.tau_Nm[:, 0]),
+            (rest, np.zeros(rest.size), np.zeros(rest.size)),
+        ):
+            rows = zip(1e3 * (start + time), np.degrees(theta) / 50, tau, strict=True)
+            lines += [f"{t:.3f};{q:.12f};{u:.9f}" for t, q, u in rows]
+            start += float(time[-1]) + record.interval_s
+    return "\n".join(lines)
+
+
+def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path) -> None:
+    pytest.importorskip("jointid.importing")
+    known = studies[1]
+    (here / "log.csv").write_text(log_text(known), "utf-8")
+    text = ok("convert", "log.csv", "--guess", "mapping.json")
+    assert "gear ratio of joint 1" in text
+    mapping: dict[str, Any] = json.loads((here / "mapping.json").read_text("utf-8"))
+    mapping["joints"][0]["gear_ratio"] = 50.0
+    mapping["joints"][0]["position"]["side"] = "joint"
+    mapping["joints"][0]["torque"]["side"] = "motor"
+    mapping["torque_hold"] = True
+    (here / "mapping.json").write_text(json.dumps(mapping), "utf-8")
+    (here / "robot.toml").write_text(
+        f"[inertia]\nM = {known.inertia.M.tolist()}\nM2 = {known.inertia.M2.tolist()}\n", "utf-8"
+    )
+    given = ["--mapping", "mapping.json", "--inertia", "robot.toml", "-o", "new.zip"]
+    document = json.loads(ok("convert", "log.csv", *given, "--json"))
+    found = [record["frequency_hz"] for record in document["records"]]
+    long = [r.frequency_hz for r in known.records if r.periods > 5]  # a shorter run is no segment
+    np.testing.assert_allclose(found, long, rtol=1e-4)
+    K = json.loads(ok("identify", "new.zip", "--json"))["K"]
+    np.testing.assert_allclose(K, analyse(known).fit.K, rtol=2e-3)
+
+
+# --- the program itself
+
+
+def program(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[bytes]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
+    command = [sys.executable, "-m", "jointid.cli", *arguments]
+    return subprocess.run(command, capture_output=True, cwd=cwd, env=environment, check=False)
+
+
+def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
+    good = program("identify", str(one_joint), "--json", cwd=tmp_path)
+    assert good.returncode == 0
+    assert good.stderr == b""
+    assert json.loads(good.stdout)["kind"] == "jointid identification"
+    bad = program("identify", "none.zip", "--json", cwd=tmp_path)
+    assert (bad.returncode, bad.stdout) == (1, b"")
+    assert b"Traceback" not in bad.stderr
+
+
+def test_version() -> None:
+    assert ok("--version").startswith("jointid ")
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    heavy = [
+        "rich",
+        "pandas",
+        "pymunk",
+        "plotly",
+        "streamlit",
+        "reportlab",
+        "control",
+        "pyarrow",
+        "scipy.io",
+    ]
+    text = f"import sys, jointid.cli; print([m for m in {heavy} if m in sys.modules])"
+    found = subprocess.run([sys.executable, "-c", text], capture_output=True, cwd=ROOT, check=True)
+    assert found.stdout.strip() == b"[]"
+
+
+def test_the_app_is_named_when_it_is_missing(tmp_path: Path) -> None:
+    assert "install with pip install -e" in refused(1, "app", "--path", tmp_path / "app.py")
+
+
+def test_the_app_of_the_checkout_is_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[Any] = []
+
+    def started(command: list[str], **more: Any) -> subprocess.CompletedProcess[bytes]:
+        called.append((command, more["cwd"]))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr("jointid.cli.subprocess.run", started)
+    ok("app", "--port", 8600)
+    ((command, folder),) = called
+    assert command[1:4] == ["-m", "streamlit", "run"]
+    assert Path(command[4]) == ROOT / "app.py"
+    assert command[5] == "--server.port=8600"
+    assert folder == ROOT
+
+
+def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    write_file(target, b"one")
+    write_file(target, b"two")
+    assert target.read_bytes() == b"two"
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(JointIdError, match="cannot be written"):
+        write_file(tmp_path / "folder", b"three")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.txt", "folder"]
+
+
+def test_json_has_null_for_what_is_no_number() -> None:
+    assert finite({"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
+        "a": [1.0, None],
+        "b": [None, "x", 3],
+    }

@@ -1,0 +1,330 @@
+"""The report: it holds the fit's digits, needs nothing from outside, and is the same every time."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from html import escape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants import PAPER, PARALLELOGRAM
+
+from jointid import (
+    Analysis,
+    Controller,
+    Excitation,
+    JointIdError,
+    Measurement,
+    MotorFriction,
+    SineRecord,
+    Study,
+    analyse,
+    load_study,
+    save_study,
+    simulate_records,
+)
+from jointid.digest import study_digest
+from jointid.drawing import Drawing, Line, Marks, Text, to_svg
+from jointid.outcome import millimetres, study_outcome
+from jointid.report import make_report, to_html, to_pdf
+from jointid.report_blocks import Figure, Paragraph, Report, Section, Table
+from jointid.report_figures import cut_figure, element_figure, single_record_figure
+from jointid.rounding import with_error
+
+VOID = {"meta", "br", "hr", "img", "link", "input"}
+
+
+class Outline(HTMLParser):
+    """Checks that every element is closed, and collects what a browser would fetch or run."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.fetched: list[str] = []
+        self.headings: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.images += tag == "svg"
+        self.fetched += [
+            f"{tag} {k}={v}" for k, v in attrs if k in ("src", "href", "xlink:href", "data")
+        ]
+        if tag in ("script", "iframe", "object", "link", "base"):
+            self.fetched.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("h1", "h2"):
+            self.headings.append(data)
+
+
+def outline(html: str) -> Outline:
+    parser = Outline()
+    parser.feed(html)
+    assert parser.open == []
+    return parser
+
+
+@pytest.fixture(scope="module")
+def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
+    return {n: analyse(study) for n, study in studies.items()}
+
+
+@pytest.fixture(scope="module")
+def report(analyses: dict[int, Analysis]) -> Report:
+    return make_report(analyses[2])
+
+
+@pytest.fixture(scope="module")
+def html(report: Report) -> str:
+    return to_html(report)
+
+
+def test_html_needs_nothing_from_outside(html: str) -> None:
+    seen = outline(html)
+    assert seen.fetched == []
+    assert "@import" not in html
+    assert "url(" not in html
+    assert set(re.findall(r"https?://[^\"' <>]+", html)) == {"http://www.w3.org/2000/svg"}
+    assert len(html) < 400_000
+
+
+def test_html_holds_the_answer_with_all_its_digits(html: str, analyses: dict[int, Analysis]) -> None:
+    fit = analyses[2].fit
+    for value, error in zip([*fit.K, *fit.D], fit.standard_error, strict=True):
+        assert with_error(float(value), float(error)) in html
+        assert repr(float(value)) in html
+        assert repr(float(error)) in html
+    assert study_digest(analyses[2].study) in html
+    assert "simulated" in html
+    for finding in analyses[2].findings:
+        assert escape(finding.title) in html
+
+
+def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[int, Analysis]) -> None:
+    seen = outline(html)
+    assert seen.headings[0] == "Test cell with 2 joint(s)"
+    assert seen.headings[1:] == [
+        "Answer",
+        "Verdict",
+        "Model over measurement",
+        "What it is worth on the path",
+        "How it was obtained",
+        "Records",
+        "To the last digit",
+    ]
+    assert seen.images == 4  # Figures 3, 4, 5 and 7 of the paper
+    outcome = study_outcome(analyses[2])
+    assert outcome is not None
+    assert f"{millimetres(outcome.before_m)} before" in html
+    assert millimetres(outcome.after_m) in html
+
+
+def test_records_of_the_study_are_listed(html: str, studies: dict[int, Study]) -> None:
+    for record in studies[2].records:
+        assert record.label in html
+
+
+def test_the_same_study_gives_the_same_bytes(
+    studies: dict[int, Study], report: Report, html: str, tmp_path: Path
+) -> None:
+    save_study(studies[2], tmp_path / "study.zip")
+    again = make_report(analyse(load_study(tmp_path / "study.zip")))
+    assert to_html(again) == html
+    assert to_pdf(again) == to_pdf(report)
+
+
+def test_another_process_gives_the_same_bytes(studies: dict[int, Study], tmp_path: Path) -> None:
+    pytest.importorskip("reportlab")
+    save_study(studies[1], tmp_path / "study.zip")
+    program = (
+        "import sys; from jointid import load_study, analyse\n"
+        "from jointid.report import make_report, to_html, to_pdf\n"
+        "r = make_report(analyse(load_study(sys.argv[1])))\n"
+        "sys.stdout.buffer.write(to_pdf(r) + to_html(r).encode())"
+    )
+    runs = [
+        subprocess.run(
+            [sys.executable, "-c", program, str(tmp_path / "study.zip")], capture_output=True, check=True
+        ).stdout
+        for _ in range(2)
+    ]
+    assert runs[0] == runs[1]
+    mine = make_report(analyse(load_study(tmp_path / "study.zip")))
+    assert runs[0] == to_pdf(mine) + to_html(mine).encode()
+
+
+def test_pdf_holds_the_answer(report: Report, analyses: dict[int, Analysis], tmp_path: Path) -> None:
+    data = to_pdf(report)
+    assert data.startswith(b"%PDF")
+    assert len(data) < 300_000
+    assert data.count(b"/FontFile2") == 2  # both weights embedded
+    if shutil.which("pdftotext") is None:
+        pytest.skip("There is no pdftotext on the PATH.")
+    (tmp_path / "r.pdf").write_bytes(data)
+    text = subprocess.run(
+        ["pdftotext", "-layout", str(tmp_path / "r.pdf"), "-"], capture_output=True, check=True
+    ).stdout.decode()
+    fit = analyses[2].fit
+    for value, error in zip([*fit.K, *fit.D], fit.standard_error, strict=True):
+        assert with_error(float(value), float(error)) in text
+        assert repr(float(value)) in text
+    assert "page 1" in text
+    assert "N·m·s/rad" in text
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_other_numbers_of_joints_have_no_cut(analyses: dict[int, Analysis], n: int) -> None:
+    made = make_report(analyses[n])
+    assert "What it is worth on the path" not in [section.title for section in made.sections]
+    drawings = [d for s in made.sections for b in s.blocks if isinstance(b, Figure) for d in b.drawings]
+    assert len(drawings) == {1: 1, 3: 4}[n]
+    outline(to_html(made))
+    assert to_pdf(made).startswith(b"%PDF")
+
+
+def test_texts_of_the_user_stay_texts(analyses: dict[int, Analysis]) -> None:
+    hostile = 'A <script>alert("1")</script> & <b>cell</b> \x00 Ж 漢 --'
+    study = replace(analyses[1].study, name=hostile, description=hostile)
+    made = make_report(replace(analyses[1], study=study))
+    assert outline(to_html(made)).fetched == []
+    assert escape("<script>") in to_html(made)
+    assert to_pdf(made).startswith(b"%PDF")
+
+
+def test_a_study_that_is_no_spring_is_reported_as_such() -> None:
+    records = simulate_records(PARALLELOGRAM, PAPER, [3.0, 12.0], excitation=Excitation(duration_s=1.0))
+    turned = [replace_torque(record, -1.0) for record in records]
+    analysis = analyse(Study(turned, PARALLELOGRAM))
+    made = to_html(make_report(analysis))
+    assert "Problem:" in made
+    assert "No cut is shown" in made
+    assert "Cut paths" not in made
+    assert repr(float(analysis.fit.K[0])) in made
+
+
+def replace_torque(record: SineRecord, factor: float) -> SineRecord:
+    return SineRecord(
+        record.frequency_hz, record.time_s, record.theta_rad, factor * record.tau_Nm, label=record.label
+    )
+
+
+def test_without_reportlab_html_remains(report: Report, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [m for m in sys.modules if m.split(".")[0] == "reportlab"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "reportlab", None)
+    with pytest.raises(JointIdError, match=r"pip install jointid\[pdf\]"):
+        to_pdf(report)
+
+
+def test_long_tables_break_over_pages() -> None:
+    rows = tuple((f"record {k}", str(k)) for k in range(200))
+    made = Report("Long", "", (Section("Rows", (Table(("record", "number"), rows),)),), "foot")
+    assert to_pdf(made).count(b"/Type /Page\n") >= 3
+
+
+def test_empty_paragraphs_and_wide_tables_are_set() -> None:
+    wide = Table(
+        tuple(f"column {k}" for k in range(14)), (tuple("0.123456 ± 0.000012" for _ in range(14)),)
+    )
+    made = Report("", "", (Section("Wide", (Paragraph(""), wide)),), "")
+    assert to_pdf(made).startswith(b"%PDF")
+    outline(to_html(made))
+
+
+# --- drawings
+
+
+def marks(drawing: Drawing) -> list[Marks]:
+    return [shape for shape in drawing.shapes if isinstance(shape, Marks) and len(shape.points) > 1]
+
+
+def test_points_stand_where_the_measurement_says(analyses: dict[int, Analysis]) -> None:
+    """On logarithmic axes the place is linear in log f and log |H|, and linear in the phase."""
+    analysis = analyses[2]
+    matrix = analysis.transfer_matrices[""]
+    for joint in (0, 1):
+        H = matrix.H[:, joint, joint]
+        magnitude, phase = marks(element_figure(analysis, joint))
+        assert len(magnitude.points) == len(phase.points) == 6
+        for x, y in (
+            (np.log10(matrix.omega), magnitude.points[:, 0]),
+            (np.log10(np.abs(H)), magnitude.points[:, 1]),
+            (np.degrees(np.angle(H)), phase.points[:, 1]),
+        ):
+            slope, offset = np.polyfit(x, y, 1)
+            np.testing.assert_allclose(slope * x + offset, y, atol=1e-6)
+
+
+def test_the_identified_line_runs_through_the_points(analyses: dict[int, Analysis]) -> None:
+    drawing = element_figure(analyses[2], 0)
+    lines = [
+        s for s in drawing.shapes if isinstance(s, Line) and s.colour == "#0072B2" and len(s.points) > 50
+    ]
+    x, y = lines[0].points.T
+    points = marks(drawing)[0].points
+    assert np.abs(np.interp(points[:, 0], x, y) - points[:, 1]).max() < 2.0
+
+
+def test_every_record_alone_is_drawn(analyses: dict[int, Analysis]) -> None:
+    drawn = marks(single_record_figure(analyses[2], 0))
+    assert [m.symbol for m in drawn] == ["ring", "ring", "square", "square"]
+    assert all(len(m.points) == 6 for m in drawn)
+
+
+def test_points_freed_of_friction_are_full_and_lie_on_the_line() -> None:
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        [4.0, 9.0, 14.0, 19.0, 24.0, 29.0],
+        excitation=Excitation(periods=12.0, velocity_rad_s=8.0),
+        controller=Controller(sample_rate_hz=2000.0),
+        friction=MotorFriction(coulomb=[0.3, 0.06]),
+        measurement=Measurement(torque_noise_Nm=0.005),
+    )
+    drawing = element_figure(analyse(Study(records, PARALLELOGRAM)), 1)
+    curves = [s for s in drawing.shapes if isinstance(s, Line) and s.colour == "#0072B2"]
+    x, y = next(curve for curve in curves if len(curve.points) > 50).points.T
+    away = {}
+    for group in marks(drawing)[::2]:  # magnitudes; every other group is a phase
+        away[group.symbol] = np.abs(np.interp(group.points[:, 0], x, y) - group.points[:, 1]).max()
+    assert away["circle"] < 1.5
+    assert away["ring"] > 3 * away["circle"]
+
+
+def test_cuts_are_drawn_to_scale(analyses: dict[int, Analysis]) -> None:
+    outcome = study_outcome(analyses[2])
+    assert outcome is not None
+    drawing = cut_figure([("Before", "#D55E00", [("10 mm", outcome.before)])])
+    wanted, tool = (s for s in drawing.shapes if isinstance(s, Line) and len(s.points) > 50)
+    size = np.ptp(wanted.points, axis=0)
+    assert size[1] / size[0] == pytest.approx(45 / 28, rel=0.01)
+    per_m = size[0] / 0.028
+    from_wanted = np.array([np.hypot(*(wanted.points - p).T).min() for p in tool.points])
+    assert from_wanted.max() / per_m == pytest.approx(outcome.before_m, rel=0.1)
+    bar = next(s for s in drawing.shapes if isinstance(s, Line) and s.width == 0.7)
+    assert np.ptp(bar.points[:, 0]) / per_m == pytest.approx(0.010, rel=0.01)
+
+
+def test_svg_writes_every_shape() -> None:
+    shapes = (
+        Line(np.array([[0.0, 0.0], [10.0, 5.5]]), "#123456", dash=(4, 2), opacity=0.5),
+        Marks(np.array([[3.0, 4.0]]), "#000000", "square"),
+        Text(1, 2, "a < b & c", turned=True, anchor="middle", bold=True),
+    )
+    svg = to_svg(Drawing(20, 10, shapes, 'A "drawing"'))
+    assert 'd="M0 0L10 5.5"' in svg
+    assert 'stroke-dasharray="4 2"' in svg
+    assert "a &lt; b &amp; c" in svg
+    assert "rotate(-90 1 2)" in svg
+    outline(svg)
