@@ -57,7 +57,7 @@ def angles(hz: float, torque: Complexes) -> Complexes:
 def log_of(
     runs: list[Run], *, rate: float = 1000.0, noise: float = 0.0, seed: int = 0, jitter_s: float = 0.0
 ) -> tuple[MappedLog, list[tuple[float, float]]]:
-    """A log of runs with rests between; every run begins softly and rings down. With each run's times."""
+    """A log of runs with rests between, each beginning softly, ringing down; and the runs' times."""
     rng = np.random.default_rng(seed)
     begins, clock = [], 0.5
     for run in runs:
@@ -243,6 +243,39 @@ def test_any_sequence_of_runs(data: st.DataObject) -> None:
         runs.append(Run(hz, periods, pattern, rest_s=rest_s, size=data.draw(st.floats(0.3, 3.0))))
     log, spans = log_of(runs, noise=1e-5, seed=5)
     check(log, runs, spans)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(st.data())
+def test_any_signals_are_borne(data: st.DataObject) -> None:
+    """Whatever a log holds, segments or none come out; nothing else is raised, nothing overflows."""
+    samples = data.draw(st.integers(2, 600))
+    seed = data.draw(st.integers(0, 99))
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.2, 1.0, samples) * data.draw(st.sampled_from([1e-6, 1e-3, 1.0, 1e5])))
+    makers = {
+        "still": lambda: np.full(samples, 3.0),
+        "steps": lambda: np.round(rng.standard_normal(samples)),
+        "huge": lambda: 1e80 * rng.standard_normal(samples),
+        "tiny": lambda: 1e-80 * rng.standard_normal(samples),
+        "spike": lambda: np.eye(1, samples, samples // 2)[0],
+        "square": lambda: np.sign(np.sin(np.arange(samples) / 5)),
+        "sine": lambda: 1e30 * np.sin(np.arange(samples) / 4),
+        "nyquist": lambda: (-1.0) ** np.arange(samples),
+        "ramp": lambda: 1e12 * np.arange(samples),
+    }
+    kinds = st.sampled_from(sorted(makers))
+    theta, tau = (np.column_stack([makers[data.draw(kinds)]() for _ in range(2)]) for _ in range(2))
+    log = MappedLog(time, theta, tau)
+    found = find_segments(log)
+    for segment in found:
+        assert time[0] <= segment.start_s < segment.stop_s <= time[-1]
+        assert np.isfinite(segment.frequency_hz)
+    try:
+        segment_records(log, found)
+        measure_segment(log, float(time[0]), float(time[-1]))
+    except JointIdError:
+        return
 
 
 def test_user_adds_and_corrects_a_segment() -> None:

@@ -1,8 +1,9 @@
-"""HDF5 files, among them MATLAB's version 7.3: groups of arrays, compound tables, attributes as units."""
+"""HDF5 files, MATLAB's version 7.3 among them: groups of arrays, and tables of compound type."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -42,8 +43,8 @@ def read_hdf5(file: str, path: str) -> tuple[LogTable, ...]:
         tables = tables_of(file, arrays)
         if not tables:
             raise JointIdError(
-                f"{file} holds no table of numbers: expected arrays of equal length, at least two in one "
-                f"group. Found: {listed(reader.seen)}."
+                f"{file} holds no table of numbers: expected arrays of equal length, at least two in "
+                f"one group. Found: {listed(reader.seen)}."
             )
     return tables
 
@@ -53,8 +54,8 @@ class _Reader:
         self._h5py = h5py
         self._file = file
         self._values = 0
-        self._is_matlab = "MATLAB" in str(root.userblock_size) or any(
-            "MATLAB_class" in item.attrs for item in list(root.values())[:50]
+        self._is_matlab = any(
+            "MATLAB_class" in item.attrs for item in islice(root.values(), 50) if item is not None
         )
         self.seen: list[str] = []
 

@@ -54,8 +54,8 @@ def read_matlab(file: str, data: bytes) -> tuple[LogTable, ...]:
             else ""
         )
         raise JointIdError(
-            f"{file} holds no table of numbers: expected arrays of equal length or a structure with time "
-            f"and signals.{hint} Variables found: {listed(variables)}."
+            f"{file} holds no table of numbers: expected arrays of equal length or a structure with "
+            f"time and signals.{hint} Variables found: {listed(variables)}."
         )
     return tables
 

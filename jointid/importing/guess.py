@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +9,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.importing.column_words import WORDS, NamedColumn, by_number, described, number_in, words_of
 from jointid.importing.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping, TimeColumn
 from jointid.importing.tables import LogColumn, LogTable
 from jointid.importing.units import (
@@ -21,32 +20,6 @@ from jointid.importing.units import (
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
-
-_WORDS = {  # English, German, French, Italian, Spanish; without accents
-    "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo uhrzeit "
-    "zeitpunkt abtastzeit sec secs nsec elapsed messzeit",
-    "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter",
-    "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
-    "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel encoder enc "
-    "drehgeber geber resolver axis achse joint gelenk posizione angolo posicion angulo angulaire "
-    "actpos poscurr axispos measured actual act fbk feedback",
-    "torque": "torque torques trq tau tq moment momente drehmoment motormoment istmoment effort efforts "
-    "couple coppia par moteur load last current strom motorstrom iq courant corrente corriente "
-    "torcurr axistorque acttorque",
-    "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit geschw "
-    "vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd jerk",
-    "command": "command cmd commanded soll sollwert sollposition sollmoment sollwinkel reference ref "
-    "desired des target ziel setpoint setp consigne stell vorgabe planned nominal error err fehler "
-    "deviation abweichung schleppfehler deflection feedforward ff vorsteuerung",
-    "other": "temperature temp temperatur voltage spannung volt power leistung status state mode error "
-    "flag digital input output force kraft pressure druck busvoltage pwm",
-    "motor": "motor motorside mot rotor antrieb moteur motore drive",
-    "joint": "joint link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig lastseitig",
-    "current": "current strom motorstrom iq courant corrente corriente",
-}
-_ROLES = {kind: set(line.split()) for kind, line in _WORDS.items()}
-_ALL_WORDS = set().union(*_ROLES.values())
-_TOKEN = re.compile(r"[a-z]+|\d+")
 
 
 @dataclass(frozen=True)
@@ -74,16 +47,6 @@ class Guess:
         return tuple(reason for reason in self.reasons if not reason.sure)
 
 
-@dataclass(frozen=True, eq=False)
-class _Column:
-    """A column with what its name says."""
-
-    column: LogColumn
-    words: tuple[str, ...]
-    group: str
-    score: dict[str, float]
-
-
 def guess_mapping(table: LogTable) -> Guess:
     """Guess time, positions and torques of a log from names, units and the numbers themselves.
 
@@ -104,7 +67,7 @@ def guess_mapping(table: LogTable) -> Guess:
     """
     reasons: list[Reason] = []
     time = _guess_time(table, reasons)
-    columns = [_described(c) for c in table.columns if c.name != time.column]
+    columns = [described(c) for c in table.columns if c.name != time.column]
     pairs = _pairs(columns, reasons)
     if not pairs:
         pairs = _first_two(table, columns, reasons)
@@ -123,9 +86,9 @@ def _guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         values = column.values[np.isfinite(column.values)]
         if values.size < 2 or not np.all(np.diff(values[:100_000]) >= 0) or values[-1] <= values[0]:
             continue
-        words = _words(column.name)
-        score = 3.0 * bool(_ROLES["time"] & set(words)) + 2.0 * (column.unit in TIME_UNITS)
-        score += 1.0 * bool(_ROLES["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
+        words = words_of(column.name)
+        score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (column.unit in TIME_UNITS)
+        score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
         score += 0.5 * (place == 0) + 0.5 * _is_even(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column)
@@ -153,7 +116,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     values = column.values[np.isfinite(column.values)]
     step = float(np.median(np.diff(values)))
     counts = step == 1 and bool(np.all(values == np.round(values)))
-    if column.unit == SAMPLES or (counts and not _ROLES["time"] & set(_words(column.name))):
+    if column.unit == SAMPLES or (counts and not WORDS["time"] & set(words_of(column.name))):
         reasons.append(
             Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed.", False)
         )
@@ -171,9 +134,9 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     return TimeColumn(column.name, unit)
 
 
-def _pairs(columns: Sequence[_Column], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
+def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
     """Position and torque of each joint, joints in the order of their numbers, else of the file."""
-    best: dict[str, dict[str, _Column]] = {}
+    best: dict[str, dict[str, NamedColumn]] = {}
     for entry in columns:
         for role in ("position", "torque"):
             other = "torque" if role == "position" else "position"
@@ -184,7 +147,9 @@ def _pairs(columns: Sequence[_Column], reasons: list[Reason]) -> list[tuple[LogC
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
     keys = (
-        sorted(complete, key=_natural) if all(_number(k) is not None for k in complete) else [*complete]
+        sorted(complete, key=by_number)
+        if all(number_in(k) is not None for k in complete)
+        else [*complete]
     )
     pairs = []
     for number, key in enumerate(keys, start=1):
@@ -207,7 +172,7 @@ def _pairs(columns: Sequence[_Column], reasons: list[Reason]) -> list[tuple[LogC
 
 
 def _first_two(
-    table: LogTable, columns: Sequence[_Column], reasons: list[Reason]
+    table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
     """Return something to start from when names say nothing: the clearest, else the first that vary."""
     varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)] or [
@@ -215,8 +180,8 @@ def _first_two(
     ]
     if len(varying) < 2:
         raise JointIdError(
-            f"{table.name} has {len(varying)} column(s) that change beside the time; a log needs a position "
-            f"and a torque. Columns found: {', '.join(table.names[:20])}."
+            f"{table.name} has {len(varying)} column(s) that change beside the time; a log needs a "
+            f"position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
     position = max(varying, key=lambda c: c.score["position"])
     rest = [c for c in varying if c is not position]
@@ -240,15 +205,15 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
     reasons.append(Reason(f"unit of torque of joint {number}", why_moment, moment_sure))
     sides = []
     for role, column in (("position", position), ("torque", torque)):
-        side, sure, why = _side(role, column, position)
+        side, sure, why = _side(role, column, position, torque)
         sides.append(side)
         reasons.append(Reason(f"side of {role} of joint {number}", why, sure))
     if JOINT in sides:
         reasons.append(
             Reason(
                 f"gear ratio of joint {number}",
-                "A log does not say it. Give motor turns over joint turns, negative when they turn against "
-                "each other; 1 is assumed.",
+                "A log does not say it. Give motor turns over joint turns, negative when they turn "
+                "against each other; 1 is assumed.",
                 False,
             )
         )
@@ -287,88 +252,30 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
 def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in TORQUE_UNITS:
         return column.unit, True, f'The file says "{column.unit}".'
-    if _ROLES["current"] & set(_words(column.name)):
+    if WORDS["current"] & set(words_of(column.name)):
         return "A", False, "The name says current; its unit is taken for ampere."
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
-def _side(role: str, column: LogColumn, position: LogColumn) -> tuple[str, bool, str]:
-    words = _words(column.name)
-    if _ROLES["motor"] & set(words):
+def _side(role: str, column: LogColumn, position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
+    words = words_of(column.name)
+    if WORDS["motor"] & set(words):
         return MOTOR, True, "The name says motor."
     if role == "torque":
-        if column.unit in ("A", "mA", "%", "‰") or _ROLES["current"] & set(words):
+        if column.unit in ("A", "mA", "%", "‰") or WORDS["current"] & set(words):
             return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
         if "effort" in words:
             return JOINT, False, "An effort is given at the joint by convention."
         return MOTOR, False, "The name says no side; the motor's is assumed."
-    if _ROLES["joint"] & set(words):
+    if WORDS["joint"] & set(words):
         return JOINT, False, "The name says joint or axis."
     if position.unit == "deg":
         return JOINT, False, "Degrees are what controllers show for joints."
+    if "effort" in words_of(torque.name):
+        return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
     if column.unit == "counts":
         return MOTOR, False, "Counts come from the motor's encoder, as a rule."
     return MOTOR, False, "The name says no side; the motor's is assumed."
-
-
-def _described(column: LogColumn) -> _Column:
-    words = _words(column.name)
-    said = set(words)
-    score = {}
-    for role, units in (("position", ANGLE_UNITS), ("torque", TORQUE_UNITS)):
-        points = 0.0
-        named = said & _ROLES[role]
-        if named:
-            # "joint", "axis" and "ist" go with any quantity.
-            weak = named <= {
-                "joint",
-                "axis",
-                "achse",
-                "gelenk",
-                "ist",
-                "act",
-                "actual",
-                "measured",
-                "fbk",
-                "feedback",
-                "load",
-                "last",
-                "th",
-            }
-            points += 0.8 if weak else 2.0
-        if column.unit in units and column.unit != "V":
-            points += 2.0
-        elif column.unit == "V":
-            points += 0.2
-        elif column.unit:
-            points -= 4.0
-        if said & _ROLES["current"] and role == "torque":
-            points -= 0.5
-        for kind, cost in (("velocity", 3.0), ("command", 1.5), ("other", 1.0), ("time", 1.0)):
-            points -= cost * bool(said & _ROLES[kind] - _ROLES[role])
-        points -= 0.25 * bool("motor" in said and role == "position")
-        score[role] = points
-    # What tells joints apart is left when the words for quantities are gone; short words stick together.
-    left = [w for w in words if w.isdigit() or w not in _ALL_WORDS]
-    return _Column(column, words, " ".join(left).lstrip("0") or " ".join(left), score)
-
-
-def _words(name: str) -> tuple[str, ...]:
-    """Lower-case words and numbers of a name: "ActPos_A1" is act, pos, a, 1."""
-    plain = unicodedata.normalize("NFKD", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
-    plain = "".join(c for c in plain if not unicodedata.combining(c)).lower()
-    for letter, word in (("θ", "theta"), ("τ", "tau"), ("φ", "phi"), ("ϑ", "theta"), ("ß", "ss")):
-        plain = plain.replace(letter, word)
-    return tuple(_TOKEN.findall(plain))
-
-
-def _number(group: str) -> int | None:
-    found = re.findall(r"\d+", group)
-    return int(found[-1]) if found else None
-
-
-def _natural(group: str) -> tuple[int, str]:
-    return (_number(group) or 0, group)
 
 
 def _is_even(values: Floats) -> bool:

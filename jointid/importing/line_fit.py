@@ -73,7 +73,7 @@ def fit_lines(
     for _ in range(_ROUNDS if free else 1):
         basis, slope = _columns(clock, span, omega, orders)
         # Lines that a window tells apart are nearly orthogonal: normal equations lose nothing.
-        inverse = np.linalg.pinv(basis.T @ basis, hermitian=True)
+        inverse: Floats = np.asarray(np.linalg.pinv(basis.T @ basis, hermitian=True), float)
         coefficients = inverse @ (basis.T @ data)
         residual = data - basis @ coefficients
         if not free:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.importing.line_fit import fit_lines
-from jointid.importing.mapping import MappedLog
-from jointid.importing.segments import Segment, common_frequencies
+from jointid.importing.mapped_log import MappedLog
+from jointid.importing.segment import Segment
+from jointid.importing.segments import common_frequencies
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
 from jointid.rounding import significant
@@ -98,19 +100,20 @@ def study_from_logs(
         When there is no segment, or joints disagree.
     """
     if isinstance(logs, MappedLog):
-        logs, segments = [logs], [segments]  # type: ignore[list-item]
-    each: list[list[Segment]] = [list(part) for part in segments]  # type: ignore[arg-type]
+        logs, segments = [logs], cast(Sequence[Sequence[Segment]], [segments])
+    each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
     if len(each) != len(logs):
         raise JointIdError(f"{len(logs)} log(s), but segments of {len(each)}: give those of each log.")
     if not any(each):
         raise JointIdError(
-            "No sine segments were found or chosen: the method needs steady sines of a few periods. Mark one "
-            "by its start and stop, or check the time and position columns."
+            "No sine segments were found or chosen: the method needs steady sines of a few periods. "
+            "Mark one by its start and stop, or check the time and position columns."
         )
     for log in logs:
         if log.n != inertia.n:
             raise JointIdError(
-                f"{log.name or 'The log'} has {log.n} joint(s), the inertia {inertia.n}: they must agree."
+                f"{log.name or 'The log'} has {log.n} joint(s), the inertia {inertia.n}: "
+                "they must agree."
             )
     # Frequencies of all logs together, so that runs of one set point in two logs belong together.
     flat = common_frequencies([segment for part in each for segment in part])

@@ -92,7 +92,8 @@ def _read_path(path: Path, name: str, binary: _BinaryReader) -> tuple[LogTable, 
         if path.is_dir():
             if not (path / "metadata.yaml").is_file():
                 raise JointIdError(
-                    f"{name} is a folder without metadata.yaml, so no ROS 2 bag. Give the log file itself."
+                    f"{name} is a folder without metadata.yaml, so no ROS 2 bag. Give the log file "
+                    "itself."
                 )
             size = sum(part.stat().st_size for part in path.iterdir() if part.is_file())
             require_small(name, size)

@@ -71,8 +71,8 @@ class LogTable:
         columns = _distinct(self.columns)
         if len(columns) < 2:
             raise JointIdError(
-                f"{self.name} has {len(columns)} column(s) of numbers; a log needs at least position and "
-                f"torque. Columns found: {listed(c.name for c in columns)}."
+                f"{self.name} has {len(columns)} column(s) of numbers; a log needs at least position "
+                f"and torque. Columns found: {listed(c.name for c in columns)}."
             )
         if len(columns) > MAX_COLUMNS:
             raise JointIdError(
@@ -142,8 +142,8 @@ def require_small(file: str, size: int) -> None:
         raise JointIdError(f"{file} is empty (0 bytes): export the log again.")
     if size > MAX_LOG_BYTES:
         raise JointIdError(
-            f"{file} has {size / 2**20:.4g} MiB, more than the limit of {MAX_LOG_BYTES / 2**20:.4g} MiB. "
-            "Cut it into several logs, or log less."
+            f"{file} has {size / 2**20:.4g} MiB, more than the limit of "
+            f"{MAX_LOG_BYTES / 2**20:.4g} MiB. Cut it into several logs, or log less."
         )
 
 

@@ -1,4 +1,4 @@
-"""How a text table is laid out: encoding, separator, decimal mark, header, units, first line of numbers."""
+"""How a text table is laid out: encoding, separator, decimal mark, header, units, first numbers."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ def decoded(file: str, data: bytes) -> str:
     except UnicodeDecodeError as error:
         if encoding and not encoding.startswith("utf-8"):
             raise JointIdError(
-                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: the "
-                "file is damaged. Export it again."
+                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: "
+                "the file is damaged. Export it again."
             ) from error
         # What Windows programs of western Europe write; Latin-1 never fails.
         text = data.decode("cp1252", errors="ignore") if _is_cp1252(data) else data.decode("latin-1")
@@ -248,7 +248,7 @@ def _header(
 
 
 def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
-    """Cells of a header line, filled up or cut where only empty ones are too many; None if it is none."""
+    """Cells of a header line, filled up or cut where only empty ones are too many; else None."""
     for candidate in (line, _COMMENT.sub("", line)):
         if separator == BLANKS:
             choices = [

@@ -130,8 +130,8 @@ def _read_slowly(
             continue
         if wrong is not None:
             raise JointIdError(
-                f"{file}, line {wrong[0]}: {wrong[1]} cell(s), but the table has {width} columns. Repair or "
-                "remove the line; one log must be one table."
+                f"{file}, line {wrong[0]}: {wrong[1]} cell(s), but the table has {width} columns. "
+                "Repair or remove the line; one log must be one table."
             )
         if len(cells) != width:
             wrong = (number, len(cells))
@@ -149,8 +149,8 @@ def _read_slowly(
         notes.append(f"The last line ({wrong[0]}) is cut short and was left out.")
     for k, (count, line, text) in strange.items():
         notes.append(
-            f"Column {layout.names[k] or k + 1}: {count} cell(s) are no numbers and count as missing; the "
-            f'first is "{text:.40}" in line {line}.'
+            f"Column {layout.names[k] or k + 1}: {count} cell(s) are no numbers and count as missing; "
+            f'the first is "{text:.40}" in line {line}.'
         )
     if not rows:
         raise JointIdError(f"{file} has a header but no rows: export the log again.")

@@ -85,9 +85,9 @@ _SPELLINGS = {
 }
 _CANONICAL = {spelling: unit for unit, line in _SPELLINGS.items() for spelling in line.split()}
 _IN_NAMES = {  # what may stand as the last word of a name without brackets; "a", "u" or "n" may not
-    "s", "sec", "ms", "us", "µs", "ns", "rad", "mrad", "deg", "grad", "degrees", "counts", "ticks", "inc",
-    "incr", "nm", "mnm", "knm", "amps", "ma", "percent", "prozent", "pct", "volt", "volts", "rpm", "°",
-    "v", "rads", "degs", "radps", "dps",
+    "s", "sec", "ms", "us", "µs", "ns", "rad", "mrad", "deg", "grad", "degrees", "counts", "ticks",
+    "inc", "incr", "nm", "mnm", "knm", "amps", "ma", "percent", "prozent", "pct", "volt", "volts", "rpm",
+    "°", "v", "rads", "degs", "radps", "dps",
 }  # fmt: skip
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\[\](){}<>]{0,24}?)\s*[\])}>]\s*$")
 _LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")

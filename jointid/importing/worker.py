@@ -1,7 +1,8 @@
 """The process that reads binary logs: whatever a damaged file does to it, the caller lives on.
 
-Libraries that parse binary formats in C can end the process over a damaged file, or ask for any amount of
-memory. Requests come as lines of JSON on standard input; each answer is a line of JSON and the columns.
+Libraries that parse binary formats in C can end the process over a damaged file, or ask for any amount
+of memory. Requests come as lines of JSON on standard input; each answer is a line of JSON, then the
+columns.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ def answer(request: dict[str, str]) -> tuple[dict[str, Any], tuple[LogTable, ...
     except (KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # readers written in Rust raise outside Exception
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = (
+            " ".join(str(error).replace(request["path"], "the file").split()) or type(error).__name__
+        )
         return {
             "error": f"{name} cannot be read as {WORDS[kind]} ({reason:.200}): export the log again."
         }, ()

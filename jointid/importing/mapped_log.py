@@ -1,0 +1,136 @@
+"""From a table and its mapping to angles and torques in SI units, motor side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.importing.mapping import Mapping, TimeColumn
+from jointid.importing.tables import LogTable
+from jointid.importing.units import SAMPLES, TIME_UNITS
+from jointid.wording import listed
+
+
+@dataclass(frozen=True, eq=False)
+class MappedLog:
+    """A log in SI units, motor side: what segments are cut from."""
+
+    time_s: Floats
+    """Strictly increasing, shape (N,), s; the first is 0 unless the log says otherwise."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), N·m."""
+    torque_hold: bool = False
+    torque_delay_s: float = 0.0
+    name: str = ""
+    notes: tuple[str, ...] = ()
+    """What was left out, as sentences for the user."""
+
+    def __post_init__(self) -> None:
+        time = finite_array("time_s", self.time_s, ndim=1)
+        theta = finite_array("theta_rad", self.theta_rad, ndim=2, order="F")
+        tau = finite_array("tau_Nm", self.tau_Nm, ndim=2, order="F")
+        if theta.shape != tau.shape or len(theta) != time.size or theta.shape[1] == 0:
+            raise JointIdError(
+                f"time_s, theta_rad and tau_Nm have shapes {time.shape}, {theta.shape} and {tau.shape}: "
+                "expected (N,), (N, n) and (N, n)."
+            )
+        if time.size < 2 or np.diff(time).min() <= 0:
+            raise JointIdError("time_s: at least two times, each above the one before.")
+        for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.theta_rad.shape[1])
+
+    @property
+    def interval_s(self) -> float:
+        """Usual distance between samples (the median), s."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
+    """Turn the columns of a log into motor angles and torques in SI units.
+
+    Parameters
+    ----------
+    table : LogTable
+    mapping : Mapping
+
+    Returns
+    -------
+    MappedLog
+        θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
+        joint side. Rows that miss a value are left out, and a note says how many.
+
+    Raises
+    ------
+    JointIdError
+        When a column is missing, too few rows are complete, or the times do not increase.
+    """
+    names = mapping.columns
+    raw = [table.column(name).values for name in names]
+    time = raw.pop(0) if mapping.time.column else np.arange(table.rows, dtype=float)
+    complete = np.isfinite(time)
+    for column in raw:
+        complete &= np.isfinite(column)
+    kept = int(complete.sum())
+    if kept < 2:
+        empty = [n for n in names if not np.isfinite(table.column(n).values).any()]
+        which = f" Empty columns: {listed(empty)}." if empty else ""
+        raise JointIdError(
+            f"{table.name}: {kept} row(s) have all of {listed(names)}.{which} Choose other columns."
+        )
+    notes = list(table.notes)
+    if kept < table.rows:
+        first = int(np.argmin(complete))
+        notes.append(
+            f"{table.rows - kept} of {table.rows} rows miss a value and were left out; the first is "
+            f"{table.place(first)}."
+        )
+    unit = mapping.time
+    seconds = 1 / unit.rate_hz if unit.rate_hz else TIME_UNITS[unit.unit]
+    rows = np.flatnonzero(complete)
+    time = time[complete]
+    steps = np.diff(time)
+    if steps.min() <= 0:
+        at = int(np.argmax(steps <= 0)) + 1
+        _refuse_time(table, unit, int(rows[at]), float(time[at]), float(time[at - 1]), steps)
+    n = mapping.n
+    theta, tau = np.empty((kept, n), order="F"), np.empty((kept, n), order="F")
+    for j, joint in enumerate(mapping.joints):
+        theta[:, j] = raw[j][complete] * joint.rad_per_unit
+        tau[:, j] = raw[n + j][complete] * joint.Nm_per_unit
+    return MappedLog(
+        time_s=(time - time[0]) * seconds,
+        theta_rad=theta,
+        tau_Nm=tau,
+        torque_hold=mapping.torque_hold,
+        torque_delay_s=mapping.torque_delay_s,
+        name=table.name,
+        notes=tuple(notes),
+    )
+
+
+def _refuse_time(
+    table: LogTable, unit: TimeColumn, row: int, time: float, before: float, steps: Floats
+) -> None:
+    fault = "repeats" if time == before else "goes back from"
+    word = "" if unit.unit == SAMPLES else f" {unit.unit}"
+    if time == before and np.mean(steps == 0) > 0.2:
+        remedy = (
+            "The clock is coarser than the samples: number the rows instead (no time column, unit "
+            '"samples", with the sample rate).'
+        )
+    else:
+        remedy = "Times must increase: choose another time column, or cut the log there."
+    raise JointIdError(
+        f'{table.place(row)}, column "{unit.column}": {time:.12g}{word} {fault} '
+        f"{before:.12g}{word}. {remedy}"
+    )

@@ -1,0 +1,163 @@
+"""Logs of every kind, made for the tests."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from jointid.arrays import Floats
+
+ROWS = 400
+TIME_S = np.arange(ROWS) * 2e-3
+ANGLE = 0.3 * np.sin(2 * np.pi * 10 * TIME_S) + 0.1
+TORQUE = 0.7 * np.cos(2 * np.pi * 10 * TIME_S) - 0.01
+
+
+def cell_log(encoding: str = "latin-1", rows: int = ROWS) -> bytes:
+    """A German controller's log: two remarks, semicolons, decimal commas, no UTF-8."""
+    lines = ["Rob 7 / Prüfung", "Abtastzeit;2,0;ms", ""]
+    lines.append("Zeit [ms];Achse 1 Ist [°];Achse 2 Ist [°];Moment 1 [%];Moment 2 [%]")
+    for k in range(rows):
+        row = (2 * k, np.degrees(ANGLE[k]), -np.degrees(ANGLE[k]), 10 * TORQUE[k], 20 * TORQUE[k])
+        lines.append(";".join(f"{value:.7g}".replace(".", ",") for value in row))
+    return ("\r\n".join(lines) + "\r\n").encode(encoding)
+
+
+def comma_log(rows: int = ROWS) -> bytes:
+    """Plain CSV with a header."""
+    table = np.column_stack([TIME_S, ANGLE, TORQUE])[:rows]
+    lines = [",".join(repr(float(value)) for value in row) for row in table]
+    return "\n".join(["t,position,effort", *lines, ""]).encode()
+
+
+def mat_scope(signals: Floats | None = None) -> bytes:
+    """What a Simulink scope logs, version 5."""
+    import scipy.io
+
+    values = np.column_stack([TORQUE, ANGLE, 0.1 * ANGLE]) if signals is None else signals
+    scope = {
+        "time": TIME_S[:, None],
+        "signals": {"values": values, "dimensions": values.shape[-1], "label": ""},
+        "blockName": "model/Scope",
+    }
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"ScopeData": scope, "gain": 3.0}, do_compression=True)
+    return buffer.getvalue()
+
+
+def mat_arrays() -> bytes:
+    """Vectors, a matrix and settings, version 5."""
+    import scipy.io
+
+    log = {"q_rad": np.column_stack([ANGLE, -ANGLE]), "tau_Nm": np.column_stack([TORQUE, 2 * TORQUE])}
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"t_s": TIME_S, **log, "Ts": 2e-3, "name": "run 1"})
+    return buffer.getvalue()
+
+
+def mat_v73() -> bytes:
+    """What MATLAB's version 7.3 looks like: HDF5 behind a text, columns first, structs as groups."""
+    import h5py
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=512) as file:
+        group = file.create_group("ScopeData")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        group["time"] = TIME_S[None, :]
+        group.create_group("signals")["values"] = np.vstack([TORQUE, ANGLE])
+        for name in ("time", "signals/values"):
+            group[name].attrs["MATLAB_class"] = np.bytes_("double")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    return head + buffer.getvalue()[len(head) :]
+
+
+def hdf5(compound: bool = False) -> bytes:
+    """A group of arrays with units as attributes, or one compound table."""
+    import h5py
+
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        if compound:
+            kind = [("time", "f8"), ("pos", "f4"), ("torque", "f8"), ("label", "S4")]
+            table = np.zeros(ROWS, kind)
+            table["time"], table["pos"], table["torque"] = TIME_S, ANGLE, TORQUE
+            file["log/run"] = table
+        else:
+            group = file.create_group("run1")
+            for name, values, unit in (
+                ("time", 1e3 * TIME_S, "ms"),
+                ("joint1_pos", np.degrees(ANGLE), "deg"),
+                ("joint1_torque", TORQUE, "Nm"),
+            ):
+                data = group.create_dataset(name, data=values, compression="gzip")
+                data.attrs["units"] = unit
+            file["settings"] = np.arange(3.0)
+    return buffer.getvalue()
+
+
+def parquet() -> bytes:
+    """Columns of several types; time in a type of its own."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.table(
+        {
+            "stamp": pa.array((TIME_S * 1e6).round().astype("int64")).cast(pa.timestamp("us")),
+            "pos_rad": ANGLE,
+            "torque_Nm": TORQUE.astype("float32"),
+            "state": ["ok"] * ROWS,
+        }
+    )
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer)
+    return buffer.getvalue()
+
+
+def excel() -> bytes:
+    """Two sheets, the second with remarks above the header and a row of units."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.active.title = "Info"
+    book.active.append(["Robot", "R7"])
+    sheet = book.create_sheet("Messung")
+    sheet.append(["Prüfung am Montag"])
+    sheet.append([])
+    sheet.append(["Zeit", "Position", "Drehmoment"])
+    sheet.append(["ms", "°", "Nm"])
+    for time, angle, torque in zip(TIME_S, ANGLE, TORQUE, strict=True):
+        sheet.append([float(1e3 * time), float(np.degrees(angle)), float(torque)])
+    buffer = io.BytesIO()
+    book.save(buffer)
+    return buffer.getvalue()
+
+
+def ros_bag(folder: Path, kind: str, *, topic: str = "/joint_states", stamped: bool = True) -> Path:
+    """A bag's folder with joint states of two joints, whose order changes; kind is sqlite3 or mcap."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    plugin = StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP
+    path = folder / f"bag_{kind}_{stamped}"
+    with Writer(path, version=8, storage_plugin=plugin) as writer:
+        connection = writer.add_connection(topic, state.__msgtype__, typestore=store)
+        for k in range(ROWS):
+            order = [0, 1] if k % 3 else [1, 0]
+            ns = 1_700_000_000_000_000_000 + k * 2_000_000
+            clock = stamp(*divmod(ns, 1_000_000_000)) if stamped else stamp(0, 0)
+            message = state(
+                header=header(stamp=clock, frame_id=""),
+                name=[("shoulder", "elbow")[i] for i in order],
+                position=np.array([ANGLE[k], -ANGLE[k]])[order],
+                velocity=np.array([]),
+                effort=np.array([TORQUE[k], 2 * TORQUE[k]])[order],
+            )
+            writer.write(connection, ns + 500, store.serialize_cdr(message, state.__msgtype__))
+    return path

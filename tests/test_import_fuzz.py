@@ -1,0 +1,206 @@
+"""Damaged logs of every kind: a table or a JointIdError, never anything else, in bounded time."""
+
+from __future__ import annotations
+
+import json
+import random
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from log_makers import (
+    cell_log,
+    comma_log,
+    excel,
+    hdf5,
+    mat_arrays,
+    mat_scope,
+    mat_v73,
+    parquet,
+    ros_bag,
+)
+
+from jointid import JointIdError
+from jointid.importing import (
+    Channel,
+    JointMapping,
+    LogTable,
+    Mapping,
+    TimeColumn,
+    apply_mapping,
+    find_segments,
+    guess_mapping,
+    mapping_from_json,
+    mapping_to_json,
+    read_log,
+    read_logs,
+)
+
+TRIES = 250
+
+
+def bag(kind: str, folder: Path) -> bytes:
+    (file,) = [p for p in ros_bag(folder, kind).iterdir() if p.suffix in (".db3", ".mcap")]
+    return file.read_bytes()
+
+
+KINDS: dict[str, Callable[[Path], bytes]] = {
+    "matlab": lambda _: mat_scope(),
+    "matlab-plain": lambda _: mat_arrays(),
+    "matlab-7.3": lambda _: mat_v73(),
+    "hdf5": lambda _: hdf5(),
+    "hdf5-table": lambda _: hdf5(compound=True),
+    "parquet": lambda _: parquet(),
+    "excel": lambda _: excel(),
+    "ros-sqlite": lambda folder: bag("sqlite3", folder),
+    "ros-mcap": lambda folder: bag("mcap", folder),
+}
+
+
+def mutated(data: bytes, rng: random.Random) -> bytes:
+    """A few bytes changed, often where the structure is; or a piece cut, doubled or blown up."""
+    out = bytearray(data)
+    for _ in range(rng.choice([1, 1, 2, 4, 16, 64])):
+        place = rng.randrange(min(len(out), 4096)) if rng.random() < 0.5 else rng.randrange(len(out))
+        kind = rng.randrange(6)
+        if kind == 0:
+            out[place] = rng.randrange(256)
+        elif kind == 1:
+            out[place] ^= 1 << rng.randrange(8)
+        elif kind == 2:
+            out[place : place + 4] = rng.choice(
+                [b"\xff" * 4, b"\0" * 4, b"\xff\xff\xff\x7f", b"\0\0\0\x40"]
+            )
+        elif kind == 3:
+            out[place : place + 8] = rng.randbytes(8)
+        elif kind == 4:
+            del out[place : place + rng.randrange(1, 64)]
+        else:
+            out[place:place] = out[place : place + rng.randrange(1, 64)]
+        if len(out) < 16:
+            break
+    if rng.random() < 0.1:
+        out = out[: rng.randrange(1, len(out))]
+    return bytes(out)
+
+
+def check(results: object) -> str:
+    """What came out; a table that is read must be usable or refuse with a reason."""
+    if isinstance(results, JointIdError):
+        assert len(str(results)) < 2000
+        return "refused"
+    assert isinstance(results, tuple)
+    for table in results:
+        assert isinstance(table, LogTable)
+        try:
+            apply_mapping(table, guess_mapping(table).mapping)
+        except JointIdError:
+            continue
+    return "read"
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_damaged_binary_logs(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data = KINDS[kind](tmp_path)
+    rng = random.Random(sum(kind.encode()))
+    began = time.monotonic()
+    sources = [(mutated(data, rng), f"{kind}.bin") for _ in range(TRIES)]
+    outcome = Counter(check(result) for result in read_logs(sources))
+    with capsys.disabled():
+        print(f"\n{kind}: {TRIES} mutations, {dict(outcome)}, {time.monotonic() - began:.1f} s")
+    assert outcome.total() == TRIES
+    assert outcome["refused"] > 0
+
+
+def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
+    rng = random.Random(3)
+    outcome: Counter[str] = Counter()
+    samples = [cell_log("utf-16", 60), cell_log(rows=60), comma_log(60)]
+    for _ in range(600):
+        try:
+            outcome[check(read_log(mutated(rng.choice(samples), rng), "log.csv"))] += 1
+        except JointIdError as error:
+            outcome[check(error)] += 1
+    with capsys.disabled():
+        print(f"\ntext: 600 mutations, {dict(outcome)}")
+    assert outcome["refused"] > 0
+    assert outcome["read"] > 0
+
+
+@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(st.text(alphabet="0123456789.,;\t -+eE\n\"'#abZ°[]%/:", max_size=300))
+def test_any_text(content: str) -> None:
+    try:
+        check(read_log(content.encode(), "log.csv"))
+    except JointIdError:
+        return
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.binary(min_size=1, max_size=200))
+def test_any_bytes_that_claim_to_be_text(content: bytes) -> None:
+    try:
+        check(read_log(b"t;q;tau\n" + content, "log.csv"))
+    except JointIdError:
+        return
+
+
+MAPPING = Mapping(
+    TimeColumn("t", "ms"),
+    (
+        JointMapping(Channel("q1", "counts", 4096.0, "joint"), Channel("m1", "%", 8.2), 101.0),
+        JointMapping(Channel("q2", "deg"), Channel("m2", "N·m", sign=-1)),
+    ),
+)
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.data())
+def test_mapping_with_anything_in_one_place(data: st.DataObject) -> None:
+    values = json.loads(mapping_to_json(MAPPING))
+    place = values
+    while True:
+        key = data.draw(st.sampled_from(sorted(place) if isinstance(place, dict) else range(len(place))))
+        if not isinstance(place[key], dict | list) or data.draw(st.integers(0, 4)) == 0:
+            break
+        place = place[key]
+    if isinstance(place, dict) and data.draw(st.booleans()):
+        del place[key]
+    else:
+        place[key] = data.draw(anything)
+    try:
+        assert isinstance(mapping_from_json(json.dumps(values)), Mapping)
+    except JointIdError:
+        return
+
+
+@pytest.mark.parametrize("text", ["[" * 5000, '{"format": 1e999}', "NaN", '"x"', "", "{}"])
+def test_odd_json_as_mapping(text: str) -> None:
+    with pytest.raises(JointIdError):
+        mapping_from_json(text)
+
+
+def test_every_sound_log_of_the_fuzzed_kinds_is_read(tmp_path: Path) -> None:
+    """What the mutations start from is itself in order, and goes on to segments."""
+    results = list(
+        read_logs(
+            [
+                (make(tmp_path / name), name)
+                for name, make in KINDS.items()
+                if not (tmp_path / name).mkdir()
+            ]
+        )
+    )
+    for result in results:
+        assert not isinstance(result, JointIdError), str(result)
+        log = apply_mapping(result[0], guess_mapping(result[0]).mapping)
+        assert [round(s.frequency_hz, 2) for s in find_segments(log)] == [10.0]

@@ -1,0 +1,406 @@
+"""What a column means: units there and back, sides of the gear, guesses with reasons, JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope
+
+from jointid import Inertia, JointIdError
+from jointid.importing import (
+    Channel,
+    JointMapping,
+    LogColumn,
+    LogTable,
+    Mapping,
+    TimeColumn,
+    apply_mapping,
+    find_segments,
+    guess_mapping,
+    mapping_from_json,
+    mapping_to_json,
+    read_log,
+    study_from_logs,
+)
+from jointid.importing.tables import numbers
+from jointid.importing.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    TIME_UNITS,
+    TORQUE_SCALES,
+    TORQUE_UNITS,
+)
+
+
+def table_of(**columns: object) -> LogTable:
+    """A table by hand; a double underscore parts name and unit."""
+    made = []
+    for key, values in columns.items():
+        name, _, unit = key.partition("__")
+        made.append(LogColumn(name, numbers(np.asarray(values, float)), unit))
+    return LogTable("log", tuple(made))
+
+
+def one(position: Channel, torque: Channel, ratio: float = 1.0) -> Mapping:
+    return Mapping(TimeColumn("t", "s"), (JointMapping(position, torque, ratio),))
+
+
+T = np.arange(5) * 0.01
+X = np.array([0.0, 1.0, -2.0, 3.0, 0.5])
+
+
+def mapped(position: Channel, torque: Channel, ratio: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    log = apply_mapping(table_of(t=T, q=X, tau=X), one(position, torque, ratio))
+    return log.theta_rad[:, 0], log.tau_Nm[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "expected"),
+    [
+        ("rad", None, 1.0),
+        ("mrad", None, 1e-3),
+        ("deg", None, np.pi / 180),
+        ("rev", None, 2 * np.pi),
+        ("counts", 4096.0, 2 * np.pi / 4096),
+        ("counts", -4096.0, -2 * np.pi / 4096),
+        ("V", 34.18, np.radians(34.18)),
+    ],
+)
+def test_angle_units(unit: str, scale: float | None, expected: float) -> None:
+    theta, _ = mapped(Channel("q", unit, scale), Channel("tau", "N·m"))
+    np.testing.assert_allclose(theta, expected * X, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "expected"),
+    [
+        ("N·m", None, 1.0),
+        ("mN·m", None, 1e-3),
+        ("kN·m", None, 1e3),
+        ("A", 0.12, 0.12),
+        ("mA", 0.12, 0.12e-3),
+        ("%", 8.2, 0.082),
+        ("‰", 8.2, 0.0082),
+        ("V", -3.0, -3.0),
+    ],
+)
+def test_torque_units(unit: str, scale: float | None, expected: float) -> None:
+    _, tau = mapped(Channel("q", "rad"), Channel("tau", unit, scale))
+    np.testing.assert_allclose(tau, expected * X, rtol=1e-15)
+
+
+def test_sides_of_the_gear() -> None:
+    """physics.md: θ_motor = n θ_joint and τ_motor = τ_joint / n, so that power is the same."""
+    theta, tau = mapped(Channel("q", "rad", side="joint"), Channel("tau", "N·m", side="joint"), -93.5)
+    np.testing.assert_allclose(theta, -93.5 * X)
+    np.testing.assert_allclose(tau, X / -93.5)
+    np.testing.assert_allclose(theta * tau, X * X)
+    theta, tau = mapped(Channel("q", "rad", sign=-1), Channel("tau", "N·m", side="motor"), 50.0)
+    np.testing.assert_allclose(theta, -X)
+    np.testing.assert_allclose(tau, X)
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [*TIME_UNITS.items()])
+def test_time_units(unit: str, seconds: float) -> None:
+    mapping = replace(one(Channel("q", "rad"), Channel("tau", "N·m")), time=TimeColumn("t", unit))
+    log = apply_mapping(table_of(t=T / seconds + 77, q=X, tau=X), mapping)
+    np.testing.assert_allclose(log.time_s, T, atol=1e-7)
+
+
+def test_sample_numbers_and_numbered_rows() -> None:
+    table = table_of(t=[7, 8, 9, 11, 12], q=X, tau=X)
+    joints = (JointMapping(Channel("q", "rad"), Channel("tau", "N·m")),)
+    counted = apply_mapping(table, Mapping(TimeColumn("t", "samples", 500.0), joints))
+    np.testing.assert_allclose(counted.time_s, np.array([0, 1, 2, 4, 5]) / 500)
+    numbered = apply_mapping(table, Mapping(TimeColumn("", "samples", 500.0), joints))
+    np.testing.assert_allclose(numbered.time_s, np.arange(5) / 500)
+
+
+channels = {
+    "position": (ANGLE_UNITS, POSITION_SCALES),
+    "torque": (TORQUE_UNITS, TORQUE_SCALES),
+}
+scales = st.floats(0.01, 1e5) | st.floats(-1e5, -0.01)
+
+
+@st.composite
+def channel(draw: st.DrawFn, what: str, column: str) -> Channel:
+    units, with_scale = channels[what]
+    unit = draw(st.sampled_from(list(units)))
+    scale = draw(scales) if unit in with_scale else None
+    return Channel(
+        column, unit, scale, draw(st.sampled_from(["motor", "joint"])), draw(st.sampled_from([1, -1]))
+    )
+
+
+@st.composite
+def mappings(draw: st.DrawFn) -> Mapping:
+    joints = draw(st.integers(1, 4))
+    return Mapping(
+        time=draw(
+            st.sampled_from(
+                [TimeColumn("t", u) for u in TIME_UNITS] + [TimeColumn("", "samples", 125.0)]
+            )
+        ),
+        joints=tuple(
+            JointMapping(
+                draw(channel("position", f"q{j} µ")), draw(channel("torque", f'τ"{j}')), draw(scales)
+            )
+            for j in range(joints)
+        ),
+        torque_hold=draw(st.booleans()),
+        torque_delay_s=draw(st.floats(0, 0.01)),
+    )
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(mappings())
+def test_json_round_trip(mapping: Mapping) -> None:
+    assert mapping_from_json(mapping_to_json(mapping)) == mapping
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(mappings(), st.integers(0, 1000))
+def test_units_there_and_back(mapping: Mapping, seed: int) -> None:
+    """Motor-side signals written in any units, on any side, come back as they were."""
+    rng = np.random.default_rng(seed)
+    n = mapping.n
+    theta, tau = rng.uniform(-1, 1, (2, 20, n))
+    seconds = np.arange(20) * 0.008
+    unit = mapping.time
+    clock = [] if not unit.column else [LogColumn("t", numbers(seconds / TIME_UNITS[unit.unit]))]
+    for j, joint in enumerate(mapping.joints):
+        for written, values in ((joint.position, theta[:, j]), (joint.torque, tau[:, j])):
+            angle = written is joint.position
+            shown = values * written.sign
+            if written.side == "joint":
+                shown = shown / joint.gear_ratio if angle else shown * joint.gear_ratio
+            shown = shown / (ANGLE_UNITS if angle else TORQUE_UNITS)[written.unit]
+            if written.scale is not None:
+                shown = shown * written.scale if written.unit == "counts" else shown / written.scale
+            clock.append(LogColumn(written.column, numbers(shown)))
+    log = apply_mapping(LogTable("log", tuple(clock)), mapping)
+    np.testing.assert_allclose(log.theta_rad, theta, rtol=1e-12)
+    np.testing.assert_allclose(log.tau_Nm, tau, rtol=1e-12)
+    np.testing.assert_allclose(log.time_s, seconds, atol=1e-12)
+
+
+def test_rows_without_a_value_are_left_out_and_said() -> None:
+    q = X.copy()
+    q[2] = np.nan
+    log = apply_mapping(table_of(t=T, q=q, tau=X), one(Channel("q", "rad"), Channel("tau", "N·m")))
+    assert log.time_s.size == 4
+    assert "1 of 5 rows" in log.notes[0]
+    assert "row 3" in log.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ([0, 1, 2, 2, 3], 'row 4, column "t": 2 s repeats 2 s'),
+        ([0, 1, 2, 1, 3], 'row 4, column "t": 1 s goes back from 2 s'),
+        ([0, 0, 0, 1, 1], "coarser than the samples"),
+        ([0, np.nan, np.nan, np.nan, np.nan], "1 row"),
+    ],
+)
+def test_times_that_cannot_be(time: list[float], said: str) -> None:
+    with pytest.raises(JointIdError, match=said):
+        apply_mapping(table_of(t=time, q=X, tau=X), one(Channel("q", "rad"), Channel("tau", "N·m")))
+
+
+def test_missing_column_names_the_nearest() -> None:
+    mapping = one(Channel("positon", "rad"), Channel("tau", "N·m"))
+    with pytest.raises(JointIdError, match='Did you mean "position"'):
+        apply_mapping(table_of(t=T, position=X, tau=X), mapping)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: TimeColumn("t", "h"), "expected one of s, ms"),
+        (lambda: TimeColumn("t", "samples"), "need a rate"),
+        (lambda: TimeColumn("t", "samples", -5.0), "must be positive"),
+        (lambda: TimeColumn("t", "ms", 5.0), 'goes with the unit "samples"'),
+        (lambda: TimeColumn(""), "no column"),
+        (lambda: one(Channel("q", "counts"), Channel("tau", "N·m")), "needs a scale: counts per turn"),
+        (lambda: one(Channel("q", "rad"), Channel("tau", "%")), "needs a scale: rated torque"),
+        (lambda: one(Channel("q", "rad", 2.0), Channel("tau", "N·m")), "takes no scale"),
+        (lambda: one(Channel("q", "counts", 0.0), Channel("tau", "N·m")), "must not be"),
+        (lambda: one(Channel("q", "N·m"), Channel("tau", "N·m")), "unit = 'N·m'; expected one of rad"),
+        (
+            lambda: one(Channel("q", "rad", side="arm"), Channel("tau", "N·m")),
+            "expected one of motor, joint",
+        ),
+        (lambda: one(Channel("q", "rad", sign=2), Channel("tau", "N·m")), "expected 1 or -1"),
+        (lambda: one(Channel("q", "rad"), Channel("tau", "N·m"), 0.0), "gear_ratio = 0"),
+        (
+            lambda: one(Channel("q", "rad"), Channel("q", "N·m")),
+            "is both position of joint 1 and torque",
+        ),
+        (lambda: one(Channel("t", "rad"), Channel("q", "N·m")), "is both time and position"),
+        (lambda: Mapping(TimeColumn("t"), ()), "has no joints"),
+    ],
+)
+def test_mappings_that_cannot_be(make: object, said: str) -> None:
+    with pytest.raises(JointIdError, match=said):
+        make()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"format": 2}, "reads format 1"),
+        ({"joints": 3}, "expected a list"),
+        ({"joint": []}, 'unknown key "joint". Did you mean "joints"'),
+        ({"time": {"column": "t", "unit": 3}}, "unit = 3"),
+        ({"time": None}, "time: expected keys"),
+        ({"joints": [{"position": {"column": "q"}}]}, "position of joint 1: unit is missing"),
+        ({"torque_hold": 1}, "expected true or false"),
+    ],
+)
+def test_json_that_is_no_mapping(change: dict[str, object], said: str) -> None:
+    values = json.loads(mapping_to_json(one(Channel("q", "rad"), Channel("tau", "N·m")))) | change
+    with pytest.raises(JointIdError, match=said):
+        mapping_from_json(json.dumps(values))
+
+
+# --- guesses
+
+
+def guessed(*names: str, **made: object) -> Mapping:
+    """Guess from a header; the first column is time, the others sines."""
+    rows = [
+        ",".join(f"{value:.6f}" for value in (0.004 * k, *np.sin(0.3 * k + np.arange(len(names) - 1))))
+        for k in range(50)
+    ]
+    (table,) = read_log("\n".join([",".join(names), *rows]).encode(), "log.csv")
+    return guess_mapping(table).mapping
+
+
+@pytest.mark.parametrize(
+    ("names", "pairs"),
+    [
+        (("time", "q1", "q2", "tau1", "tau2"), [("q1", "tau1"), ("q2", "tau2")]),
+        (("t", "tau_2", "q_2", "tau_1", "q_1"), [("q_1", "tau_1"), ("q_2", "tau_2")]),
+        (
+            ("Zeit [s]", "Winkel A1 [°]", "Drehmoment A1 [Nm]", "Winkel A2 [°]", "Drehmoment A2 [Nm]"),
+            [("Winkel A1", "Drehmoment A1"), ("Winkel A2", "Drehmoment A2")],
+        ),
+        (
+            ("timestamp", "ActPos_A1", "CmdPos_A1", "ActVel_A1", "ActTorque_A1"),
+            [("ActPos_A1", "ActTorque_A1")],
+        ),
+        (
+            ("t", "Sollposition", "Istposition", "Schleppfehler", "Iststrom [A]", "Drehzahl [1/min]"),
+            [("Istposition", "Iststrom")],
+        ),
+        (
+            (
+                "Temps [s]",
+                "angle axe 1 [deg]",
+                "couple axe 1 [Nm]",
+                "angle axe 2 [deg]",
+                "couple axe 2 [Nm]",
+            ),
+            [("angle axe 1", "couple axe 1"), ("angle axe 2", "couple axe 2")],
+        ),
+        (("tempo", "posizione", "coppia [Nm]", "velocità"), [("posizione", "coppia")]),
+        (("tiempo", "velocidad", "posición", "par motor [Nm]"), [("posición", "par motor")]),
+        (
+            (
+                "time",
+                "shoulder position",
+                "shoulder velocity",
+                "shoulder effort",
+                "elbow position",
+                "elbow effort",
+            ),
+            [("shoulder position", "shoulder effort"), ("elbow position", "elbow effort")],
+        ),
+        (
+            (
+                "t",
+                "position",
+                "velocity",
+                "effort",
+                "position_command",
+                "effort_command",
+                "motor_current",
+            ),
+            [("position", "effort")],
+        ),
+        (("t", "θ1 [rad]", "τ1 [N·m]"), [("θ1", "τ1")]),
+        (("time_s", "theta_m1_rad", "tau_m1_Nm"), [("theta_m1", "tau_m1")]),
+        (
+            ("t", "q10", "q2", "tau10", "tau2"),
+            [("q2", "tau2"), ("q10", "tau10")],
+        ),
+    ],
+)
+def test_names_in_several_languages(names: tuple[str, ...], pairs: list[tuple[str, str]]) -> None:
+    mapping = guessed(*names)
+    assert [(j.position.column, j.torque.column) for j in mapping.joints] == pairs
+
+
+def test_guess_of_the_cell() -> None:
+    """Units are read off, sides follow from them; ratios and rated torques are asked for."""
+    (table,) = read_log(cell_log(), "cell.csv")
+    guess = guess_mapping(table)
+    assert guess.mapping.time == TimeColumn("Zeit", "ms")
+    first, second = guess.mapping.joints
+    assert first.position == Channel("Achse 1 Ist", "deg", None, "joint")
+    assert second.torque == Channel("Moment 2", "%", 1.0, "motor")
+    asked = {reason.what for reason in guess.open_questions}
+    assert {"gear ratio of joint 1", "scale of torque of joint 2", "torque hold"} <= asked
+    assert "position of joint 1" not in asked
+    assert "unit of time" not in asked
+    assert all(reason.text.endswith(".") for reason in guess.reasons)
+
+
+def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:
+    (table,) = read_log(mat_scope(), "scope.mat")
+    guess = guess_mapping(table)
+    assert guess.mapping.time == TimeColumn("time", "s")
+    assert {"position of joint 1", "torque of joint 1"} <= {r.what for r in guess.open_questions}
+
+
+@pytest.mark.parametrize(
+    ("step", "unit"), [(0.001, "s"), (0.05, "s"), (1.0, "ms"), (4.0, "ms"), (250.0, "µs"), (1e6, "ns")]
+)
+def test_unit_of_time_by_its_steps(step: float, unit: str) -> None:
+    table = table_of(time=step * np.arange(50) * 1.0, q=ANGLE[:50], tau=TORQUE[:50])
+    assert guess_mapping(table).mapping.time.unit == unit
+
+
+def test_sample_numbers_and_no_time_at_all() -> None:
+    counted = guess_mapping(table_of(nr=np.arange(50), q=ANGLE[:50], tau=TORQUE[:50]))
+    assert counted.mapping.time == TimeColumn("nr", "samples", 1000.0)
+    none = guess_mapping(table_of(q=ANGLE[:50], tau=TORQUE[:50]))
+    assert none.mapping.time == TimeColumn("", "samples", 1000.0)
+    assert "time" in {reason.what for reason in none.open_questions}
+
+
+def test_counts_are_seen() -> None:
+    table = table_of(t=TIME_S, encoder=np.round(65536 * ANGLE), torque=TORQUE)
+    joint = guess_mapping(table).mapping.joints[0]
+    assert joint.position == Channel("encoder", "counts", 1.0)
+
+
+def test_table_without_signals_is_refused() -> None:
+    with pytest.raises(JointIdError, match="a log needs a position and a torque"):
+        guess_mapping(table_of(t=TIME_S, q=ANGLE))
+
+
+def test_from_bytes_to_a_study_by_mapping_alone() -> None:
+    (table,) = read_log(comma_log(), "run.csv")
+    guess = guess_mapping(table)
+    log = apply_mapping(table, guess.mapping)
+    assert log.time_s.size == ROWS
+    study = study_from_logs(log, find_segments(log), Inertia(0.002, 0.004))
+    (record,) = study.records
+    assert abs(record.frequency_hz - 10) < 1e-3

@@ -1,0 +1,366 @@
+"""Every kind of log comes in: the same numbers, with their names and units."""
+
+from __future__ import annotations
+
+import io
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from log_makers import (
+    ANGLE,
+    ROWS,
+    TIME_S,
+    TORQUE,
+    cell_log,
+    comma_log,
+    excel,
+    hdf5,
+    mat_arrays,
+    mat_scope,
+    mat_v73,
+    parquet,
+    ros_bag,
+)
+
+from jointid import JointIdError
+from jointid.arrays import Floats
+from jointid.importing import LogTable, read_log, read_logs
+from jointid.importing import extras as extras_module
+from jointid.importing.apart import SeparateReader
+from jointid.importing.units import split_unit
+
+
+def only(tables: tuple[LogTable, ...]) -> LogTable:
+    assert len(tables) == 1
+    return tables[0]
+
+
+def columns(table: LogTable) -> dict[str, tuple[str, Floats]]:
+    return {column.name: (column.unit, column.values) for column in table.columns}
+
+
+def text(table: str, name: str = "log.csv") -> LogTable:
+    return only(read_log(table.encode(), name))
+
+
+# --- text
+
+
+@pytest.mark.parametrize(
+    "encoding", ["latin-1", "utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"]
+)
+def test_german_log_in_every_encoding(encoding: str) -> None:
+    table = only(read_log(cell_log(encoding), "cell.csv"))
+    assert [(c.name, c.unit) for c in table.columns] == [
+        ("Zeit", "ms"),
+        ("Achse 1 Ist", "deg"),
+        ("Achse 2 Ist", "deg"),
+        ("Moment 1", "%"),
+        ("Moment 2", "%"),
+    ]
+    np.testing.assert_allclose(table.column("Achse 1 Ist").values, np.degrees(ANGLE), rtol=1e-6)
+    np.testing.assert_array_equal(table.column("Zeit").values, 2 * np.arange(ROWS))
+    assert table.place(0) == "cell.csv, line 5"
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"),
+    [(s, d) for s in (",", ";", "\t", "|", "  ", " \t ") for d in ".," if s != d],
+)
+@pytest.mark.parametrize("comment", ["", "# made by a test, at 9:30\n\n", "% Versuch 3\n% Probe;7\n"])
+def test_separators_and_decimal_marks(separator: str, decimal: str, comment: str) -> None:
+    rows = [
+        separator.join(f"{value:.6f}".replace(".", decimal) for value in row)
+        for row in np.column_stack([TIME_S, ANGLE, TORQUE])
+    ]
+    table = text(comment + "\n".join([separator.join(["time", "angle", "torque"]), *rows]))
+    assert table.names == ("time", "angle", "torque")
+    np.testing.assert_allclose(table.columns[2].values, TORQUE, atol=1e-6)
+
+
+def test_quoted_decimal_commas() -> None:
+    rows = "\n".join(f'"{k}","{k},5","-0,{k}"' for k in range(10))
+    table = text(f'"t","q","tau"\n{rows}')
+    np.testing.assert_allclose(table.column("q").values, np.arange(10) + 0.5)
+
+
+def test_row_of_units_below_the_header() -> None:
+    rows = "\n".join(f"{k};{k},25;3" for k in range(20))
+    table = text(f"Zeit;Winkel;Moment\nms;°;Nm\n{rows}")
+    assert [(c.name, c.unit) for c in table.columns] == [
+        ("Zeit", "ms"),
+        ("Winkel", "deg"),
+        ("Moment", "N·m"),
+    ]
+
+
+def test_header_in_a_comment_line() -> None:
+    rows = "\n".join(f"{k} {k / 10} {k / 7}" for k in range(20))
+    table = text(f"# run 3\n# time [s] q1 [deg] tau1 [Nm]\n{rows}")
+    assert [(c.name, c.unit) for c in table.columns] == [("time", "s"), ("q1", "deg"), ("tau1", "N·m")]
+
+
+def test_without_a_header_the_columns_are_numbered() -> None:
+    table = text("\n".join(f"{k},{k * 0.5},{k * k}" for k in range(20)))
+    assert table.names == ("column 1", "column 2", "column 3")
+    assert any("no line with names" in note for note in table.notes)
+
+
+def test_text_columns_are_left_out_and_said() -> None:
+    table = text("t,mode,q\n" + "\n".join(f"{k},auto,{k}" for k in range(9)))
+    assert table.names == ("t", "q")
+    assert any("mode" in note for note in table.notes)
+
+
+def test_cells_that_are_no_numbers_are_missing_and_said() -> None:
+    rows = [f"{k},{k},{k}" for k in range(20)]
+    rows[7], rows[9] = "7,ERR,7", "9,,9"
+    table = text("t,q,tau\n" + "\n".join(rows))
+    assert np.flatnonzero(np.isnan(table.column("q").values)).tolist() == [7, 9]
+    assert any("ERR" in note and "line 9" in note for note in table.notes)
+
+
+def test_last_line_cut_short_is_left_out_and_said() -> None:
+    table = text("t,q,tau\n" + "\n".join(f"{k},{k},{k}" for k in range(20)) + "\n20,2")
+    assert table.rows == 20
+    assert any("cut short" in note for note in table.notes)
+
+
+def test_line_with_other_cells_in_the_middle_is_refused_with_its_number() -> None:
+    rows = [f"{k},{k},{k}" for k in range(20)]
+    rows[4] = "4,4"
+    with pytest.raises(JointIdError, match=r"log\.csv, line 6: 2 cell"):
+        text("t,q,tau\n" + "\n".join(rows))
+
+
+def test_dates_become_seconds() -> None:
+    rows = "\n".join(f"2024-05-07 10:11:{k:02d}.{k}00;{k},5;{k}" for k in range(10))
+    table = text(f"Zeitstempel;q;tau\n{rows}")
+    assert table.column("Zeitstempel").unit == "s"
+    np.testing.assert_allclose(table.column("Zeitstempel").values, 1.1 * np.arange(10), atol=1e-6)
+
+
+def test_leading_plus_and_fortran_exponents() -> None:
+    table = text("t,q,tau\n" + "\n".join(f"+{k},1.5d-{k % 5},2E+1" for k in range(9)))
+    assert table.column("q").values[3] == 1.5e-3
+    assert table.column("tau").values[0] == 20.0
+
+
+def test_columns_of_one_name_are_told_apart() -> None:
+    assert text("t,q,q\n" + "\n".join(f"{k},{k},{k}" for k in range(9))).names == ("t", "q", "q (2)")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty"),
+        (b" \n\n ", "only blank lines"),
+        (b"hello\nworld\n", "not a table of numbers"),
+        (b"\x00\x01\x02" * 50, "neither text nor a file of a kind"),
+        (b"t,q\n", "not a table of numbers"),
+        (b"5\n6\n7\n", "not a table of numbers"),
+    ],
+)
+def test_what_is_no_table_is_refused(content: bytes, said: str) -> None:
+    with pytest.raises(JointIdError, match=said):
+        read_log(content, "x.csv")
+
+
+@settings(max_examples=30, deadline=None, derandomize=True)
+@given(
+    st.lists(
+        st.lists(st.floats(-1e9, 1e9, allow_subnormal=False), min_size=3, max_size=3),
+        min_size=3,
+        max_size=20,
+    ),
+    st.sampled_from([(",", "."), (";", ","), (";", "."), ("\t", ","), (" ", ".")]),
+)
+def test_numbers_come_through_exactly(rows: list[list[float]], marks: tuple[str, str]) -> None:
+    separator, decimal = marks
+    lines = [separator.join(repr(value).replace(".", decimal) for value in row) for row in rows]
+    table = text("\n".join([separator.join("abc"), *lines]))
+    np.testing.assert_array_equal(np.column_stack([c.values for c in table.columns]), rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "bare", "unit"),
+    [
+        ("Zeit [ms]", "Zeit", "ms"),
+        ("torque (N m)", "torque", "N·m"),
+        ("angle_deg", "angle", "deg"),
+        ("t in µs", "t", "µs"),
+        ("tau_m1_Nm", "tau_m1", "N·m"),
+        ("speed [U/min]", "speed", "rpm"),
+        ("vel_rad_s", "vel", "rad/s"),
+        ("Lage {Inkremente}", "Lage", "counts"),
+        ("position", "position", ""),
+        ("a", "a", ""),
+        ("Strom [A]", "Strom", "A"),
+        ("time_s", "time", "s"),
+    ],
+)
+def test_units_in_names(name: str, bare: str, unit: str) -> None:
+    assert split_unit(name) == (bare, unit)
+
+
+# --- everything else
+
+
+def test_matlab_scope() -> None:
+    table = only(read_log(mat_scope(), "scope.mat"))
+    assert table.name == "scope.mat: ScopeData"
+    assert table.names == ("time", "signal 1", "signal 2", "signal 3")
+    assert table.column("time").unit == "s"
+    np.testing.assert_array_equal(table.column("signal 2").values, ANGLE)
+
+
+def test_matlab_arrays() -> None:
+    table = only(read_log(mat_arrays(), "run.mat"))
+    named = columns(table)
+    assert {name: unit for name, (unit, _) in named.items()} == {
+        "t": "s",
+        "q 1": "rad",
+        "q 2": "rad",
+        "tau 1": "N·m",
+        "tau 2": "N·m",
+    }
+    np.testing.assert_array_equal(named["tau 2"][1], 2 * TORQUE)
+
+
+def test_matlab_of_version_7_3() -> None:
+    table = only(read_log(mat_v73(), "scope.mat"))
+    assert table.names == ("time", "signal 1", "signal 2")
+    np.testing.assert_array_equal(table.column("time").values, TIME_S)
+    np.testing.assert_array_equal(table.column("signal 2").values, ANGLE)
+
+
+def test_hdf5_group_with_units() -> None:
+    table = only(read_log(hdf5(), "log.h5"))
+    assert table.name == "log.h5: run1"
+    assert columns(table)["joint1_pos"][0] == "deg"
+    np.testing.assert_array_equal(columns(table)["time"][1], 1e3 * TIME_S)
+
+
+def test_hdf5_compound_table() -> None:
+    table = only(read_log(hdf5(compound=True), "log.h5"))
+    assert table.names == ("time", "pos", "torque")
+    np.testing.assert_allclose(table.column("pos").values, ANGLE, rtol=1e-6)
+
+
+def test_parquet() -> None:
+    table = only(read_log(parquet(), "log.parquet"))
+    assert [(c.name, c.unit) for c in table.columns] == [
+        ("stamp", "s"),
+        ("pos", "rad"),
+        ("torque", "N·m"),
+    ]
+    np.testing.assert_allclose(table.column("stamp").values, TIME_S, atol=1e-9)
+    assert any("state" in note for note in table.notes)
+
+
+def test_excel() -> None:
+    table = only(read_log(excel(), "log.xlsx"))
+    assert table.name == "log.xlsx: Messung"
+    assert [(c.name, c.unit) for c in table.columns] == [
+        ("Zeit", "ms"),
+        ("Position", "deg"),
+        ("Drehmoment", "N·m"),
+    ]
+    np.testing.assert_allclose(table.column("Position").values, np.degrees(ANGLE), rtol=1e-14)
+    assert table.place(0) == "log.xlsx: Messung, row 5"
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+@pytest.mark.parametrize("whole", [True, False], ids=["folder", "file"])
+def test_ros_bag(tmp_path: Path, kind: str, whole: bool) -> None:
+    bag = ros_bag(tmp_path, kind)
+    (file,) = [p for p in bag.iterdir() if p.suffix in (".db3", ".mcap")]
+    table = only(read_log(bag) if whole else read_log(file.read_bytes(), "drop.bin"))
+    assert "/joint_states" in table.name
+    named = columns(table)
+    assert named["elbow effort"][0] == "N·m"
+    np.testing.assert_allclose(named["time"][1], TIME_S, atol=1e-12)
+    np.testing.assert_array_equal(named["shoulder position"][1], ANGLE)
+    np.testing.assert_array_equal(named["elbow effort"][1], 2 * TORQUE)
+
+
+def test_ros_bag_without_stamps_uses_the_time_of_recording(tmp_path: Path) -> None:
+    table = only(read_log(ros_bag(tmp_path, "mcap", stamped=False)))
+    np.testing.assert_allclose(table.column("time").values, TIME_S, atol=1e-9)
+    assert any("time of recording" in note for note in table.notes)
+
+
+def test_content_decides_not_the_name() -> None:
+    for content in (mat_scope(), hdf5(), parquet(), excel()):
+        assert read_log(content, "log.csv")[0].rows == ROWS
+
+
+def test_many_files_a_bad_one_among_them(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    path.write_bytes(mat_scope())
+    sources = [
+        (comma_log(), "a.csv"),
+        (b"\x89HDF\r\n\x1a\nrubbish", "b.h5"),
+        (path, ""),
+        (parquet(), "d"),
+    ]
+    good, bad, scope, last = read_logs(sources)
+    assert isinstance(bad, JointIdError)
+    assert "b.h5 cannot be read as HDF5" in str(bad)
+    assert not isinstance(good, JointIdError)
+    assert not isinstance(scope, JointIdError)
+    assert not isinstance(last, JointIdError)
+    assert scope[0].name == "run.mat: ScopeData"
+
+
+def test_missing_files_and_wrong_sources(tmp_path: Path) -> None:
+    with pytest.raises(JointIdError, match="there is no such file"):
+        read_log(tmp_path / "none.csv")
+    with pytest.raises(JointIdError, match=r"without metadata\.yaml"):
+        read_log(tmp_path)
+    with pytest.raises(JointIdError, match="comes from a path or bytes, not from int"):
+        read_log(7)  # type: ignore[arg-type]
+
+
+def test_workbook_bomb_is_refused() -> None:
+    """A few kilobytes that stand for a sheet of 200 million cells."""
+    book = zipfile.ZipFile(io.BytesIO(excel()))
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as bomb:
+        for name in book.namelist():
+            data = book.read(name)
+            if name.endswith("sheet2.xml"):
+                data = data.replace(
+                    b"</sheetData>", b'<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+                )
+            bomb.writestr(name, data)
+    with pytest.raises(JointIdError, match=r"more than the limit|cannot be read|memory"):
+        read_log(buffer.getvalue(), "bomb.xlsx")
+
+
+def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:
+    path = tmp_path / "x.mat"
+    path.write_bytes(mat_scope())
+    reader = SeparateReader(time_s=0.01)
+    try:
+        with pytest.raises(JointIdError, match=r"took more than 0\.01 s"):
+            reader.read("matlab", "x.mat", path)
+    finally:
+        reader.stop()
+
+
+def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(JointIdError, match=r'pip install "jointid\[import\]"'):
+        extras_module.extra("h5py", "h5py", "HDF5 files")
+
+
+def test_signature_goes_by_names_and_units() -> None:
+    one, same = text("t [s],q\n1,2\n2,3\n3,4"), text("t [s],q\n5,6\n7,8\n9,9\n10,11")
+    other = text("t [ms],q\n1,2\n2,3\n3,4")
+    assert one.signature == same.signature != other.signature
