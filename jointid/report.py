@@ -86,7 +86,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     yield Paragraph(answer_sentence(fit, study.nominal), "lead")
     if study.description:
         yield Paragraph(study.description, "quiet")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for k, name in enumerate(parameter_names(fit.n)):
         stiffness, j = k < fit.n, k % fit.n
         value, error = float((fit.K if stiffness else fit.D)[j]), float(fit.standard_error[k])
@@ -98,9 +98,12 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             change = _change(value, error, reference)
         meaning = f"{'stiffness' if stiffness else 'damping'} of joint {j + 1}"
         rows.append((f"{name}, {meaning}", with_error(value, error), unit, nominal, change))
-    header = ("", "identified", "unit", "nominal", "change")
+    header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
     caption = "Seen from the motor, ± one standard error. Nominal: what the controller assumes today."
-    yield Table(header, tuple(rows), caption, "lrlrr", kind="answer")
+    if study.nominal is None:
+        header, rows = header[:3], [row[:3] for row in rows]
+        caption = caption.partition(" Nominal")[0]
+    yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
     if others := _others(analysis):
         yield Paragraph(f"Found together with K and D: {others}.")
     if outcome is not None:

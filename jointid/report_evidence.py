@@ -115,8 +115,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         "identified values, "
         + (
             "and the robot is one that their uncertainty allows: "
-            f"{outcome.distribution.K.shape[0]} such robots were drawn, 95 % of them stay below "
-            f"{millimetres(outcome.after_m)}, and the one nearest to this limit is shown."
+            f"{outcome.distribution.K.shape[0]} such robots were drawn, 95 % of them stay "
+            f"{_below(outcome.after_m)}, and the one nearest to this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )
@@ -154,6 +154,11 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     before = track(robot.arm, path, robot.elasticity, outcome.assumed, friction=robot.friction)
     after = track(robot.arm, path, outcome.edge, robot.elasticity, friction=robot.friction)
     return before, after
+
+
+def _below(length_m: float) -> str:
+    text = millimetres(length_m)
+    return text if text.startswith("under") else f"below {text}"
 
 
 def _list(values: Floats) -> str:

@@ -202,6 +202,13 @@ def test_texts_of_the_user_stay_texts(analyses: dict[int, Analysis]) -> None:
     assert to_pdf(made).startswith(b"%PDF")
 
 
+def test_without_nominal_values_there_is_nothing_to_compare(analyses: dict[int, Analysis]) -> None:
+    study = replace(analyses[1].study, nominal=None)
+    made = to_html(make_report(replace(analyses[1], study=study)))
+    assert ">nominal<" not in made
+    assert ">change<" not in made
+
+
 def test_a_study_that_is_no_spring_is_reported_as_such() -> None:
     records = simulate_records(PARALLELOGRAM, PAPER, [3.0, 12.0], excitation=Excitation(duration_s=1.0))
     turned = [replace_torque(record, -1.0) for record in records]
