@@ -125,6 +125,14 @@ def test_with_noise() -> None:
     check(log, runs, spans, accuracy=5e-4)
 
 
+def test_noise_of_a_third_of_the_motion() -> None:
+    runs = [Run(5.0, 30, BOTH), Run(9.0, 30, BOTH)]
+    log, spans = log_of(runs)
+    rng = np.random.default_rng(8)
+    noise = rng.standard_normal(log.theta_rad.shape) * np.abs(angles(9.0, BOTH)).max() / 3
+    check(replace(log, theta_rad=log.theta_rad + noise), runs, spans, accuracy=1e-3)
+
+
 def test_one_joint_at_a_time() -> None:
     runs = [Run(f, 14, t) for f in (3.0, 6.1, 12.4) for t in (FIRST, SECOND)]
     log, spans = log_of(runs, noise=1e-4, seed=2)

@@ -35,6 +35,8 @@ class Segment:
         Standard error of the frequency; NaN where the user gave it.
     share : float, optional
         Share of the motor's motion that the lines explain, joint that they explain best.
+    torque_share : float, optional
+        The same of the torque.
     amplitude_rad : sequence of float, optional
         Of each motor at ``frequency_hz``.
 
@@ -50,6 +52,7 @@ class Segment:
     lines_hz: tuple[float, ...] = ()
     frequency_error_hz: float = float("nan")
     share: float = float("nan")
+    torque_share: float = float("nan")
     amplitude_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -106,6 +109,7 @@ def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]
         lines_hz=tuple(fit.frequency_hz.tolist()),
         frequency_error_hz=float(fit.error_hz[strongest]),
         share=float(fit.share[:n].max()),
+        torque_share=float(fit.share[n:].max()),
         amplitude_rad=tuple(np.abs(fit.phasors[strongest, :n]).tolist()),
     )
 

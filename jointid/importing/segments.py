@@ -20,7 +20,7 @@ FEWEST_PERIODS = 5
 """Periods that a segment needs to be found by itself; a user may ask for fewer."""
 MANY_SEGMENTS = 1000
 
-_GAP = 3.5  # sample intervals; a longer pause parts a log
+_GAP = 10.5  # sample intervals; a longer pause parts a log
 
 
 def find_segments(log: MappedLog, *, fewest_periods: float = FEWEST_PERIODS) -> tuple[Segment, ...]:

@@ -1,7 +1,7 @@
 """Where in a long log something moves in a sine, and at about which frequency.
 
 Every frequency of a fine geometric grid is fitted, with offset and drift, in windows of a few of its
-periods that slide by half a period. The share of the motion that the sine explains tells a sine from
+periods that slide by one period. The share of the motion that the sine explains tells a sine from
 rest, noise and travel. Low frequencies are searched in averaged samples, so that a long log costs few
 passes over the data.
 """
@@ -79,7 +79,7 @@ def _halved(values: Floats) -> Floats:
 def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> Iterator[Candidate]:
     period = 1 / (frequency * width)
     length = round(WINDOW_PERIODS * period)
-    hop = max(1, round(period / 2))
+    hop = max(1, round(period))
     if len(mean) < length:
         return
     share = _shares(mean, power, length, hop, 2 * np.pi / period)

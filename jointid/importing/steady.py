@@ -20,6 +20,8 @@ SETTLED = 0.01
 """Relative distance from the steady phasors below which a run has settled."""
 
 _SEED = 5  # frames
+_MOST_NOISE = 0.4  # relative change that noise may excuse
+_MEDIAN = 0.83  # median size of a complex normal number over its root mean square
 _SCATTERS = 3.5  # times the usual that noise may move a frame's phasors
 
 
@@ -90,14 +92,14 @@ def runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
     fewest : int
         Frames that a run needs.
     """
-    y = _weighted(frames.z)
+    y, noise = _weighted(frames.z)
     apart = int(np.searchsorted(frames.begin, frames.begin[0] + frames.length)) if len(y) else 0
     todo = [(0, len(y))]
     while todo:
         low, high = todo.pop()
         if high - low < max(fewest, _SEED):
             continue
-        first, last = _grown(y[low:high])
+        first, last = _grown(y[low:high], noise)
         if last - first < _SEED:
             continue
         first, last = first + low, last + low
@@ -121,47 +123,86 @@ def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
     first, last : int
         First sample and one past the last.
     """
-    z, count = frames.z, len(frames.z)
-    place = frames.begin / max(int(frames.begin[-1]), 1)
-    inner = (place > 0.3) & (place < 0.95) if count >= 8 else np.ones(count, bool)
-    # A slow change, such as friction that warms up, is no settling: a line is taken out.
-    columns = np.column_stack([np.ones(count), place])
-    model = np.linalg.lstsq(columns[inner].astype(complex), z[inner], rcond=None)[0]
-    away = np.abs(z - columns @ model)
-    size = np.abs(model[0] + 0.5 * model[1])
-    noise = np.median(away[inner], axis=0) / 0.83  # the median of a complex normal number's size
-    wrong = (away > np.maximum(SETTLED * size, _SCATTERS * noise)).any(axis=1)
-    middle = count // 2
-    before, after = np.flatnonzero(wrong[:middle]), np.flatnonzero(wrong[middle:])
-    first = int(before[-1]) + 1 if before.size else 0
-    last = middle + int(after[0]) if after.size else count
-    last -= not is_end and count >= 8
-    first = min(first, count - 1)
+    first, last = _standing(frames, drifts=False)
+    if last - first < len(frames.z) / 2:
+        # A change that goes on for the whole run, such as friction that warms up, is no settling.
+        first, last = _standing(frames, drifts=True)
+    last -= not is_end and len(frames.z) >= 8
+    first = _settled_first(frames.z, first, last)
+    first = min(first, len(frames.z) - 1)
     last = max(last, first + 1)
     return int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
 
 
-def _weighted(z: Complexes) -> Complexes:
-    """Signals to a common size; those that drown in noise count less."""
+def _standing(frames: Frames, *, drifts: bool) -> tuple[int, int]:
+    """Frames about the middle whose phasors stay where those of the second half are, or on their line."""
+    z, count = frames.z, len(frames.z)
+    place = frames.begin / max(int(frames.begin[-1]), 1)
+    inner = (place > (0.3 if drifts else 0.5)) & (place < 0.95) if count >= 8 else np.ones(count, bool)
+    columns = np.column_stack([np.ones(count), place] if drifts else [np.ones(count)])
+    model = columns @ np.linalg.lstsq(columns[inner].astype(complex), z[inner], rcond=None)[0]
+    away = np.abs(z - model)
+    noise = np.median(away[inner], axis=0) / _MEDIAN
+    least = SETTLED * np.abs(model[inner]).mean(axis=0)
+    wrong = (away > np.maximum(least, _SCATTERS * noise)).any(axis=1)
+    middle = 3 * count // 4 if not drifts else count // 2
+    before, after = np.flatnonzero(wrong[:middle]), np.flatnonzero(wrong[middle:])
+    first = int(before[-1]) + 1 if before.size else 0
+    return first, middle + int(after[0]) if after.size else count
+
+
+def _settled_first(z: Complexes, first: int, last: int) -> int:
+    """Leave out frames at the beginning until the first quarter agrees with the second half.
+
+    A slow tail hides in the noise of single frames. What does not end by the middle is no settling.
+    """
+    noise = _noise(z[first:last])
+    for begin in range(first, (first + last) // 2):
+        count = last - begin
+        if count < 8:
+            break
+        early, late = (
+            z[begin : begin + count // 4].mean(axis=0),
+            z[last - count // 2 : last].mean(axis=0),
+        )
+        error = noise * np.sqrt(1 / (count // 4) + 1 / (count // 2))
+        if np.all(np.abs(early - late) <= np.maximum(SETTLED / 2 * np.abs(late), _SCATTERS * error)):
+            return begin
+    return first
+
+
+def _noise(z: Complexes) -> Floats:
+    """Usual size of what is random in each signal's frames, whatever drifts, shape (c,)."""
+    if len(z) < 3:
+        return np.zeros(z.shape[1])
+    bend = np.abs(z[2:] - 2 * z[1:-1] + z[:-2])
+    return np.asarray(np.median(bend, axis=0) / np.sqrt(6) / _MEDIAN)
+
+
+def _weighted(z: Complexes) -> tuple[Complexes, float]:
+    """Signals to a common size, those that drown in noise smaller; and the noise of all together."""
     if len(z) == 0:
-        return z
+        return z, 0.0
     size = np.sqrt(np.mean(np.abs(z) ** 2, axis=0))
     lag = min(4, len(z) - 1)
     change = np.abs(z[lag:] - z[: len(z) - lag]) if lag else np.zeros((1, z.shape[1]))
     noise = np.median(change, axis=0) / np.sqrt(2)
     scale = np.sqrt(size**2 + (5 * noise) ** 2)
-    return np.asarray(z / np.where(scale > 0, scale, 1.0))
+    scale = np.where(scale > 0, scale, 1.0)
+    return np.asarray(z / scale), float(np.linalg.norm(noise / scale))
 
 
-def _grown(y: Complexes) -> tuple[int, int]:
+def _grown(y: Complexes, noise: float) -> tuple[int, int]:
     """Grow from the quietest frames to both sides, as long as the phasors stay where they are."""
     seeds = len(y) - _SEED + 1
     misfit = np.array([_misfit(y[a : a + _SEED]) for a in range(seeds)])
     first = int(np.argmin(misfit))
     last = first + _SEED
-    if misfit[first] > PATTERN:
-        return 0, 0
     centre, turn, origin = _steady(y[first:last], first)
+    size = float(np.linalg.norm(centre))
+    most = max(PATTERN * size, min(3 * noise, _MOST_NOISE * size))
+    if misfit[first] * size > most:
+        return 0, 0
     fitted = last - first
     open_left = open_right = True
     while open_left or open_right:
@@ -169,10 +210,10 @@ def _grown(y: Complexes) -> tuple[int, int]:
             centre, turn, origin = _steady(y[first:last], first)
             fitted = last - first
         if open_right:
-            open_right = last < len(y) and _near(y[last], centre, turn * (last - origin))
+            open_right = last < len(y) and _near(y[last], centre, turn * (last - origin), most)
             last += open_right
         if open_left:
-            open_left = first > 0 and _near(y[first - 1], centre, turn * (first - 1 - origin))
+            open_left = first > 0 and _near(y[first - 1], centre, turn * (first - 1 - origin), most)
             first -= open_left
     return first, last
 
@@ -200,6 +241,5 @@ def _misfit(y: Complexes) -> float:
     return float(np.sqrt(np.mean(np.sum(np.abs(away) ** 2, axis=1)))) / size
 
 
-def _near(y: Complexes, centre: Complexes, angle: float) -> bool:
-    away = float(np.linalg.norm(y * np.exp(-1j * angle) - centre))
-    return away <= PATTERN * float(np.linalg.norm(centre))
+def _near(y: Complexes, centre: Complexes, angle: float, most: float) -> bool:
+    return float(np.linalg.norm(y * np.exp(-1j * angle) - centre)) <= most

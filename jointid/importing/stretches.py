@@ -14,6 +14,8 @@ from jointid.importing.segment import HARMONICS, Segment, lines_worth, measured
 from jointid.importing.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.steady import frames_of, runs, settled_part
 
+_BY_CHANCE = 25.0  # over the number of samples: more of its variance than noise lends to a fit
+
 
 def _repeats(candidate: Candidate, tried: Candidate) -> bool:
     """Whether a candidate is the same stretch at nearly the same frequency as one tried before."""
@@ -53,18 +55,19 @@ class Stretch:
         failed: list[Candidate] = []
         for candidate in candidates:
             begin, end = int(candidate.begin), min(int(candidate.end), self._time.size)
-            free = np.concatenate([[False], ~(taken | done)[begin:end], [False]])
+            free = np.concatenate([[False], ~(taken[begin:end] | done[begin:end]), [False]])
             for first, last in np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2):
                 left = replace(candidate, begin=begin + int(first), end=begin + int(last))
                 if (last - first) * left.frequency < self._fewest or any(
                     _repeats(left, f) for f in failed
                 ):
                     continue
-                before = int(taken.sum())
+                part = slice(int(left.begin), int(left.end))
+                before = int(taken[part].sum())
                 yield left
-                if int(taken.sum()) > before:
+                if int(taken[part].sum()) > before:
                     # Edges of a run that was found look like sines of other frequencies.
-                    done[int(left.begin) : int(left.end)] = True
+                    done[part] = True
                 else:
                     failed.append(left)
 
@@ -118,6 +121,8 @@ class Stretch:
         away = abs(segment.frequency_hz * self._interval / candidate.frequency - 1)
         if segment.share < SHARE or away > 0.15:
             return None
+        if segment.torque_share < _BY_CHANCE / (end - begin):
+            return None  # a joint that moves without torque is a sensor's last digit that flickers
         if segment.share < 0.98:
             lines = find_lines(self._time[part], self._theta[part])
             if len(lines_worth(self._time[part], self._theta[part], lines or [frequency])) > 1:
