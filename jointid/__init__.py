@@ -23,16 +23,16 @@ from jointid.transfer_matrix import (
     estimate_transfer_matrix,
     single_record_response,
 )
-from jointid.verdict import Finding
+from jointid.verdict.findings import Finding
 
 if TYPE_CHECKING:
-    from jointid.arm import PlanarArm
     from jointid.closed_loop import simulate_records
+    from jointid.cut.arm import PlanarArm
+    from jointid.cut.toolpath import rectangle
+    from jointid.cut.tracking import TrackingRun, track
     from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
     from jointid.study_files import load_study
     from jointid.study_saving import save_study
-    from jointid.toolpath import rectangle
-    from jointid.tracking import TrackingRun, track
 
 __all__ = [
     "Analysis",
@@ -76,13 +76,13 @@ _HOMES = {
     "Excitation": "experiment",
     "Measurement": "experiment",
     "MotorFriction": "experiment",
-    "PlanarArm": "arm",
-    "TrackingRun": "tracking",
+    "PlanarArm": "cut.arm",
+    "TrackingRun": "cut.tracking",
     "load_study": "study_files",
-    "rectangle": "toolpath",
+    "rectangle": "cut.toolpath",
     "save_study": "study_saving",
     "simulate_records": "closed_loop",
-    "track": "tracking",
+    "track": "cut.tracking",
 }
 
 

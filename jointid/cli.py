@@ -237,7 +237,7 @@ def cut(
 ) -> None:
     """Cut the paper's rectangle before and after the identification, simulated."""
     from jointid.cli_results import cut_results, demonstration_robot, write_file
-    from jointid.outcome import cut_robot, millimetres
+    from jointid.cut.outcome import cut_robot, millimetres
 
     zones = _numbers(zones_mm)
     if drive not in ("", "parallelogram", "serial"):
@@ -254,9 +254,9 @@ def cut(
         document, outcomes = cut_results(robot, choice, zones, progress)
     document["assumption"] = choice
     if svg is not None:
-        from jointid.drawing import to_svg
-        from jointid.report_curves import IDENTIFIED, NOMINAL
-        from jointid.report_figures import cut_figure
+        from jointid.reporting.curves import IDENTIFIED, NOMINAL
+        from jointid.reporting.drawing import to_svg
+        from jointid.reporting.figures import cut_figure
 
         labels = [f"corner zone {zone:g} mm" for zone in zones]
         rows = [
@@ -298,7 +298,7 @@ def report(
         if file.suffix.lower() not in (".html", ".htm", ".pdf"):
             raise typer.BadParameter(f"--output {file}: expected a name that ends in .html or .pdf.")
     analysis = _analysed(study, method, quiet=as_json)
-    from jointid.report import make_report, to_html, to_pdf
+    from jointid.reporting.report import make_report, to_html, to_pdf
 
     with _status("Writing the report", quiet=as_json):
         made = make_report(analysis, cut=with_cut)

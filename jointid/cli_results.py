@@ -42,8 +42,8 @@ def identify_document(analysis: Analysis) -> dict[str, Any]:
 
 def demonstration_robot(drive: str | None) -> Any:
     """The paper's K and D on the example arm, as if known within 1 % and 5 %."""
-    from jointid.arm import PlanarArm
-    from jointid.outcome import PAPER, CutRobot
+    from jointid.cut.arm import PlanarArm
+    from jointid.cut.outcome import PAPER, CutRobot
 
     value = np.concatenate([PAPER.K, PAPER.D])
     covariance = np.diag((np.array(DEMONSTRATED_ERRORS) * value) ** 2)
@@ -63,8 +63,8 @@ def cut_results(
     outcomes : list of Outcome
         One per zone.
     """
-    from jointid.outcome import CUTTING_POINT_M, assumed_elasticity, cut_outcome
-    from jointid.toolpath import rectangle
+    from jointid.cut.outcome import CUTTING_POINT_M, assumed_elasticity, cut_outcome
+    from jointid.cut.toolpath import rectangle
 
     assumed = assumed_elasticity(robot, assumption)  # type: ignore[arg-type]  # checked there
     rows, outcomes = [], []
@@ -105,7 +105,7 @@ def plan_document(
 ) -> dict[str, Any]:
     """Records to make next, and how well K and D would be known after each."""
     from jointid.phasors import extract_phasors
-    from jointid.plan import suggest_records
+    from jointid.planning.plan import suggest_records
 
     phasors = extract_phasors(study.records)
     fit = identify_elasticity(phasors, study.inertias, method=method)

@@ -14,7 +14,7 @@ from jointid.joints import Elasticity, Inertia
 from jointid.phasors import Phasors, extract_phasors
 from jointid.records import SineRecord
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
-from jointid.verdict import Evidence, Finding, findings
+from jointid.verdict.findings import Evidence, Finding, findings
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,13 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.cut.outcome import cut_robot
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
     path_error_over_time,
     torque_over_time,
 )
-from jointid.outcome import cut_robot
 from jointid.ui import cut_cached
 from jointid.ui.arm_animation import show_animation
 from jointid.ui.charts import plot, side_by_side

@@ -50,8 +50,8 @@ def paper() -> Study:
     return Study(
         name="Waterjet cell, axes 1 and 2",
         origin="simulated",
-        description="The paper's case: K = 43.0 and 7.5 N·m/rad, D = 0.10 and 0.015 N·m·s/rad, with light "
-        "friction, an encoder of 65,536 counts and torque noise. The inertias are our own choice.",
+        description="The paper's case: K = 43.0 and 7.5 N·m/rad, D = 0.10 and 0.015 N·m·s/rad, with "
+        "light friction, an encoder of 65,536 counts and torque noise. The inertias are our own choice.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
@@ -74,8 +74,8 @@ def heavy_friction() -> Study:
     return Study(
         name="Worn cell: heavy friction, torque lag not stated",
         origin="simulated",
-        description="The same robot with 0.4 and 0.08 N·m of Coulomb friction, and a torque that lags by "
-        "1.5 ms plus half a sample of hold without the log saying so.",
+        description="The same robot with 0.4 and 0.08 N·m of Coulomb friction, and a torque that lags "
+        "by 1.5 ms plus half a sample of hold without the log saying so.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),

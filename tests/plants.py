@@ -181,9 +181,7 @@ def estimated(rng: np.random.Generator, covariance: np.ndarray, freedom: int) ->
     return np.einsum("sra,srb->rab", draws, draws.conj()) / freedom
 
 
-def noisy(
-    phasors: Phasors, covariance: np.ndarray, error: np.ndarray, freedom: float = 1e9
-) -> Phasors:
+def noisy(phasors: Phasors, covariance: np.ndarray, error: np.ndarray, freedom: float = 1e9) -> Phasors:
     """The same phasors with an error (r, 2n) added, and a covariance stated."""
     n, f = phasors.n, phasors.omega / (2 * np.pi)
     return exact_phasors(f, phasors.q + error[:, :n], phasors.tau + error[:, n:], covariance, freedom)

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from jointid.arm import PlanarArm
-from jointid.arm_simulation import ArmSimulation
+from jointid.cut.arm import PlanarArm
+from jointid.cut.arm_simulation import ArmSimulation
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, locked_resonances, resonances
 

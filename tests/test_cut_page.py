@@ -13,6 +13,8 @@ from plants import PAPER
 from streamlit.testing.v1 import AppTest
 
 from jointid import Elasticity, PlanarArm, rectangle
+from jointid.cut.outcome import CutRobot, Outcome, assumed_elasticity, cut_outcome
+from jointid.cut.tolerance import ToleranceMap
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
@@ -22,8 +24,6 @@ from jointid.figures.cut import (
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
-from jointid.outcome import CutRobot, Outcome, assumed_elasticity, cut_outcome
-from jointid.tolerance import ToleranceMap
 from jointid.ui import workspace
 from jointid.ui.arm_animation import animation_data, tracks
 

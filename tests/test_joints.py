@@ -45,9 +45,7 @@ def relative(H: np.ndarray, inertia: Inertia) -> np.ndarray:
 def test_response_equals_that_of_the_state_space(n: int) -> None:
     inertia, elasticity = ROBOTS[n]
     A, B = state_space(inertia, elasticity)
-    expected = [
-        1j * w * np.linalg.solve(1j * w * np.eye(4 * n) - A, B)[2 * n : 3 * n] for w in OMEGA
-    ]
+    expected = [1j * w * np.linalg.solve(1j * w * np.eye(4 * n) - A, B)[2 * n : 3 * n] for w in OMEGA]
     assert np.allclose(motor_response(OMEGA, inertia, elasticity), expected, rtol=1e-9)
 
 

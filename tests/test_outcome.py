@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.outcome import (
+from jointid.cut.outcome import (
     CUTTING_POINT_M,
     EVERYDAY_SERVO,
     CutRobot,
@@ -22,7 +22,7 @@ from jointid.outcome import (
     millimetres,
     study_outcome,
 )
-from jointid.servo import Servo
+from jointid.cut.servo import Servo
 
 PATH = rectangle(zone_m=0.010)
 IDEAL = Servo()

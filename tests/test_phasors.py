@@ -107,9 +107,7 @@ def test_each_harmonic_is_delayed_at_its_own_frequency() -> None:
     told = SineRecord(5.0, time, wave, wave, torque_delay_s=0.004)
     phasors = extract_phasors([told], harmonics=3)
     assert phasors.harmonics[0, 2, 0] == pytest.approx(0.2, rel=1e-9)
-    assert phasors.harmonics[0, 2, 1] == pytest.approx(
-        0.2 * np.exp(-2j * np.pi * 15 * 0.004), rel=1e-9
-    )
+    assert phasors.harmonics[0, 2, 1] == pytest.approx(0.2 * np.exp(-2j * np.pi * 15 * 0.004), rel=1e-9)
 
 
 def test_noise_of_a_delayed_torque_turns_with_it() -> None:
@@ -190,9 +188,7 @@ def test_decaying_transient_is_seen_and_noise_is_not(periods: float) -> None:
     transient = 0.3 * np.exp(-time * 8 / time[-1])[:, None] * np.sin(2 * np.pi * 5.2 * time)[:, None]
     rng = np.random.default_rng(4)
     noise = 0.01 * rng.standard_normal((2, time.size, 1))
-    shaking = SineRecord(
-        5.0, time, clean.theta_rad + transient + noise[0], clean.tau_Nm + noise[1]
-    )
+    shaking = SineRecord(5.0, time, clean.theta_rad + transient + noise[0], clean.tau_Nm + noise[1])
     phasors = extract_phasors([shaking])
     assert phasors.settling[0, 0] > 0.03
     assert phasors.settling[0, 0] > 5 * phasors.settling_noise[0, 0]

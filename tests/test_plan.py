@@ -19,7 +19,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
-from jointid.plan import (
+from jointid.planning.plan import (
     PlannedRecords,
     planned_records,
     predict_standard_errors,

@@ -29,12 +29,12 @@ from jointid import (
     save_study,
     simulate_records,
 )
+from jointid.cut.outcome import millimetres, study_outcome
 from jointid.digest import study_digest
-from jointid.drawing import Drawing, Line, Marks, Text, to_svg
-from jointid.outcome import millimetres, study_outcome
-from jointid.report import make_report, to_html, to_pdf
-from jointid.report_blocks import Figure, Paragraph, Report, Section, Table
-from jointid.report_figures import cut_figure, element_figure, single_record_figure
+from jointid.reporting.blocks import Figure, Paragraph, Report, Section, Table
+from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
+from jointid.reporting.figures import cut_figure, element_figure, single_record_figure
+from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.rounding import with_error
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -149,7 +149,7 @@ def test_another_process_gives_the_same_bytes(studies: dict[int, Study], tmp_pat
     save_study(studies[1], tmp_path / "study.zip")
     program = (
         "import sys; from jointid import load_study, analyse\n"
-        "from jointid.report import make_report, to_html, to_pdf\n"
+        "from jointid.reporting.report import make_report, to_html, to_pdf\n"
         "r = make_report(analyse(load_study(sys.argv[1])))\n"
         "sys.stdout.buffer.write(to_pdf(r) + to_html(r).encode())"
     )

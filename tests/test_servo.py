@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointid.arm import PlanarArm
+from jointid.cut.arm import PlanarArm
+from jointid.cut.feedforward import deflection, joint_motion, plan_servo
+from jointid.cut.servo import Servo, run_servo
+from jointid.cut.toolpath import rectangle
+from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
-from jointid.feedforward import deflection, joint_motion, plan_servo
 from jointid.joints import Elasticity
-from jointid.servo import Servo, run_servo
-from jointid.toolpath import rectangle
-from jointid.tracking import TrackingRun, track
 
 DRIVES = ("parallelogram", "serial")
 ELASTICITY = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])

@@ -54,9 +54,7 @@ def test_analysis_is_its_steps() -> None:
     expected = identify_elasticity(phasors, SERIAL, method="weighted")
     assert np.array_equal(analysis.fit.K, expected.K)
     assert np.array_equal(analysis.fit.covariance, expected.covariance)
-    assert np.array_equal(
-        analysis.transfer_matrices[""].H, estimate_transfer_matrix(phasors).H
-    )
+    assert np.array_equal(analysis.transfer_matrices[""].H, estimate_transfer_matrix(phasors).H)
     assert analysis.transfer_problem == ""
     for method in METHODS:
         assert analysis.fits[method].method == method

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointid.arm import PlanarArm
+from jointid.cut.arm import PlanarArm
+from jointid.cut.servo import Servo
+from jointid.cut.tolerance import path_error_distribution, tolerance_map
+from jointid.cut.toolpath import rectangle
+from jointid.cut.tracking import track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.servo import Servo
-from jointid.tolerance import path_error_distribution, tolerance_map
-from jointid.toolpath import rectangle
-from jointid.tracking import track
 
 DRIVES = ("parallelogram", "serial")
 TRUE = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])

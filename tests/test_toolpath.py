@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jointid.cut.toolpath import Toolpath, rectangle
 from jointid.errors import JointIdError
-from jointid.toolpath import Toolpath, rectangle
 
 ZONES = (0.0, 0.001, 0.005, 0.010, 0.014)
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointid.arm import PlanarArm
+from jointid.cut.arm import PlanarArm
+from jointid.cut.servo import Servo
+from jointid.cut.toolpath import Toolpath, rectangle
+from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.servo import Servo
-from jointid.toolpath import Toolpath, rectangle
-from jointid.tracking import TrackingRun, track
 
 DRIVES = ("parallelogram", "serial")
 ZONES = (0.001, 0.005, 0.010)

@@ -83,9 +83,7 @@ def test_covariance_is_the_scatter_of_the_elements(n: int, count: int) -> None:
     base = plant_phasors(inertia, elasticity, *campaign([11.3], n, count))
     scale = 3e-4 * np.abs(base.z).max(axis=0)
     noise = np.array([random_covariance(rng, scale * (1 + r)) for r in range(count)])
-    found = [
-        estimate_transfer_matrix(noisy(base, noise, error)) for error in circular(rng, noise, 800)
-    ]
+    found = [estimate_transfer_matrix(noisy(base, noise, error)) for error in circular(rng, noise, 800)]
     true = motor_response(base.omega[:1], inertia, elasticity)[0]
     error = np.array([matrix.H[0] - true for matrix in found]).reshape(800, -1)
     stated = np.mean([matrix.covariance[0] for matrix in found], axis=0)

@@ -31,8 +31,8 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
-from jointid.resampling import bootstrap, jackknife
-from jointid.uncertainty import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.resampling import bootstrap, jackknife
+from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 

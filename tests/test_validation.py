@@ -33,15 +33,15 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
-from jointid.inertia_check import check_inertia
-from jointid.poses import fits_by_pose
-from jointid.validation import (
+from jointid.uncertainty.poses import fits_by_pose
+from jointid.uncertainty.validation import (
     amplitude_dependence,
     freed_phasors,
     harmonic_content,
     predict_left_out,
     record_residuals,
 )
+from jointid.verdict.inertia_check import check_inertia
 
 FREQUENCIES = np.geomspace(3, 30, 8)
 

@@ -25,9 +25,9 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
-from jointid.plausibility import scale_findings
-from jointid.rules_causes import against_the_paper
-from jointid.verdict import Evidence, findings
+from jointid.verdict.findings import Evidence, findings
+from jointid.verdict.plausibility import scale_findings
+from jointid.verdict.rules_causes import against_the_paper
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -85,9 +85,7 @@ def test_every_finding_has_a_figure_and_a_remedy() -> None:
 @pytest.mark.parametrize(("factor", "level"), [(1.005, "warning"), (2.0, "problem"), (0.5, "problem")])
 def test_wrong_frequency_is_found_and_the_record_named(factor: float, level: str) -> None:
     records = sound()
-    records[4] = remade(
-        records[4], frequency_hz=records[4].frequency_hz * factor, label="five.csv"
-    )
+    records[4] = remade(records[4], frequency_hz=records[4].frequency_hz * factor, label="five.csv")
     found = [f for f in analysed(records, method="weighted").findings if "frequency" in f.title]
     assert len(found) == 1
     assert found[0].level == level
@@ -366,9 +364,7 @@ def test_gear_that_hardens_is_a_finding(harder: float) -> None:
     assert len(found) == (harder > 0)
 
 
-@pytest.mark.parametrize(
-    ("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), (BAND_HZ[4:], [0.03, 0.006])]
-)
+@pytest.mark.parametrize(("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), (BAND_HZ[4:], [0.03, 0.006])])
 def test_friction_that_is_ignored_does_not_pass_for_other_causes(
     band: np.ndarray, coulomb: list[float]
 ) -> None:
@@ -382,9 +378,7 @@ def test_friction_that_is_ignored_does_not_pass_for_other_causes(
             band,
             friction=MotorFriction(coulomb=coulomb),
             controller=Controller(sample_rate_hz=2000),
-            excitation=Excitation(
-                duration_s=1.5, velocity_rad_s=speed, acceleration_rad_s2=1e4
-            ),
+            excitation=Excitation(duration_s=1.5, velocity_rad_s=speed, acceleration_rad_s2=1e4),
             measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
         )
     ]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.cut.outcome import Outcome
+from jointid.cut.tolerance import PathErrorDistribution
+from jointid.cut.tracking import TrackingRun
 from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis
-from jointid.outcome import Outcome
-from jointid.tolerance import PathErrorDistribution
-from jointid.tracking import TrackingRun
 
 _STRIDE = 4
 """Every millisecond is enough to look at."""

@@ -6,9 +6,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
+from jointid.cut.tolerance import ToleranceMap
 from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis, points
 from jointid.joints import Elasticity
-from jointid.tolerance import ToleranceMap
 
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import streamlit as st
 
-from jointid.arm import PlanarArm
 from jointid.arrays import Floats
+from jointid.cut.arm import PlanarArm
+from jointid.cut.outcome import Outcome, millimetres
+from jointid.cut.tracking import TrackingRun
 from jointid.figures.style import colours
-from jointid.outcome import Outcome, millimetres
-from jointid.tracking import TrackingRun
 
 _HERE = Path(__file__).parent
 _FRAME_S = 1e-3

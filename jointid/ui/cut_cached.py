@@ -5,15 +5,15 @@ from __future__ import annotations
 import streamlit as st
 
 from jointid import Analysis
-from jointid.outcome import (
+from jointid.cut.outcome import (
     Outcome,
     assumed_elasticity,
     cut_outcome,
     cut_robot,
     study_outcome,
 )
-from jointid.tolerance import ToleranceMap
-from jointid.tracking import TrackingRun, track
+from jointid.cut.tolerance import ToleranceMap
+from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut_settings import CutSettings
 
 MapKey = tuple[str, str, CutSettings, bool]

@@ -11,12 +11,12 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.arrays import Floats
+from jointid.cut.outcome import CutRobot, Outcome, Rule, millimetres
+from jointid.cut.tolerance import tolerance_map
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import colours
-from jointid.outcome import CutRobot, Outcome, Rule, millimetres
 from jointid.rounding import significant
-from jointid.tolerance import tolerance_map
 from jointid.ui import cut_cached
 from jointid.ui.charts import plot
 from jointid.ui.cut_pictures import key_line, picture

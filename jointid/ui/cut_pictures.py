@@ -9,9 +9,9 @@ from html import escape
 import streamlit as st
 
 from jointid import JointIdError, TrackingRun
+from jointid.cut.outcome import Outcome, millimetres
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
-from jointid.outcome import Outcome, millimetres
 from jointid.ui import cut_cached
 from jointid.ui.cut_settings import CutSettings
 from jointid.ui.page import Page

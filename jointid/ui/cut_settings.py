@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import streamlit as st
 
 from jointid import Elasticity
-from jointid.arm import Drive
-from jointid.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
-from jointid.servo import Servo
-from jointid.toolpath import Toolpath, rectangle
+from jointid.cut.arm import Drive
+from jointid.cut.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
+from jointid.cut.servo import Servo
+from jointid.cut.toolpath import Toolpath, rectangle
 from jointid.ui.numbers_in import numbers_in
 
 NOMINAL: dict[str, Assumption] = {

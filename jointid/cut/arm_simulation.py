@@ -1,0 +1,259 @@
+"""The planar elastic arm as pymunk bodies: the only file that knows pymunk.
+
+Chipmunk steps the positions first, x += v dt, and then the velocities, v += a dt: a velocity lives half
+a step before the position it is stored with, which makes the scheme leapfrog. Second order needs every
+torque to be that of the instant in the middle of the velocity's step. So before each step the angles
+are predicted, φ⁺ = φ + v dt (exactly what the step will make of them), the rates extrapolated to the
+same instant, v⁺ = 1.5 v − 0.5 v_before, and the spring torques K Δφ⁺ + D Δv⁺ are applied.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pymunk
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, finite_array
+from jointid.cut.arm import PlanarArm
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity
+
+LONGEST_STEP_S = 1e-3
+"""Steps above 1 ms are refused: the error grows with the square of the step, then the arm diverges."""
+
+
+class ArmSimulation:
+    """Two links on pivots and two rotors on springs, stepped by pymunk.
+
+    Parameters
+    ----------
+    arm : PlanarArm
+    elasticity : Elasticity
+        The true K and D, motor side, two joints.
+    dt : float
+        Step, s; at most 1 ms.
+    joint_angle_rad : array_like, shape (2,)
+        Joint angles at time 0, rad.
+    motor_angle_rad : array_like, shape (2,), optional
+        Motor angles at time 0, reflected to the arm side, rad. Left out: springs relaxed.
+    joint_rate_rad_s, motor_rate_rad_s : array_like, shape (2,)
+        Rates at time 0, arm side, rad/s.
+    coulomb_Nm, viscous_Nms : array_like, shape (2,)
+        Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction really sticks: it is
+        a pymunk motor of rate zero with a limited torque.
+
+    Attributes
+    ----------
+    link1, link2, motor1, motor2 : float
+        Absolute link angles and reflected motor angles at the present instant, rad.
+    motor1_rate, motor2_rate : float
+        Reflected motor rates at the present instant, rad/s.
+    log : list of tuple
+        (link1, link2, motor1, motor2) at each instant that a step began from.
+
+    Raises
+    ------
+    JointIdError
+        When the step is above 1 ms or too long for the highest resonance, or a value does not fit.
+    """
+
+    def __init__(
+        self,
+        arm: PlanarArm,
+        elasticity: Elasticity,
+        dt: float,
+        joint_angle_rad: ArrayLike,
+        motor_angle_rad: ArrayLike | None = None,
+        joint_rate_rad_s: ArrayLike = (0.0, 0.0),
+        motor_rate_rad_s: ArrayLike = (0.0, 0.0),
+        coulomb_Nm: ArrayLike = (0.0, 0.0),
+        viscous_Nms: ArrayLike = (0.0, 0.0),
+    ) -> None:
+        q = finite_array("joint_angle_rad", joint_angle_rad, ndim=1)
+        theta = (
+            q if motor_angle_rad is None else finite_array("motor_angle_rad", motor_angle_rad, ndim=1)
+        )
+        q_rate = finite_array("joint_rate_rad_s", joint_rate_rad_s, ndim=1)
+        theta_rate = finite_array("motor_rate_rad_s", motor_rate_rad_s, ndim=1)
+        require_step(dt)
+        if elasticity.n != 2:
+            raise JointIdError(f"The elasticity has {elasticity.n} joint(s); the planar arm has 2.")
+        require_resolved(arm, elasticity.K, elasticity.D, dt, q)
+        n2 = arm.gear_ratio**2
+        self._dt = float(dt)
+        self._serial = arm.drive == "serial"
+        self._K1, self._K2 = (n2 * elasticity.K).tolist()
+        self._D1, self._D2 = (n2 * elasticity.D).tolist()
+        self._F1, self._F2 = (n2 * finite_array("viscous_Nms", viscous_Nms, ndim=1)).tolist()
+        coulomb = np.abs(arm.gear_ratio) * finite_array("coulomb_Nm", coulomb_Nm, ndim=1)
+
+        spring = n2 * (elasticity.K * (theta - q) + elasticity.D * (theta_rate - q_rate))
+        q_acceleration = arm.joint_acceleration(q, q_rate, spring)
+        rotor = arm.rotor_inertia_arm_kgm2
+        theta_acceleration = -(spring + n2 * np.asarray(viscous_Nms) * theta_rate) / rotor
+        angle = np.concatenate([arm.link_angles(q), theta])
+        rate = np.concatenate([arm.link_angles(q_rate), theta_rate])
+        acceleration = np.concatenate([arm.link_angles(q_acceleration), theta_acceleration])
+        # Leapfrog begins half a step before time 0.
+        before = rate - 0.5 * self._dt * acceleration
+        start = angle - self._dt * before
+
+        self._space = pymunk.Space()
+        self._space.iterations = _ITERATIONS
+        self._links, self._pivots = _build_links(self._space, arm, start[:2], before[:2], self._dt)
+        self._rotors = _build_rotors(self._space, rotor, coulomb, start[2:], before[2:])
+        self.link1, self.link2, self.motor1, self.motor2 = angle.tolist()
+        self.motor1_rate, self.motor2_rate = theta_rate.tolist()
+        self._link1_rate, self._link2_rate = rate[:2].tolist()
+        self._before: tuple[float, float, float, float] = tuple(before.tolist())
+        self.log: list[tuple[float, float, float, float]] = []
+
+    def step(self, torque1: float, torque2: float) -> None:
+        """Advance by one step under motor torques reflected to the arm side, N·m.
+
+        The torque acts from half a step before to half a step after the present instant: where a
+        held torque changes at this instant, give the mean of old and new.
+        """
+        motor1, motor2 = self.motor1, self.motor2
+        self.log.append((self.link1, self.link2, motor1, motor2))
+        link1, link2 = self._links
+        rotor1, rotor2 = self._rotors
+        rate1, rate2 = self._link1_rate, self._link2_rate
+        motor1_rate, motor2_rate = self.motor1_rate, self.motor2_rate
+        s1 = self._K1 * (motor1 - self.link1) + self._D1 * (motor1_rate - rate1)
+        if self._serial:
+            bend, bend_rate = self.link2 - self.link1, rate2 - rate1
+            s2 = self._K2 * (motor2 - bend) + self._D2 * (motor2_rate - bend_rate)
+            link1.torque = s1 - s2
+        else:
+            s2 = self._K2 * (motor2 - self.link2) + self._D2 * (motor2_rate - rate2)
+            link1.torque = s1
+        link2.torque = s2
+        rotor1.torque = torque1 - s1 - self._F1 * motor1_rate
+        rotor2.torque = torque2 - s2 - self._F2 * motor2_rate
+        dt = self._dt
+        self._space.step(dt)
+        v1, v2 = link1.angular_velocity, link2.angular_velocity
+        v3, v4 = rotor1.angular_velocity, rotor2.angular_velocity
+        u1, u2, u3, u4 = self._before
+        self.link1, self.link2 = link1.angle + v1 * dt, link2.angle + v2 * dt
+        self.motor1, self.motor2 = rotor1.angle + v3 * dt, rotor2.angle + v4 * dt
+        self._link1_rate, self._link2_rate = 1.5 * v1 - 0.5 * u1, 1.5 * v2 - 0.5 * u2
+        self.motor1_rate, self.motor2_rate = 1.5 * v3 - 0.5 * u3, 1.5 * v4 - 0.5 * u4
+        self._before = (v1, v2, v3, v4)
+
+    @property
+    def angles(self) -> tuple[float, float, float, float]:
+        """Absolute link angles and reflected motor angles at the present instant, rad."""
+        return self.link1, self.link2, self.motor1, self.motor2
+
+    @property
+    def link_rates(self) -> tuple[float, float]:
+        """Absolute link rates at the present instant, rad/s."""
+        return self._link1_rate, self._link2_rate
+
+    @property
+    def pivot_gaps_m(self) -> tuple[float, float]:
+        """How far base and elbow pivot have come apart in pymunk, m; a check on its solver."""
+        gaps = []
+        for joint in self._pivots:
+            apart = joint.a.local_to_world(joint.anchor_a) - joint.b.local_to_world(joint.anchor_b)
+            gaps.append(float(abs(apart)))
+        return gaps[0], gaps[1]
+
+
+_ITERATIONS = 30
+"""Chipmunk solves the two pivots in turns; warm-started, this many turns leave rounding only."""
+
+
+def require_step(dt: float) -> None:
+    """Refuse a step above 1 ms.
+
+    Raises
+    ------
+    JointIdError
+        Also when the step is not a positive number.
+    """
+    if not (np.isfinite(dt) and 0 < dt <= LONGEST_STEP_S):
+        raise JointIdError(
+            f"dt = {dt:g} s: the step must be positive and at most {LONGEST_STEP_S:g} s (1 ms); "
+            "longer ones lose accuracy, then stability. The default, 0.00025 s, is exact to 1 µm."
+        )
+
+
+def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angle_rad: Floats) -> None:
+    """Refuse a step that is too long for the springs; K and D (2,), motor side.
+
+    The explicit scheme is stable up to ω dt = 2; a quarter of that keeps it accurate.
+
+    Raises
+    ------
+    JointIdError
+        Naming the longest step that will do.
+    """
+    inertia = arm.inertia(joint_angle_rad)
+    mobility = np.linalg.inv(inertia.M2) + np.diag(1 / inertia.M)
+    frequency = np.sqrt(np.linalg.eigvals(mobility * K).real.max())
+    decay = np.linalg.eigvals(mobility * D).real.max()
+    fastest = float(max(frequency, decay))
+    if dt * fastest > 0.5:
+        raise JointIdError(
+            f"A step of {dt:g} s is too long for this arm, whose springs answer at {fastest:.4g} rad/s. "
+            f"Use a dt of at most {0.5 / fastest:.2g} s, or check K (N·m/rad) and D (N·m·s/rad)."
+        )
+
+
+def _build_links(
+    space: pymunk.Space, arm: PlanarArm, angle: Floats, rate: Floats, dt: float
+) -> tuple[tuple[pymunk.Body, pymunk.Body], tuple[pymunk.PivotJoint, pymunk.PivotJoint]]:
+    """Links on their pivots, one step before time 0."""
+    l1 = float(arm.length_m[0])
+    r1, r2 = arm.centre_m.tolist()
+    link1, link2 = (
+        pymunk.Body(m, i) for m, i in zip(arm.mass_kg.tolist(), arm.inertia_kgm2.tolist(), strict=True)
+    )
+    # A turning body's straight step opens its pivot a little, and the next step closes it. The bodies
+    # start with that gap and with the velocity of its closing: the solver would otherwise make up for
+    # the missing step with a jolt, which costs the second order.
+    earlier = angle - dt * rate
+    place, tangent = _centres(arm, earlier, rate)
+    _, chord = _centres(arm, angle + 0.5 * dt * rate, rate)
+    for j, body in enumerate((link1, link2)):
+        body.angle, body.angular_velocity = float(angle[j]), float(rate[j])
+        x, y = (place[j] + dt * tangent[j]).tolist()
+        body.position = x, y
+        vx, vy = chord[j].tolist()
+        body.velocity = vx, vy
+    base = pymunk.PivotJoint(space.static_body, link1, (0.0, 0.0), (-r1, 0.0))
+    elbow = pymunk.PivotJoint(link1, link2, (l1 - r1, 0.0), (-r2, 0.0))
+    # No bias left over: each step closes the gap that the straight step of a turning body opens.
+    base.error_bias = elbow.error_bias = 0.0
+    space.add(link1, link2, base, elbow)
+    return (link1, link2), (base, elbow)
+
+
+def _centres(arm: PlanarArm, angle: Floats, rate: Floats) -> tuple[Floats, Floats]:
+    """Positions and velocities of the centres of mass, each (2, 2), at absolute link angles."""
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1) * rate[:, None]
+    reach = np.array([[arm.centre_m[0], 0.0], [arm.length_m[0], arm.centre_m[1]]])
+    return np.asarray(reach @ along), np.asarray(reach @ across)
+
+
+def _build_rotors(
+    space: pymunk.Space, inertia: Floats, coulomb: Floats, angle: Floats, rate: Floats
+) -> tuple[pymunk.Body, pymunk.Body]:
+    """Rotors as free bodies; Coulomb friction is a brake of limited torque."""
+    rotors = []
+    for value, friction, a, w in zip(
+        inertia.tolist(), coulomb.tolist(), angle.tolist(), rate.tolist(), strict=True
+    ):
+        rotor = pymunk.Body(1.0, value)
+        rotor.angle, rotor.angular_velocity = a, w
+        space.add(rotor)
+        if friction > 0:
+            brake = pymunk.SimpleMotor(space.static_body, rotor, 0.0)
+            brake.max_force = friction
+            space.add(brake)
+        rotors.append(rotor)
+    return rotors[0], rotors[1]

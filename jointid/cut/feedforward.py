@@ -1,0 +1,199 @@
+"""Feedforward of an elastic arm by flatness: what the motors must do so that the tool follows the path.
+
+The wanted joint motion q(t) determines everything else (the elastic arm is flat; De Luca and Book,
+Robots with Flexible Elements, Springer Handbook of Robotics). The springs must deliver
+u = M(q) q̈ + c(q, q̇), so they deflect by x with D̂ ẋ + K̂ x = u, the motors must be at q + x, and that
+needs the torque B (q̈ + ẍ) + u with B = N² J_m. K̂ and D̂ are what the controller assumes; a rigid
+controller has x = 0. Arm side inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from jointid.arrays import Floats
+from jointid.cut.arm import Elbow, PlanarArm
+from jointid.cut.servo import Servo, ServoPlan, friction_values
+from jointid.cut.toolpath import Toolpath
+
+_FILTER_STEP_S = 1.25e-4
+"""Step in which the spring deflection is integrated; its error stays below 0.1 µm at the tool."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointMotion:
+    """Joint motion q(t) along a path and the spring torque u(t) that it takes, arm side."""
+
+    q: Floats
+    """Joint angles and their derivatives 1 and 2, shape (3, k, 2)."""
+    u: Floats
+    """Spring torques and their derivatives 1 and 2, shape (3, k, 2)."""
+
+
+def joint_motion(arm: PlanarArm, path: Floats, elbow: Elbow = "positive") -> JointMotion:
+    """Joint motion and spring torque along a tool path, all derivatives analytic.
+
+    With E_j = e^{iφ_j} the tool is at l1 E1 + l2 E2 in the complex plane. Each derivative of order k is
+    linear in φ^(k), the rest is known from lower orders. The spring torques on the absolute angles are
+    U1 = a φ̈1 + c Im(Ē1 Ë2), U2 = b φ̈2 + c Im(Ē2 Ë1), whose derivatives follow by the product rule.
+
+    Parameters
+    ----------
+    path : ndarray, shape (5, k, 2)
+        Tool position, velocity, acceleration, jerk and snap.
+
+    Raises
+    ------
+    JointIdError
+        When a point is out of reach or singular.
+    """
+    l1, l2 = arm.length_m
+    phi = np.empty((5, path.shape[1], 2))
+    phi[0] = np.unwrap(arm.link_angles(arm.inverse(path[0], elbow)), axis=0)
+    E1, E2 = (np.empty((5, path.shape[1]), complex) for _ in range(2))
+    E1[0], E2[0] = np.exp(1j * phi[0]).T
+    sine = np.imag(E1[0].conj() * E2[0])
+    for k in range(1, 5):
+        # E^(k) = i φ^(k) E + rest, by Leibniz' rule on Ė = i φ̇ E.
+        rest1, rest2 = (
+            sum((_BINOMIAL[k - 1][m] * 1j * phi[k - m, :, j] * E[m] for m in range(1, k)), np.zeros(1))
+            for j, E in enumerate((E1, E2))
+        )
+        known = path[k, :, 0] + 1j * path[k, :, 1] - l1 * rest1 - l2 * rest2
+        phi[k, :, 0] = np.real(known * E2[0].conj()) / (l1 * sine)
+        phi[k, :, 1] = -np.real(known * E1[0].conj()) / (l2 * sine)
+        E1[k] = 1j * phi[k, :, 0] * E1[0] + rest1
+        E2[k] = 1j * phi[k, :, 1] * E2[0] + rest2
+    a, b, c = arm.moments
+    U = np.empty((3, path.shape[1], 2))
+    for k in range(3):
+        coupling1 = sum(_BINOMIAL[k][m] * np.imag(E1[m].conj() * E2[2 + k - m]) for m in range(k + 1))
+        coupling2 = sum(_BINOMIAL[k][m] * np.imag(E2[m].conj() * E1[2 + k - m]) for m in range(k + 1))
+        U[k, :, 0] = a * phi[2 + k, :, 0] + c * coupling1
+        U[k, :, 1] = b * phi[2 + k, :, 1] + c * coupling2
+    # Virtual work: u = Lᵀ U.
+    return JointMotion(q=arm.joint_angles(phi[:3]), u=U @ arm.links_from_joints)
+
+
+_BINOMIAL = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))
+
+
+def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
+    """Solution x of D ẋ + K x = u from rest, for u and any of its derivatives given by samples.
+
+    Exact for a torque that runs straight from sample to sample; D = 0 is x = u / K.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (..., k)
+        Samples of u, the first one zero.
+    K, D : float
+        Stiffness and damping, D ≥ 0.
+    step_s : float
+        Interval of the samples, s.
+    """
+    if D == 0:
+        return np.asarray(torque / K)
+    r = K * step_s / D
+    decay, mean = np.exp(-r), -np.expm1(-r) / r
+    return np.asarray(lfilter([(1 - mean) / K, (mean - decay) / K], [1.0, -decay], torque, axis=-1))
+
+
+def plan_servo(
+    arm: PlanarArm,
+    toolpath: Toolpath,
+    servo: Servo,
+    assumed_K: Floats | None,
+    assumed_D: Floats | None,
+    elbow: Elbow = "positive",
+) -> ServoPlan:
+    """Precompute references and feedforward of a cut.
+
+    Parameters
+    ----------
+    assumed_K, assumed_D : ndarray, shape (2,) or (2, runs), optional
+        What the controller assumes, motor side. None is a rigid controller.
+
+    Raises
+    ------
+    JointIdError
+        When the path leaves the workspace.
+    """
+    T = servo.interval_s
+    samples = int(np.ceil(toolpath.end_s / T - 1e-9)) + 1
+    # An even number of fine steps per sample, so that mid-interval values are on the grid.
+    fine = 2 * max(1, int(np.ceil(T / 2 / _FILTER_STEP_S - 1e-9)))
+    time = np.arange(samples * fine + 1) * (T / fine)
+    motion = joint_motion(arm, toolpath.derivatives(time), elbow)
+    at_sample, held = slice(0, samples * fine, fine), slice(fine // 2, samples * fine, fine)
+    angle, rate = (motion.q[k, at_sample] for k in (0, 1))
+    rate_held, acceleration = (motion.q[k, held] for k in (1, 2))
+    B = arm.rotor_inertia_arm_kgm2
+    if assumed_K is None or assumed_D is None:
+        torque = B * acceleration + motion.u[0, held]
+    else:
+        x = _deflections(arm, motion.u, assumed_K, assumed_D, T / fine)
+        runs = (...,) + (None,) * (assumed_K.ndim - 1)
+        angle = angle[runs] + x[0, at_sample]
+        rate = rate[runs] + x[1, at_sample]
+        rate_held = rate_held[runs] + x[1, held]
+        weight = B[(slice(None), *runs[1:])]
+        torque = weight * (acceleration[runs] + x[2, held]) + motion.u[0, held][runs]
+    if servo.friction_compensation is not None:
+        torque = torque + _compensation(arm, servo, rate_held)
+    smoothing = 1.0
+    if servo.differentiated_velocity:
+        if servo.velocity_filter_hz is not None:
+            smoothing = -float(np.expm1(-2 * np.pi * servo.velocity_filter_hz * T))
+        difference = np.diff(angle, axis=0, prepend=angle[:1]) / T
+        rate = lfilter([smoothing], [1.0, smoothing - 1.0], difference, axis=0)
+    middle = arm.inverse(0.5 * (toolpath.knot_m.min(axis=0) + toolpath.knot_m.max(axis=0)), elbow)
+    J, omega = B + np.diag(arm.mass_matrix(middle)), 2 * np.pi * servo.bandwidth_hz
+    ratio = np.abs(arm.gear_ratio)
+    limit = np.full(2, np.inf) if servo.torque_limit_Nm is None else servo.torque_limit_Nm
+    return ServoPlan(
+        interval_s=T,
+        angle=angle,
+        rate=rate,
+        torque=torque,
+        proportional=J * omega**2,
+        derivative=2 * servo.damping_ratio * J * omega,
+        count=np.zeros(2) if servo.encoder_bits is None else 2 * np.pi / 2**servo.encoder_bits / ratio,
+        limit=np.broadcast_to(np.asarray(limit, dtype=np.float64), (2,)) * ratio,
+        delay=int(servo.delay_samples),
+        differentiated=servo.differentiated_velocity,
+        smoothing=smoothing,
+        start_angle=motion.q[0, 0],
+    )
+
+
+def _deflections(arm: PlanarArm, u: Floats, K: Floats, D: Floats, step_s: float) -> Floats:
+    """Deflections x and two derivatives, shape (3, k, 2) or (3, k, 2, runs)."""
+    n2 = arm.gear_ratio**2
+    x = np.empty(u.shape + K.shape[1:])
+    for j in range(2):
+        series = np.ascontiguousarray(u[:, :, j])
+        if K.ndim == 1:
+            x[:, :, j] = deflection(series, n2[j] * K[j], n2[j] * D[j], step_s)
+            continue
+        pairs, which = np.unique(np.stack([K[j], D[j]], axis=1), axis=0, return_inverse=True)
+        distinct = np.stack(
+            [deflection(series, n2[j] * k, n2[j] * d, step_s) for k, d in pairs], axis=-1
+        )
+        x[:, :, j] = distinct[:, :, which]
+    return x
+
+
+def _compensation(arm: PlanarArm, servo: Servo, rate: Floats) -> Floats:
+    """Friction torque at the wanted motor velocity, arm side, like ``rate``."""
+    assert servo.friction_compensation is not None
+    runs = (slice(None),) + (None,) * (rate.ndim - 2)
+    coulomb, viscous = (value[runs] for value in friction_values(servo.friction_compensation))
+    n = arm.gear_ratio[runs]
+    motor_rate = n * rate
+    return np.asarray(
+        n * (coulomb * np.tanh(motor_rate / servo.compensation_smoothing_rad_s) + viscous * motor_rate)
+    )

@@ -1,0 +1,164 @@
+"""A cut: the servo drives the simulated arm along a tool path, and the error is measured in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats, finite_array
+from jointid.cut.arm import Elbow, PlanarArm
+from jointid.cut.arm_simulation import ArmSimulation, require_step
+from jointid.cut.feedforward import plan_servo
+from jointid.cut.servo import MotorFrictionLike, Servo, friction_values, run_servo
+from jointid.cut.toolpath import Toolpath
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingRun:
+    """One cut, sampled at every step of the simulation.
+
+    The arm starts at rest with relaxed springs: motor and joint angles of sample 0 are equal. With
+    the held torques and the equations of :class:`~jointid.cut.arm.PlanarArm` the run can be recomputed.
+    """
+
+    time_s: Floats
+    """Times, shape (k,), s."""
+    tool_m: Floats
+    """Tool position, shape (k, 2), m."""
+    wanted_m: Floats
+    """Wanted tool position at the same time, shape (k, 2), m."""
+    motor_torque_Nm: Floats
+    """Torque that the servo holds from ``time_s[i]`` to ``time_s[i + 1]``, before friction, motor side,
+    shape (k, 2), N·m."""
+    joint_angle_rad: Floats
+    """Joint angles q: absolute link angles with a parallelogram drive; with a serial one q2 is relative
+    to link 1. Shape (k, 2), rad."""
+    motor_angle_rad: Floats
+    """Motor angles reflected to the arm side, θ / gear ratio, shape (k, 2), rad."""
+    contour_error_m: Floats
+    """Distance of the tool from the nearest point of the wanted path, shape (k,), m."""
+    tracking_error_m: Floats
+    """Distance of the tool from where it should be at that time, shape (k,), m."""
+    corner_overshoot_m: float
+    """Farthest that the tool runs past the line of the side it should turn into, over all corners, m."""
+    torque_limit_hit: bool
+    """Whether a motor torque was cut off at its limit."""
+
+    def __post_init__(self) -> None:
+        k = np.size(self.time_s)
+        for name in ("tool_m", "wanted_m", "motor_torque_Nm", "joint_angle_rad", "motor_angle_rad"):
+            value = finite_array(name, getattr(self, name), ndim=2)
+            if value.shape != (k, 2):
+                raise JointIdError(f"{name} has shape {value.shape}; expected ({k}, 2).")
+            object.__setattr__(self, name, value)
+        for name in ("time_s", "contour_error_m", "tracking_error_m"):
+            value = finite_array(name, getattr(self, name), ndim=1)
+            if value.shape != (k,):
+                raise JointIdError(f"{name} has shape {value.shape}; expected ({k},).")
+            object.__setattr__(self, name, value)
+
+    @property
+    def max_contour_error_m(self) -> float:
+        """Largest contour error, m."""
+        return float(self.contour_error_m.max())
+
+    @property
+    def max_tracking_error_m(self) -> float:
+        """Largest tracking error, m."""
+        return float(self.tracking_error_m.max())
+
+
+def track(
+    arm: PlanarArm,
+    toolpath: Toolpath,
+    elasticity: Elasticity,
+    assumed: Elasticity | None = None,
+    *,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+    elbow: Elbow = "positive",
+    dt: float = 2.5e-4,
+    progress: Callable[[float], None] | None = None,
+) -> TrackingRun:
+    """Cut a path with an arm whose servo assumes certain joint elasticities.
+
+    Parameters
+    ----------
+    arm : PlanarArm
+    toolpath : Toolpath
+    elasticity : Elasticity
+        The arm's true K and D, motor side.
+    assumed : Elasticity, optional
+        What the servo believes, motor side. None: it believes the joints to be rigid.
+    servo : Servo, optional
+        Settings of the controllers.
+    friction : optional
+        True friction at the motors: anything with ``coulomb`` (N·m) and ``viscous`` (N·m·s/rad),
+        motor side. A motor at rest sticks.
+    elbow : {"positive", "negative"}
+        Sign of the angle of link 2 relative to link 1.
+    dt : float
+        Longest step of the simulation, s, at most 1 ms; each control interval is divided into
+        equal steps no longer than this.
+    progress : callable, optional
+        Called with the fraction done, from 0 to 1. What it raises ends the run.
+
+    Returns
+    -------
+    TrackingRun
+
+    Raises
+    ------
+    JointIdError
+        When the path leaves the workspace, the step is above 1 ms or too long for the arm, or the
+        control loop is unstable.
+    """
+    servo = servo or Servo()
+    substeps = substeps_per_sample(servo, dt)
+    if assumed is not None and assumed.n != 2:
+        raise JointIdError(f"The assumed elasticity has {assumed.n} joint(s); the planar arm has 2.")
+    K, D = (None, None) if assumed is None else (assumed.K, assumed.D)
+    plan = plan_servo(arm, toolpath, servo, K, D, elbow)
+    step = servo.interval_s / substeps
+    coulomb, viscous = (np.zeros(2), np.zeros(2)) if friction is None else friction_values(friction)
+    simulation = ArmSimulation(
+        arm, elasticity, step, plan.start_angle, coulomb_Nm=coulomb, viscous_Nms=viscous
+    )
+    held: Floats = np.array(run_servo(plan, simulation, substeps, progress))
+    angles = np.array([*simulation.log, simulation.angles])
+    time: Floats = step * np.arange(len(angles), dtype=np.float64)
+    torque = np.concatenate([np.repeat(held, substeps, axis=0), held[-1:]])
+    q = arm.joint_angles(angles[:, :2])
+    tool, wanted = arm.tool(q), toolpath.position(time)
+    return TrackingRun(
+        time_s=time,
+        tool_m=tool,
+        wanted_m=wanted,
+        motor_torque_Nm=torque / arm.gear_ratio,
+        joint_angle_rad=q,
+        motor_angle_rad=angles[:, 2:],
+        contour_error_m=toolpath.distance(tool),
+        tracking_error_m=np.hypot(*(tool - wanted).T),
+        corner_overshoot_m=corner_overshoot(toolpath, time, tool),
+        torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
+    )
+
+
+def substeps_per_sample(servo: Servo, dt: float) -> int:
+    """Number of equal steps, none longer than ``dt``, in a control interval."""
+    require_step(dt)
+    return max(1, int(np.ceil(servo.interval_s / dt - 1e-9)))
+
+
+def corner_overshoot(toolpath: Toolpath, time_s: Floats, tool_m: Floats) -> float:
+    """Farthest that the tool runs past the side it should turn into, over all corners, m."""
+    farthest = 0.0
+    for point, ahead, (begin, end) in zip(*toolpath.corners(), strict=True):
+        first, last = np.searchsorted(time_s, [begin, end])
+        past = (tool_m[first:last] - point) @ ahead
+        farthest = max(farthest, float(past.max(initial=0.0)))
+    return farthest

@@ -1,0 +1,1 @@
+"""The next experiment: what it would tell, and which few records would tell most."""

@@ -1,0 +1,74 @@
+"""What a report consists of: plain values, to be set as HTML or PDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from jointid.reporting.drawing import Drawing
+from jointid.verdict.findings import Finding
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A paragraph of text."""
+
+    text: str
+    kind: Literal["plain", "lead", "quiet"] = "plain"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of texts."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    align: str = ""
+    """One letter per column, l or r; by default the first is left, the others right."""
+    kind: Literal["plain", "answer", "facts"] = "plain"
+    """"answer" is set larger; "facts" has no header and two columns of names and values."""
+
+    @property
+    def sides(self) -> str:
+        """l or r for every column."""
+        columns = len(self.header or self.rows[0])
+        return "ll" if self.kind == "facts" else self.align or "l" + "r" * (columns - 1)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One drawing, or several side by side, with a caption."""
+
+    drawings: tuple[Drawing, ...]
+    caption: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was found, most important first."""
+
+    findings: tuple[Finding, ...]
+
+
+Block: TypeAlias = Paragraph | Table | Figure | Verdict
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands under it."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report."""
+
+    title: str
+    facts: str
+    """One line: where the data come from and how much there is."""
+    sections: tuple[Section, ...]
+    footer: str
+    """One line for the foot of every page."""

@@ -1,0 +1,169 @@
+"""The figures of a report with what is to be said about them: responses and cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jointid.arrays import Floats
+from jointid.cut.outcome import CUTTING_POINT_M, Outcome, Rule, millimetres, study_outcome
+from jointid.cut.toolpath import rectangle
+from jointid.cut.tracking import TrackingRun, track
+from jointid.errors import JointIdError
+from jointid.reporting.blocks import Block, Figure, Paragraph
+from jointid.reporting.curves import IDENTIFIED, NOMINAL
+from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
+from jointid.rounding import significant
+from jointid.study import Analysis
+
+ZONES_M = (0.001, 0.005, 0.010)
+"""Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
+
+_RULES: dict[Rule, str] = {
+    "direct": "The inertias of this study are those of the example arm with a {drive} drive at the "
+    "cutting pose, so that its K and D apply as they are.",
+    "springs": "K and D apply as they are, but the study's inertias are those of the other drive: the "
+    "arm that cuts is not the study's robot.",
+    "relative": "The geometry of this study's robot is not known. The example arm cuts with the paper's "
+    "stiffnesses; the ratios of nominal to identified values, D/K and the relative uncertainties are "
+    "this study's.",
+    "demonstration": "",
+}
+
+
+class FigureNumbers:
+    """Numbers of the figures, one after the other."""
+
+    def __init__(self) -> None:
+        self._last = 0
+
+    def next(self) -> str:
+        """Return "Figure 1.", then "Figure 2." and so on."""
+        self._last += 1
+        return f"Figure {self._last}."
+
+
+def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Block]:
+    """Figures 3 to 5 of the paper, for every pose that allows them."""
+    n = analysis.study.inertia.n
+    text = (
+        "Acceleration of each motor over its torque. One record alone (first figure) shows the "
+        "neighbour's controller as well; equations (17)–(18) take it out of H₁₁, H₂₂ by using the "
+        "records of a frequency together. "
+        if n > 1
+        else "Acceleration of the motor over its torque. "
+    )
+    fit = analysis.fit
+    if fit.friction is not None or fit.delay is not None:
+        found = " and ".join(
+            ["the friction"] * (fit.friction is not None) + ["the delay"] * (fit.delay is not None)
+        )
+        text += f"Full points are freed of {found} that was found; rings are as measured. "
+    yield Paragraph(
+        f"{text}The blue line is the model with the identified K and D, not a curve through the points: "
+        "where they agree, the model holds. Bars are ± one standard error where they exceed the mark."
+    )
+    if analysis.transfer_problem:
+        yield Paragraph(analysis.transfer_problem, "quiet")
+    for pose in dict.fromkeys(record.pose or "" for record in analysis.study.records):
+        suffix = f', pose "{pose}"' if pose else ""
+        if n > 1:
+            yield Figure(
+                (single_record_figure(analysis, 0, pose=pose),),
+                f"{figures.next()} Motor 1, each record alone{suffix} (Figure 3 of the paper).",
+            )
+        if pose not in analysis.transfer_matrices:
+            continue
+        for first in range(0, n, 2):
+            joints = [j for j in (first, first + 1) if j < n]
+            names = " and ".join(f"H{_low(j + 1)}{_low(j + 1)}" for j in joints)
+            paper = {0: " (Figures 4 and 5 of the paper)" if n > 1 else " (Figure 4 of the paper)"}
+            gap = 12.0
+            width = (PAGE_WIDTH - gap) / 2 if n > 1 else PAGE_WIDTH
+            yield Figure(
+                tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
+                f"{figures.next()} {names}{suffix}{paper.get(first, '')}.",
+            )
+
+
+def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
+    """What the identification changes on the path, or why not; neither where no cut applies."""
+    if analysis.study.inertia.n != 2:
+        return None, ""
+    if any(finding.level == "problem" for finding in analysis.findings):
+        return None, "No cut is shown, because the answer cannot be used: see the verdict."
+    try:
+        return study_outcome(analysis), ""
+    except JointIdError as error:
+        return None, f"No cut is shown. {error}"
+
+
+def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) -> Iterator[Block]:
+    """Figure 7 of the paper with what it rests on."""
+    if outcome is None:
+        yield Paragraph(problem)
+        return
+    assumed = outcome.assumed
+    servo = (
+        "takes the joints as rigid"
+        if assumed is None
+        else f"assumes K = {_list(assumed.K)} N·m/rad and D = {_list(assumed.D)} N·m·s/rad"
+    )
+    friction = " and friction" if outcome.robot.friction is not None else ""
+    yield Paragraph(
+        "The same path, a rectangle of 28 × 45 mm at 300 mm/s, cut before and after. Before: a robot "
+        f"with the identified springs{friction}, whose servo {servo}. After: the servo assumes the "
+        "identified values, "
+        + (
+            "and the robot is one that their uncertainty allows: "
+            f"{outcome.distribution.K.shape[0]} such robots were drawn, 95 % of them stay "
+            f"{_below(outcome.after_m)}, and the one nearest to this limit is shown."
+            if outcome.distribution is not None
+            else f"and the robot has exactly these. {outcome.problem}"
+        )
+    )
+    before, after = [], []
+    for zone in ZONES_M:
+        label = f"corner zone {1e3 * zone:g} mm"
+        try:
+            first, second = _cuts(outcome, zone)
+        except JointIdError as error:
+            yield Paragraph(f"{label[:1].upper()}{label[1:]}: {error}", "quiet")
+            continue
+        before.append((label, first))
+        after.append((label, second))
+    if before:
+        heading = "Before: rigid servo" if assumed is None else "Before: nominal K and D"
+        rows = [(heading, NOMINAL, before), ("After: identified K and D", IDENTIFIED, after)]
+        yield Figure(
+            (cut_figure(rows),),
+            f"{figures.next()} Cut paths and their largest path errors; grey is the wanted path "
+            "(Figure 7 of the paper).",
+        )
+    yield Paragraph(
+        f"{_RULES[outcome.robot.rule].format(drive=outcome.robot.arm.drive)} The paper prints no "
+        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and what "
+        "the servo assumes before are assumptions of this software or of the study. Both robots are "
+        "simulated.",
+        "quiet",
+    )
+
+
+def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
+    """The cut before and after, by the robots of the outcome, with another corner zone."""
+    robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
+    before = track(robot.arm, path, robot.elasticity, outcome.assumed, friction=robot.friction)
+    after = track(robot.arm, path, outcome.edge, robot.elasticity, friction=robot.friction)
+    return before, after
+
+
+def _below(length_m: float) -> str:
+    text = millimetres(length_m)
+    return text if text.startswith("under") else f"below {text}"
+
+
+def _list(values: Floats) -> str:
+    return ", ".join(significant(float(value), 3) for value in values)
+
+
+def _low(number: int) -> str:
+    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))

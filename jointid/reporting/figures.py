@@ -1,0 +1,248 @@
+"""Figures 3-5 and 7 of the paper, of this robot, as drawings for the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.cut.outcome import millimetres
+from jointid.cut.tracking import TrackingRun
+from jointid.reporting.curves import (
+    WANTED,
+    Curve,
+    band_of,
+    element_curves,
+    magnitude_limits,
+    phase_of,
+    single_record_curves,
+)
+from jointid.reporting.drawing import Drawing, Line, Marks, Text
+from jointid.study import Analysis
+
+PAGE_WIDTH = 482.0
+"""Width of a figure over the whole page, points: A4 less 20 mm on either side."""
+
+_GRID, _INK = "#DDDDDD", "#31333F"
+_STRIDE = 4
+"""Every millisecond of a cut is enough to look at."""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A plot's box on the page and its scales; both axes are already in the unit of the scale."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def place(self, x: Floats, y: Floats) -> Floats:
+        """Points on the page, shape (k, 2)."""
+        across = (x - self.x[0]) / (self.x[1] - self.x[0])
+        up = (y - self.y[0]) / (self.y[1] - self.y[0])
+        return np.column_stack([self.left + self.width * across, self.top + self.height * (1 - up)])
+
+
+def element_figure(
+    analysis: Analysis, joint: int, *, pose: str = "", width: float = PAGE_WIDTH / 2
+) -> Drawing:
+    """Figures 4 and 5: measured H_jj with ± one standard error, and the models.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        With a transfer matrix for the pose.
+    joint : int
+        From 0.
+    pose : str
+        "" for records without a pose.
+    width : float
+        Points.
+    """
+    curves = element_curves(analysis, pose, joint)
+    name = f"H{_low(joint + 1)}{_low(joint + 1)}"
+    return _bode(curves, magnitude_limits(analysis, pose, joint), name, f"|{name}|", width)
+
+
+def single_record_figure(
+    analysis: Analysis, joint: int, *, pose: str = "", width: float = PAGE_WIDTH
+) -> Drawing:
+    """Figure 3: acceleration over torque of one joint from each record alone, beside the model of H_jj.
+
+    The other joints' controllers are in it; drawn to the scale of ``element_figure``.
+    """
+    curves = single_record_curves(analysis, pose, joint)
+    name = f"acceleration over torque of motor {joint + 1}"
+    return _bode(curves, magnitude_limits(analysis, pose, joint), name, "Magnitude", width)
+
+
+def cut_figure(
+    rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]], *, width: float = PAGE_WIDTH
+) -> Drawing:
+    """Figure 7: rows of cuts over the wanted path, all to one scale, the largest path error below each.
+
+    Parameters
+    ----------
+    rows : sequence of (str, str, sequence of (str, TrackingRun))
+        Heading and colour of each row, and its cuts with what each is called.
+    width : float
+        Points.
+    """
+    runs = [run for _, _, cuts in rows for _, run in cuts]
+    paths = [path[::_STRIDE] for run in runs for path in (run.wanted_m, run.tool_m)]
+    low = np.min([p.min(axis=0) for p in paths], axis=0)
+    high = np.max([p.max(axis=0) for p in paths], axis=0)
+    columns = max(len(cuts) for _, _, cuts in rows)
+    cell = width / columns
+    scale = min((cell - 24) / (high[0] - low[0]), 118 / (high[1] - low[1]))
+    size = scale * (high - low)
+    shapes: list[Line | Marks | Text] = []
+    top = 0.0
+    for heading, colour, cuts in rows:
+        sample = np.array([[0.0, top + 7.5], [16.0, top + 7.5]])
+        shapes += [Line(sample, colour, 1.6), Text(22, top + 10, heading, 8, bold=True)]
+        top += 20
+        for column, (label, run) in enumerate(cuts):
+            left = cell * column + (cell - size[0]) / 2
+            for path, ink, stroke in ((run.wanted_m, WANTED, 3.0), (run.tool_m, colour, 0.9)):
+                xy = (path[::_STRIDE] - (low[0], high[1])) * (scale, -scale) + (left, top)
+                shapes.append(Line(xy, ink, stroke, opacity=0.6 if ink == WANTED else 1.0))
+            middle, below = cell * (column + 0.5), top + size[1]
+            error = millimetres(run.max_contour_error_m)
+            shapes.append(Text(middle, below + 12, error, 8.5, "middle", bold=True))
+            shapes.append(Text(middle, below + 22, label, 7.5, "middle"))
+        top += size[1] + 34
+    ten = 0.01 * scale
+    bar = np.array([[width - ten, 3.0], [width - ten, 7.0], [width - ten, 5.0], [width, 5.0]])
+    shapes += [Line(np.vstack([bar, [[width, 3.0], [width, 7.0]]]), _INK, 0.7)]
+    shapes.append(Text(width - ten / 2, 15, "10 mm", 7, "middle"))
+    said = "; ".join(
+        f"{heading}: " + ", ".join(f"{label} {millimetres(r.max_contour_error_m)}" for label, r in cuts)
+        for heading, _, cuts in rows
+    )
+    return Drawing(width, top - 8, tuple(shapes), f"Cut paths with their largest path errors. {said}.")
+
+
+def _bode(
+    curves: list[Curve], limits: tuple[float, float], name: str, label: str, width: float
+) -> Drawing:
+    """Magnitude above phase, on a common logarithmic frequency axis."""
+    measured = np.concatenate([c.frequency_hz for c in curves if c.symbol])
+    span = band_of(measured)
+    x = (float(np.log10(span[0])), float(np.log10(span[1])))
+    left, right, legend = 36.0, 6.0, 14.0
+    inner = width - left - right
+    phases = [phase_of(curve, curves) for curve in curves]
+    known = np.concatenate([p[np.isfinite(p)] for p in phases])
+    lowest, highest = min(-90.0, float(known.min())), max(180.0, float(known.max()))
+    size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
+    turn = _Frame(left, legend + 94, inner, 46, x, (lowest - 15, highest + 15))
+    shapes: list[Line | Marks | Text] = [*_legend(curves, left)]
+    ticks = [m * 10.0**d for d in range(-4, 5) for m in (1, 2, 3, 5)]
+    shapes += _frame(size, np.log10(ticks), [""] * len(ticks), *_log_ticks(size.y))
+    degrees = np.arange(-720.0, 721.0, 90.0)
+    shapes += _frame(turn, np.log10(ticks), [f"{t:g}" for t in ticks], degrees, _signed(degrees))
+    for curve, phase in zip(curves, phases, strict=True):
+        f = np.log10(curve.frequency_hz)
+        magnitude = np.abs(curve.H)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logarithm = np.log10(magnitude)
+            relative = None if curve.error is None else curve.error / np.sqrt(2) / magnitude
+        bars = None
+        if relative is not None:
+            down = np.log10(np.maximum(1 - relative, 0.05))
+            bars = logarithm + down, logarithm + np.log10(1 + relative)
+        shapes += _plot(size, curve, f, logarithm, bars)
+        if relative is not None:
+            half = np.degrees(np.minimum(relative, np.pi))
+            bars = phase - half, phase + half
+        shapes += _plot(turn, curve, f, phase, bars)
+    bottom = turn.top + turn.height
+    shapes.append(Text(left + inner / 2, bottom + 20, "Frequency (Hz)", 7, "middle"))
+    middle = size.top + size.height / 2
+    shapes.append(Text(8, middle, f"{label} (1/(kg·m²))", 7, "middle", turned=True))
+    shapes.append(Text(8, turn.top + turn.height / 2, "Phase (°)", 7, "middle", turned=True))
+    count = int(sum(c.frequency_hz.size for c in curves if c.symbol))
+    models = " and ".join(c.name for c in curves if c.symbol is None) or "none"
+    said = f"Magnitude and phase of {name} over frequency: {count} measured points; models: {models}."
+    return Drawing(width, bottom + 24, tuple(shapes), said)
+
+
+def _frame(
+    frame: _Frame, x: Floats, x_text: Sequence[str], y: Floats, y_text: Sequence[str]
+) -> list[Line | Marks | Text]:
+    """Grid with numbers at the ticks that lie inside."""
+    shapes: list[Line | Marks | Text] = []
+    right, bottom = frame.left + frame.width, frame.top + frame.height
+    for tick, label in zip(x, x_text, strict=True):
+        if frame.x[0] <= tick <= frame.x[1]:
+            at = float(frame.place(np.array([tick]), np.array([frame.y[0]]))[0, 0])
+            shapes.append(Line(np.array([[at, frame.top], [at, bottom]]), _GRID, 0.5))
+            shapes.append(Text(at, bottom + 9, label, 6.5, "middle"))
+    for tick, label in zip(y, y_text, strict=True):
+        if frame.y[0] <= tick <= frame.y[1]:
+            at = float(frame.place(np.array([frame.x[0]]), np.array([tick]))[0, 1])
+            shapes.append(Line(np.array([[frame.left, at], [right, at]]), _GRID, 0.5))
+            shapes.append(Text(frame.left - 3, at + 2.3, label, 6.5, "end"))
+    corners = [[frame.left, frame.top], [right, frame.top], [right, bottom], [frame.left, bottom]]
+    shapes.append(Line(np.array([*corners, corners[0]]), "#888888", 0.6))
+    return [s for s in shapes if not (isinstance(s, Text) and not s.text)]
+
+
+def _plot(
+    frame: _Frame, curve: Curve, x: Floats, y: Floats, bars: tuple[Floats, Floats] | None
+) -> list[Line | Marks | Text]:
+    inside = np.isfinite(y) & (y >= frame.y[0]) & (y <= frame.y[1])
+    inside &= (x >= frame.x[0]) & (x <= frame.x[1])
+    if curve.symbol is None:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+        return [
+            Line(frame.place(x[a:b], y[a:b]), curve.colour, 1.2, curve.dash)
+            for a, b in zip(edges[::2], edges[1::2], strict=True)
+            if b - a > 1
+        ]
+    shapes: list[Line | Marks | Text] = []
+    if bars is not None:
+        for k in np.flatnonzero(inside):
+            ends = np.clip([bars[0][k], bars[1][k]], *frame.y)
+            at = frame.place(np.full(2, x[k]), ends)
+            if abs(at[1, 1] - at[0, 1]) > 2.6:  # shorter ones vanish behind the mark
+                shapes.append(Line(at, curve.colour, 0.7))
+    shapes.append(Marks(frame.place(x[inside], y[inside]), curve.colour, curve.symbol, _size(curve)))
+    return shapes
+
+
+def _size(curve: Curve) -> float:
+    return {"circle": 2.8, "ring": 3.6, "square": 3.0}[curve.symbol or "circle"]
+
+
+def _legend(curves: Sequence[Curve], left: float) -> list[Line | Marks | Text]:
+    shapes: list[Line | Marks | Text] = []
+    at = left
+    for curve in curves:
+        if curve.symbol is None:
+            shapes.append(Line(np.array([[at, 5.0], [at + 13, 5.0]]), curve.colour, 1.4, curve.dash))
+        else:
+            shapes.append(Marks(np.array([[at + 8, 5.0]]), curve.colour, curve.symbol, _size(curve)))
+        shapes.append(Text(at + 16, 7.4, curve.name, 7))
+        at += 23 + 3.5 * len(curve.name)
+    return shapes
+
+
+def _log_ticks(limits: tuple[float, float]) -> tuple[Floats, list[str]]:
+    steps = (1, 2, 5) if limits[1] - limits[0] < 2.5 else (1,)
+    ticks = np.array([m * 10.0**d for d in range(-12, 10) for m in steps])
+    return np.log10(ticks), [f"{tick:g}" for tick in ticks]
+
+
+def _signed(values: Floats) -> list[str]:
+    return [f"{value:g}".replace("-", "−") for value in values]
+
+
+def _low(number: int) -> str:
+    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))

@@ -1,0 +1,145 @@
+"""A study as a report that a person hands to a colleague: measured, answer, verdict, figures, settings.
+
+The same study gives the same report, to the last byte: no date, no name of a machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from jointid.answer import answer_sentence
+from jointid.cut.outcome import Outcome, millimetres
+from jointid.digest import study_digest
+from jointid.exporting.identification import software_version
+from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
+from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
+from jointid.reporting.html import to_html
+from jointid.reporting.pdf import to_pdf
+from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
+from jointid.rounding import plain, significant, with_error
+from jointid.study import Analysis, Study
+from jointid.uncertainty.chosen_model import parameter_names
+
+__all__ = ["make_report", "to_html", "to_pdf"]
+
+_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
+
+
+def make_report(analysis: Analysis, *, cut: bool = True) -> Report:
+    """Write the report of an analysis.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    cut : bool
+        Simulate the cut of Figure 7, which takes about a second; for two joints only.
+
+    Returns
+    -------
+    Report
+        To be set by ``to_html`` or ``to_pdf``.
+    """
+    study = analysis.study
+    outcome, problem = outcome_of(analysis) if cut else (None, "")
+    figures = FigureNumbers()
+    sections = [
+        Section("Answer", tuple(_answer(analysis, outcome))),
+        Section("Verdict", (Verdict(analysis.findings),)),
+        Section("Model over measurement", tuple(response_blocks(analysis, figures))),
+    ]
+    if outcome is not None or problem:
+        sections.append(
+            Section("What it is worth on the path", tuple(cut_blocks(outcome, problem, figures)))
+        )
+    sections += [
+        Section("How it was obtained", tuple(settings_blocks(analysis))),
+        Section("Records", (record_rows(study),)),
+        Section("To the last digit", tuple(digit_blocks(analysis))),
+    ]
+    return Report(
+        title=study.name or "Study without a name",
+        facts=_facts(study),
+        sections=tuple(sections),
+        footer=f"jointid {software_version()} · study {study_digest(study)}",
+    )
+
+
+def _facts(study: Study) -> str:
+    f = sorted(record.frequency_hz for record in study.records)
+    band = f"{plain(round(f[0], 3))} Hz"
+    if f[-1] > f[0] * 1.001:
+        band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
+    facts = [
+        _ORIGINS[study.origin],
+        _counted(study.inertia.n, "joint"),
+        _counted(len(f), "sine record"),
+        _counted(len(set(f)), "frequency", "frequencies"),
+        band,
+    ]
+    if len(poses := {record.pose for record in study.records}) > 1:
+        facts.append(_counted(len(poses), "pose"))
+    return " · ".join(facts)
+
+
+def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
+    study, fit = analysis.study, analysis.fit
+    yield Paragraph(answer_sentence(fit, study.nominal), "lead")
+    if study.description:
+        yield Paragraph(study.description, "quiet")
+    rows: list[tuple[str, ...]] = []
+    for k, name in enumerate(parameter_names(fit.n)):
+        stiffness, j = k < fit.n, k % fit.n
+        value, error = float((fit.K if stiffness else fit.D)[j]), float(fit.standard_error[k])
+        unit = "N·m/rad" if stiffness else "N·m·s/rad"
+        nominal, change = "–", "–"
+        if study.nominal is not None:
+            reference = float((study.nominal.K if stiffness else study.nominal.D)[j])
+            nominal = plain(reference)
+            change = _change(value, error, reference)
+        meaning = f"{'stiffness' if stiffness else 'damping'} of joint {j + 1}"
+        rows.append((f"{name}, {meaning}", with_error(value, error), unit, nominal, change))
+    header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
+    caption = "Seen from the motor, ± one standard error. Nominal: what the controller assumes today."
+    if study.nominal is None:
+        header, rows = header[:3], [row[:3] for row in rows]
+        caption = caption.partition(" Nominal")[0]
+    yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
+    if others := _others(analysis):
+        yield Paragraph(f"Found together with K and D: {others}.")
+    if outcome is not None:
+        yield Paragraph(
+            "Simulated path error, as in Figure 7 of the paper: "
+            f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
+        )
+
+
+def _others(analysis: Analysis) -> str:
+    """Friction and delay as one sentence, empty when neither was fitted."""
+    fit, parts = analysis.fit, []
+    if fit.friction is not None:
+        error = fit.friction.standard_error
+        for what, values, errors, unit in (
+            ("Coulomb friction", fit.friction.coulomb, error[: fit.n], "N·m"),
+            ("viscous friction", fit.friction.viscous, error[fit.n :], "N·m·s/rad"),
+        ):
+            each = [with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
+            parts.append(f"{what} of {', '.join(each)} {unit}")
+    if fit.delay is not None:
+        value = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
+        parts.append(f"a torque delay of {value} ms beyond what the records state")
+    return "; ".join(parts)
+
+
+def _change(value: float, error: float, reference: float) -> str:
+    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
+    if reference <= 0:
+        return "–"
+    ratio = value / reference - 1
+    if abs(ratio) <= 2 * error / reference:
+        return "agrees"
+    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
+    return f"{'+' if ratio > 0 else '−'}{size} %"
+
+
+def _counted(number: int, what: str, several: str = "") -> str:
+    return f"{number} {what if number == 1 else several or what + 's'}"

@@ -1,0 +1,189 @@
+"""How well K and D are known: what the inertias add, and confidence ellipses.
+
+The error bars of a fit come from the noise of the phasors alone. That the inertias are not exactly
+known is a second error, of which the records say nothing; it is kept apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.elasticity import ElasticityFit
+from jointid.errors import JointIdError
+from jointid.joints import Inertia
+from jointid.phasors import Phasors
+from jointid.uncertainty.chosen_model import inertia_of_each, parameter_names, refit
+
+_STEP = 5e-3
+"""Relative change of an inertia for central differences; their error is of its square."""
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaSensitivity:
+    """How K and D follow from the inertias that were taken as known."""
+
+    names: tuple[str, ...]
+    """J_m1 ... J_mn, then J_a1, J_12, J_a2 ... of each pose."""
+    value: Floats
+    """The inertias, shape (E,), kg·m²."""
+    estimate: Floats
+    """K1 ... Kn, D1 ... Dn, shape (2n,)."""
+    slope: Floats
+    """Derivatives of K and D by each inertia, shape (2n, E), N·m/rad or N·m·s/rad per kg·m²."""
+
+    @property
+    def relative(self) -> Floats:
+        """Percent of change in K and D for one percent of each inertia, shape (2n, E)."""
+        size = np.where(self.estimate == 0, np.nan, self.estimate)
+        return np.asarray(self.slope * self.value / size[:, None])
+
+    def covariance(self, relative: float = 0.03) -> Floats:
+        """Covariance of K and D when every inertia errs by ``relative`` of itself, independently."""
+        if not (np.isfinite(relative) and relative >= 0):
+            raise JointIdError(f"relative = {relative!r}: give a share such as 0.03 for 3 %.")
+        spread = self.slope * self.value * relative
+        return np.asarray(spread @ spread.T)
+
+    def standard_error(self, relative: float = 0.03) -> Floats:
+        """What inertias known to ``relative`` leave uncertain in K and D, shape (2n,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance(relative))))
+
+
+def inertia_sensitivity(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> InertiaSensitivity:
+    """Differentiate the chosen estimator by each inertia: central differences of complete estimates.
+
+    Parameters
+    ----------
+    phasors, inertia
+        What ``fit`` was made from.
+    fit : ElasticityFit
+    progress : callable, optional
+        Called with the fraction done, up to 1.0. What it raises ends the run.
+
+    Raises
+    ------
+    JointIdError
+        When a small change of an inertia leaves no estimate.
+    """
+    each = inertia_of_each(phasors, inertia)
+    poses = {_key(i): i for i in each}
+    n = fit.n
+    pairs = [(i, j) for i in range(n) for j in range(i, n)]
+    elements: list[_Element] = []
+    for j in range(n):
+        mean = float(np.mean([i.M[j] for i in poses.values()]))
+        elements.append(_Element(f"J_m{j + 1}", mean, mean, _rotor(j)))
+    for number, (key, pose) in enumerate(poses.items(), start=1):
+        suffix = f", pose {number}" if len(poses) > 1 else ""
+        for i, j in pairs:
+            name = f"J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
+            scale = float(np.sqrt(pose.M2[i, i] * pose.M2[j, j]))
+            elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, _arm(key, i, j)))
+    slope = np.empty((2 * n, len(elements)))
+    for column, element in enumerate(elements):
+        change = _STEP * element.scale
+        plus, minus = (
+            refit(phasors, [element.changed(pose, by) for pose in each], fit).p[: 2 * n]
+            for by in (change, -change)
+        )
+        slope[:, column] = (plus - minus) / (2 * change)
+        if progress is not None:
+            progress((column + 1) / len(elements))
+    return InertiaSensitivity(
+        names=tuple(element.name for element in elements),
+        value=np.array([element.value for element in elements]),
+        estimate=np.concatenate([fit.K, fit.D]),
+        slope=slope,
+    )
+
+
+def _key(inertia: Inertia) -> bytes:
+    return bytes(inertia.M.tobytes() + inertia.M2.tobytes())
+
+
+class _Element(NamedTuple):
+    name: str
+    value: float
+    scale: float  # what its steps are a share of: a coupling may be zero
+    changed: Callable[[Inertia, float], Inertia]
+
+
+def _rotor(j: int) -> Callable[[Inertia, float], Inertia]:
+    """Change of rotor j in every pose: rotors do not know of poses."""
+    return lambda pose, by: Inertia(pose.M + by * (np.arange(pose.n) == j), pose.M2)
+
+
+def _arm(key: bytes, i: int, j: int) -> Callable[[Inertia, float], Inertia]:
+    """Change of one arm inertia in one pose."""
+
+    def changed(pose: Inertia, by: float) -> Inertia:
+        if _key(pose) != key:
+            return pose
+        M2 = pose.M2.copy()
+        M2[i, j] += by
+        M2[j, i] = M2[i, j]
+        return Inertia(pose.M, M2)
+
+    return changed
+
+
+@dataclass(frozen=True, eq=False)
+class ConfidenceEllipse:
+    """Where two parameters lie together, with a stated probability."""
+
+    names: tuple[str, str]
+    centre: Floats
+    """Shape (2,)."""
+    semi_axes: Floats
+    """Lengths, larger first, shape (2,), in units of each parameter's standard error."""
+    level: float
+    """Probability, for instance 0.95."""
+    outline: Floats
+    """Closed curve, shape (points, 2), in the units of the parameters."""
+
+
+def confidence_ellipse(
+    fit: ElasticityFit, first: str, second: str, *, level: float = 0.95, points: int = 73
+) -> ConfidenceEllipse:
+    """Ellipse of two parameters, for instance "K1" and "D1", from the fit's covariance.
+
+    Raises
+    ------
+    JointIdError
+        When a name is not one of the fit's parameters, both are the same, or the level is out of range.
+    """
+    names = parameter_names(fit.n)
+    for name in (first, second):
+        if name not in names:
+            raise JointIdError(f'"{name}" is not a parameter. Parameters: {", ".join(names)}.')
+    if first == second or not 0 < level < 1 or points < 4:
+        raise JointIdError(
+            f"An ellipse needs two different parameters, a level between 0 and 1 and 4 points or more; "
+            f"got {first}, {second}, {level:g}, {points}."
+        )
+    index = [names.index(first), names.index(second)]
+    error = fit.standard_error[index]
+    values, vectors = np.linalg.eigh(fit.correlation[np.ix_(index, index)])
+    radius = np.sqrt(-2 * np.log(1 - level))  # χ² with two degrees of freedom
+    axes = radius * np.sqrt(np.maximum(values, 0))
+    angle = np.linspace(0, 2 * np.pi, points)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    centre = np.concatenate([fit.K, fit.D])[index]
+    return ConfidenceEllipse(
+        names=(first, second),
+        centre=centre,
+        semi_axes=axes[::-1].copy(),
+        level=float(level),
+        outline=centre + ((vectors * axes) @ circle).T * error,
+    )

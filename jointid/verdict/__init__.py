@@ -1,0 +1,1 @@
+"""What to know before the answer is trusted: rules, each with its figure and its remedy."""

@@ -1,0 +1,111 @@
+"""What to know before the answer is trusted: findings in plain words, most important first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from jointid.elasticity import ElasticityFit
+from jointid.uncertainty.chosen_model import parameter_names
+from jointid.verdict.evidence import Evidence, Finding, good, percent
+from jointid.verdict.plausibility import scale_findings
+from jointid.verdict.rules_causes import (
+    against_the_paper,
+    depends_on_amplitude,
+    poses_disagree,
+    torque_lags,
+)
+from jointid.verdict.rules_inertia import inertias_look_wrong
+from jointid.verdict.rules_model import hardly_known, model_limits, not_physical, resonance_missed
+from jointid.verdict.rules_records import (
+    coarse_encoder,
+    counted_twice,
+    few_periods,
+    same_experiment,
+    standing_joint,
+    still_settling,
+    wrong_frequency,
+)
+from jointid.verdict.rules_response import foreign_peak, rejected
+
+__all__ = ["Evidence", "Finding", "findings"]
+
+
+_Rule = Callable[[Evidence], Iterator[Finding]]
+
+_OF_RECORDS: tuple[_Rule, ...] = (
+    wrong_frequency,
+    still_settling,
+    counted_twice,
+    same_experiment,
+    standing_joint,
+    few_periods,
+    coarse_encoder,
+)
+"""What holds whatever the answer is."""
+
+_OF_THE_ANSWER: tuple[_Rule, ...] = (
+    not_physical,
+    against_the_paper,
+    torque_lags,
+    foreign_peak,
+    rejected,
+)
+"""What makes sense only when units, signs and gear ratios are right."""
+
+_OF_ITS_PRECISION: tuple[_Rule, ...] = (
+    model_limits,
+    hardly_known,
+    resonance_missed,
+)
+"""What makes sense only when no cause is known that spoils the answer."""
+
+
+def findings(evidence: Evidence) -> tuple[Finding, ...]:
+    """All findings, most important first; when there is nothing to mend, one that says so.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        One analysis.
+    """
+    found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
+    scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
+    found += scales
+    if not scales:
+        found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
+        causes = list(inertias_look_wrong(evidence))
+        if not causes:  # wrong inertias would pass for both
+            causes += poses_disagree(evidence)
+            causes += depends_on_amplitude(evidence)
+        found += causes
+        if not causes:
+            found += [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
+    if not any(finding.level in ("problem", "warning") for finding in found):
+        found.append(_all_well(evidence.fit))
+    return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def _badness(fit: ElasticityFit) -> float:
+    return np.inf if np.any(fit.K <= 0) or np.any(fit.D <= 0) else fit.misfit
+
+
+def _all_well(fit: ElasticityFit) -> Finding:
+    p = np.abs(np.concatenate([fit.K, fit.D]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.nan_to_num(fit.standard_error / p)
+    errors = ", ".join(
+        f"{name} {percent(s)}" for name, s in zip(parameter_names(fit.n), share, strict=True)
+    )
+    beyond = [
+        text
+        for text, there in (("friction", fit.friction is not None), ("delay", fit.delay is not None))
+        if there
+    ]
+    parts = " with " + " and ".join(beyond) if beyond else ""
+    return good(
+        "The model explains the data; noise limits the answer",
+        f"One standard error: {errors}. The equations{parts} leave {np.sqrt(fit.misfit):.2g} times what "
+        "the noise explains. What the inertias M and M2 are off comes on top.",
+    )

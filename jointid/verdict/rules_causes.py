@@ -1,0 +1,168 @@
+"""Rules of the verdict that name a cause: friction, delay, poses that disagree, a gear that hardens."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.uncertainty.chosen_model import parameter_names, refit
+from jointid.uncertainty.poses import fits_by_pose
+from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
+from jointid.verdict.evidence import Evidence, Finding, note, percent, relative, warning
+
+LINEAR = ("weighted", "least-squares", "explicit")
+"""Estimators that know nothing of friction."""
+
+_CLEAR = 4.0  # standard errors that are not by chance
+
+
+def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
+    """What the paper's least squares would have said, where it differs by more than chance."""
+    fit, paper = evidence.fit, evidence.paper
+    if fit.method == paper.method or np.any(fit.K <= 0):
+        return
+    p, other = np.concatenate([fit.K, fit.D]), np.concatenate([paper.K, paper.D])
+    by_noise = paper.standard_error / np.sqrt(max(1.0, paper.misfit))
+    error = np.hypot(fit.standard_error, by_noise)
+    share = relative(other - p, p)
+    clear = (np.abs(other - p) > _CLEAR * error) & (share > 2e-3)
+    if not clear.any():
+        return
+    names = parameter_names(fit.n)
+    worst = int(np.argmax(np.where(clear, share, 0.0)))
+    high = "high" if other[worst] > p[worst] else "low"
+    if fit.friction is not None:
+        coulomb = ", ".join(f"{c:.2g}" for c in fit.friction.coulomb)
+        title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m and is allowed for. "
+        remedy = "Nothing for the answer. Larger motions, or a superposed constant velocity, reduce it."
+    elif fit.delay is not None:
+        return  # the rule of the delay says it better
+    elif fit.misfit > 3:
+        return  # neither of the two knows the cause
+    else:
+        title, cause = "Noise biases least squares", ""
+        remedy = "Nothing for the answer: the chosen estimate weighs the noise of angle and torque."
+    others = [
+        f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
+        for k in np.flatnonzero(clear)
+        if k != worst
+    ]
+    also = f" ({', '.join(others)})" if others else ""
+    yield note(
+        f"{title}: the paper's estimate of {names[worst]} would be {percent(share[worst])} too {high}",
+        f"{cause}Least squares as in the paper gives {other[worst]:.4g}, this fit {p[worst]:.4g} ± "
+        f"{fit.standard_error[worst]:.2g}{also}.",
+        remedy,
+        float(share[worst]),
+    )
+
+
+def torque_lags(evidence: Evidence) -> Iterator[Finding]:
+    """The torque acts later, or earlier, than its samples say."""
+    fit = evidence.fit
+    if fit.delay is None or fit.delay_error is None:
+        return
+    interval = float(np.median([record.interval_s for record in evidence.records]))
+    lag = fit.delay
+    if abs(lag) < max(0.01 * interval, _CLEAR * fit.delay_error):
+        return
+    try:
+        without = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).p[: 2 * fit.n]
+    except JointIdError:
+        without = np.full(2 * fit.n, np.nan)
+    p = np.concatenate([fit.K, fit.D])
+    share = relative(without - p, p)
+    if not np.any(np.abs(without - p) > fit.standard_error):
+        return
+    worst = int(np.nanargmax(share))
+    size = f"{1e3 * abs(lag):.3g} ms" if abs(lag) >= 1e-3 else f"{1e6 * abs(lag):.3g} µs"
+    remedy = f"Add {lag:.3g} s to torque_delay_s under [timing] in study.toml, if the drive explains it."
+    remedy = half_a_sample(evidence, lag) or remedy
+    yield note(
+        f"The torque {'lags' if lag > 0 else 'leads'} by {size}",
+        f"That is {abs(lag) / interval:.2g} samples, ± {fit.delay_error / interval:.1g}, and is allowed "
+        f"for. Without it {parameter_names(fit.n)[worst]} would be {percent(share[worst])} too "
+        f"{'high' if without[worst] > p[worst] else 'low'}.",
+        remedy,
+        float(share[worst]),
+    )
+
+
+def half_a_sample(evidence: Evidence, lag: float) -> str:
+    """The remedy when the lag is that of a hold which was not stated, or stated wrongly; else empty."""
+    held = [record.torque_hold for record in evidence.records]
+    samples = lag / float(np.median([record.interval_s for record in evidence.records]))
+    if not any(held) and abs(samples - 0.5) < 0.1:
+        return (
+            "The torque lags by half a sample: set torque_hold = true, if the controller holds the "
+            "torque from one sample to the next."
+        )
+    if all(held) and abs(samples + 0.5) < 0.1:
+        return "The torque leads by half a sample: torque_hold = true seems wrong for these records."
+    return ""
+
+
+def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
+    """K and D do not depend on the pose; when they seem to, something else does."""
+    if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
+        return
+    try:
+        fits = fits_by_pose(evidence.phasors, list(evidence.inertias), evidence.poses, evidence.fit)
+    except (JointIdError, np.linalg.LinAlgError):
+        return
+    if len(fits.names) < 2:
+        return
+    apart = np.where(fits.significance > _CLEAR, fits.spread, 0.0)
+    worst = int(np.argmax(apart))
+    if apart[worst] < 5e-3 or fits.probability > 1e-4:
+        return
+    values = ", ".join(
+        f"{value:.4g} ± {error:.2g} ({name or 'no pose'})"
+        for name, value, error in zip(
+            fits.names, fits.estimates[:, worst], fits.standard_error[:, worst], strict=True
+        )
+    )
+    yield warning(
+        f"The poses disagree on {parameter_names(evidence.fit.n)[worst]}",
+        f"{values}: {percent(fits.spread[worst])} apart, {fits.significance[worst]:.2g} standard "
+        "errors.",
+        "Check M2 of each pose first. If the inertias are right, the gear hardens: its stiffness then "
+        "depends on the load, which depends on the pose.",
+        float(apart[worst]),
+    )
+
+
+def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
+    """The stiffness changes with the deflection."""
+    if np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
+        return
+    found = amplitude_dependence(evidence.fit)
+    clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)
+    for j in np.flatnonzero(clear):
+        low, high = found.deflection_rad[j]
+        more = found.change[j] > 0
+        yield warning(
+            f"The stiffness of joint {j + 1} {'rises' if more else 'falls'} with the deflection",
+            f"By {percent(found.change[j])} ± {percent(found.standard_error[j])} from {low:.2g} to "
+            f"{high:.2g} rad of deflection, seen at frequencies with several amplitudes.",
+            "A gear hardens, or friction is not fully allowed for. Measure at the amplitude that the "
+            "work needs.",
+            float(abs(found.change[j])),
+        )
+
+
+def distortion(evidence: Evidence) -> float:
+    """Largest significant odd distortion of a torque."""
+    try:
+        content = harmonic_content(evidence.phasors)
+    except JointIdError:
+        return 0.0
+    n = evidence.fit.n
+    return float(np.where(content.significance > 4, content.odd, 0.0)[:, n:].max())
+
+
+def rubs_unheeded(evidence: Evidence) -> bool:
+    """Whether a linear estimator ignores friction, which then passes for other things."""
+    return evidence.fit.method in LINEAR and distortion(evidence) > 1e-3

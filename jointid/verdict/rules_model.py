@@ -1,0 +1,107 @@
+"""Rules of the verdict that look at the answer: is it physical, precise, and limited by noise?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jointid.joints import locked_resonances, resonances
+from jointid.uncertainty.chosen_model import parameter_names
+from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, relative, some, warning
+from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
+
+_GAP = 1.4  # a resonance is covered when a frequency lies within this factor
+
+
+def not_physical(evidence: Evidence) -> Iterator[Finding]:
+    """A spring that pushes, a damper that drives."""
+    fit = evidence.fit
+    for j in range(fit.n):
+        if fit.K[j] <= 0:
+            yield problem(
+                f"K{j + 1} is negative",
+                f"The estimate is {fit.K[j]:.4g} N·m/rad, which is no spring.",
+                f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
+                2.0,
+            )
+        elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
+            yield warning(
+                f"D{j + 1} is negative",
+                f"The estimate is {fit.D[j]:.3g} N·m·s/rad, which would feed energy into the arm.",
+                "The torque probably leads or lags: check torque_hold and torque_delay_s.",
+                2.0,
+            )
+
+
+def hardly_known(evidence: Evidence) -> Iterator[Finding]:
+    """The error bar is so wide that the value says little."""
+    fit = evidence.fit
+    error = fit.standard_error / np.sqrt(max(1.0, fit.misfit))  # what is not noise has its own finding
+    share = relative(error, np.concatenate([fit.K, fit.D]))
+    limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
+    names = [n for n, s, m in zip(parameter_names(fit.n), share, limit, strict=True) if s > m]
+    if names:
+        worst = int(np.argmax(share / limit))
+        yield warning(
+            f"{some(names)} {'is' if len(names) == 1 else 'are'} hardly known",
+            f"One standard error of {parameter_names(fit.n)[worst]} is "
+            f"{percent(share[worst])} of its value.",
+            "Add records near the resonances, record longer, or move the joints more.",
+            float(share.max()),
+        )
+
+
+def model_limits(evidence: Evidence) -> Iterator[Finding]:
+    """What is left over is more than the noise explains."""
+    fit = evidence.fit
+    if fit.misfit <= 3:
+        return
+    remedy = "Friction, a torque delay or wrong inertias are the usual causes."
+    if fit.method in LINEAR or fit.friction is None:
+        odd = distortion(evidence)
+        if odd > 1e-3:
+            remedy = f"The torque carries odd harmonics of {percent(odd)}: friction. " + (
+                "Use the automatic estimator." if fit.method in LINEAR else "Check the inertias too."
+            )
+    if fit.delay is not None and (mended := half_a_sample(evidence, fit.delay)):
+        remedy = mended
+    elif fit.friction is not None:
+        remedy = (
+            "Friction is allowed for already. Wrong inertias, a gear that hardens and disturbances "
+            "from outside remain."
+        )
+    share = relative(fit.standard_error, np.concatenate([fit.K, fit.D])).max()
+    yield warning(
+        "The model, not the noise, limits the answer",
+        f"The equations leave {np.sqrt(fit.misfit):.2g} times what the noise explains. "
+        "The error bars are widened by that factor.",
+        remedy,
+        float(share),
+    )
+
+
+def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
+    """No record near a resonance: there the springs show most."""
+    fit = evidence.fit
+    if np.any(fit.K <= 0) or np.any(-2 * fit.standard_error[fit.n :] > fit.D):
+        return
+    error = fit.standard_error / np.sqrt(max(1.0, fit.misfit))
+    share = float(relative(error, np.concatenate([fit.K, fit.D])).max())
+    missed = []
+    for pose in dict.fromkeys(evidence.poses):
+        index, inertia = evidence.of_pose(pose)
+        f = evidence.frequency_hz[index]
+        modes = [*locked_resonances(inertia, fit.elasticity), *resonances(inertia, fit.elasticity)]
+        missed += [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
+    if missed:
+        make = warning if share > 0.05 else note
+        low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
+        yield make(
+            "The frequencies miss a resonance",
+            f"The records span {low:.3g} to {high:.3g} Hz; by the fit there is a resonance at "
+            f"{some([f'{m:.3g}' for m in sorted(missed)])} Hz, with no record near it. The largest "
+            f"relative standard error is {percent(share)}.",
+            f"Add records at about {some([f'{m:.3g}' for m in sorted(missed)])} Hz.",
+            share,
+        )

@@ -1,0 +1,210 @@
+"""Rules of the verdict that look at the records: their frequency, length, motion and resolution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.friction import friction_waveforms
+from jointid.records import SineRecord
+from jointid.uncertainty.chosen_model import free_reversal
+from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, some, warning
+
+_LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
+
+
+def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
+    """The motor angle turns at another frequency than the record states."""
+    phasors, stated = evidence.phasors, evidence.frequency_hz
+    off = np.abs(phasors.frequency_found_hz / stated - 1)
+    for i in np.flatnonzero(off > 2e-3):
+        if not _turns_at(evidence.records[i], phasors.frequency_found_hz[i]):
+            off[i] = 0.0  # noise has a frequency as well
+    worst = int(np.argmax(off))
+    if off[worst] > 2e-3:
+        make = problem if off[worst] > 0.05 else warning
+        yield make(
+            "A record contradicts its stated frequency",
+            f"{phasors.labels[worst]} says {stated[worst]:.5g} Hz; the motor angle has "
+            f"{phasors.frequency_found_hz[worst]:.5g} Hz. "
+            f"{int((off > 2e-3).sum())} record(s) concerned.",
+            "Correct frequency_hz in study.toml, or the unit of time_s.",
+            float(off[worst]),
+        )
+
+
+def still_settling(evidence: Evidence) -> Iterator[Finding]:
+    """The beginning of a record differs from its end by more than noise."""
+    phasors = evidence.phasors
+    with np.errstate(invalid="ignore", divide="ignore"):
+        significance = phasors.settling / phasors.settling_noise
+    moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
+    worst = int(np.argmax(moving))
+    if moving[worst] > 0.01:
+        yield warning(
+            "The motion is still settling",
+            f"In {phasors.labels[worst]} the first quarter differs by {percent(moving[worst])} from the "
+            f"second half. {int((moving > 0.01).sum())} record(s) concerned.",
+            "Set start_s of these records later, or wait longer before recording.",
+            float(moving[worst]),
+        )
+
+
+def few_periods(evidence: Evidence) -> Iterator[Finding]:
+    """So short a record that its noise has to be guessed."""
+    periods = evidence.phasors.duration_s * evidence.frequency_hz
+    short = np.flatnonzero(periods < 2.999)
+    if short.size:
+        names = some([evidence.phasors.labels[i] for i in short])
+        yield note(
+            "Some records are only a few periods long",
+            f"{names}: {periods[short].min():.2g} periods. Their noise is taken as white, since slow "
+            "disturbances cannot be told from the sine itself.",
+            "Record five periods or more at every frequency.",
+            1e-3 + 0.5 * _worst_error(evidence),
+        )
+
+
+def counted_twice(evidence: Evidence) -> Iterator[Finding]:
+    """The same log stands in the study more than once."""
+    phasors = evidence.phasors
+    z, pairs = phasors.z, []
+    for _, group in phasors.by_frequency():
+        for place, i in enumerate(group):
+            for k in group[place + 1 :]:
+                same = np.abs(z[i] - z[k]) <= 1e-12 * np.abs(z[i])
+                if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
+                    pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
+    if pairs and np.any(phasors.covariance != 0):
+        yield warning(
+            "A record is in the study twice",
+            f"{some(pairs)} hold the same samples. {len(pairs)} pair(s) concerned. Noise that is "
+            "counted twice makes the error bars too small, by up to 30 %.",
+            "Remove one of each pair, or measure again.",
+            0.4 * _worst_error(evidence),
+        )
+
+
+def same_experiment(evidence: Evidence) -> Iterator[Finding]:
+    """All records of a frequency move the joints in the same proportion."""
+    phasors, n = evidence.phasors, evidence.fit.n
+    if n == 1:
+        return
+    found = []
+    for pose in dict.fromkeys(evidence.poses):
+        index, _ = evidence.of_pose(pose)
+        for omega, group in phasors.select(index).by_frequency():
+            first, *others = index[group]
+            if others and all(_proportional(evidence, int(first), int(k)) for k in others):
+                names = " and ".join(phasors.labels[i] for i in index[group][:2])
+                found.append(f"{names} at {omega / (2 * np.pi):.4g} Hz")
+    if found:
+        yield note(
+            "Two records are the same experiment",
+            f"{some(found)}: angles and torques are in the same proportion, so that the second record "
+            f"averages noise but tells nothing new. {len(found)} frequencies concerned.",
+            "Measure with other relative amplitudes or phases, for instance with one joint reversed: "
+            "the transfer matrix needs it, and so does friction.",
+            0.01 + 0.3 * _worst_error(evidence),
+        )
+
+
+def standing_joint(evidence: Evidence) -> Iterator[Finding]:
+    """A joint that sticks has no friction phasor, so that its torque says little."""
+    fit, phasors = evidence.fit, evidence.phasors
+    if fit.friction is None:
+        return
+    standing = friction_waveforms(phasors, free_reversal(fit)).standing
+    rubs = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
+    for j in np.flatnonzero(standing.any(axis=0) & rubs):
+        names = [phasors.labels[i] for i in np.flatnonzero(standing[:, j])]
+        share = len(names) / len(phasors.labels)
+        make = warning if share > 0.9 else note
+        yield make(
+            f"Joint {j + 1} stands still",
+            f"In {len(names)} of {len(phasors.labels)} records ({some(names)}) joint {j + 1} does not "
+            f"move out of its noise; friction, {fit.friction.coulomb[j]:.2g} N·m when it slides, then "
+            "takes any torque.",
+            "Move all joints in every record, with other relative phases, or superpose a constant "
+            "velocity.",
+            0.02 * share,
+        )
+
+
+def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
+    """The steps of the encoder, not other noise, are what the angle's error comes from."""
+    phasors, n = evidence.phasors, evidence.fit.n
+    variance = phasors.standard_deviation[:, :n] ** 2
+    step = np.array([_encoder_steps(record.theta_rad[record.start :]) for record in evidence.records])
+    samples = np.array([record.time_s.size - record.start for record in evidence.records])
+    rounding = step**2 / 12 * 4 / samples[:, None]
+    for j in range(n):
+        stepped = step[:, j] > 0
+        if not stepped.any():
+            continue
+        counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
+        limited = rounding[stepped, j] > 0.5 * variance[stepped, j]
+        if limited.mean() > 0.5 or counts.min() < 10:
+            size = float(np.median(step[stepped, j]))
+            make = warning if counts.min() < 3 else note
+            yield make(
+                f"The encoder of joint {j + 1} limits the noise",
+                f"It counts in steps of {size:.2g} rad ({2 * np.pi / size:.0f} per revolution); the "
+                f"smallest sine is {counts.min():.2g} steps in amplitude. Rounding makes "
+                f"{percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))} of "
+                "the angle's noise.",
+                "Move further at the frequencies with the smallest motion, record longer, and avoid "
+                "frequencies that divide the sample rate, where the same steps repeat.",
+                0.5 * _worst_error(evidence),
+            )
+
+
+def _turns_at(record: SineRecord, found_hz: float) -> bool:
+    """Whether a sine of the frequency found explains clearly more than one of that stated."""
+    time = record.time_s[record.start :] - record.time_s[record.start]
+    theta = record.theta_rad[record.start :]
+    angle = theta[:, np.argmax(np.ptp(theta, axis=0))]
+    left = []
+    for frequency in (record.frequency_hz, found_hz):
+        turn = 2 * np.pi * frequency * time
+        columns = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(time), time])
+        left.append(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
+    # Of N lines of noise the largest stands 2 ln N above; 25 more are five standard deviations.
+    return bool(left[0] - left[1] > (25 + 2 * np.log(time.size)) * left[1] / time.size)
+
+
+def _encoder_steps(theta: Floats) -> Floats:
+    """Step of each joint's angle when all its values are multiples of one, else 0, shape (n,)."""
+    part = theta[:_LOOKED_AT]
+    steps = np.zeros(part.shape[1])
+    for j, signal in enumerate(part.T):
+        change = np.abs(np.diff(signal))
+        size = np.abs(signal).max()
+        change = change[change > 1e-12 * size]
+        if change.size == 0 or size == 0:
+            continue
+        smallest = float(change.min())
+        counts = (signal - signal[0]) / smallest
+        if size / smallest < 1e9 and np.abs(counts - np.rint(counts)).max() < 1e-2:
+            steps[j] = smallest
+    return steps
+
+
+def _proportional(evidence: Evidence, first: int, second: int) -> bool:
+    """Whether two records differ by one complex factor only, as far as noise lets one tell."""
+    z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
+    size = np.maximum(np.abs(z[first]), np.abs(z[second]))
+    x, y = z[first] / np.where(size > 0, size, 1), z[second] / np.where(size > 0, size, 1)
+    factor = np.vdot(x, y) / np.vdot(x, x)
+    apart = np.abs(y - factor * x)
+    noise = np.hypot(deviation[second], abs(factor) * deviation[first]) / np.where(size > 0, size, 1)
+    return bool(np.all(apart <= np.maximum(4 * noise, 1e-6)) and np.all(apart < 0.1))
+
+
+def _worst_error(evidence: Evidence) -> float:
+    """Largest relative standard error of K and D."""
+    p = np.abs(np.concatenate([evidence.fit.K, evidence.fit.D]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(min(1.0, np.nan_to_num(evidence.fit.standard_error / p, posinf=1.0).max()))
