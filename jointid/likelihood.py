@@ -48,6 +48,7 @@ class _Problem:
     arm: Floats  # M2⁻¹, (r, n, n)
     friction: FrictionWaveforms | None
     names: tuple[str, ...]  # of the parameters, K and D first
+    stiffest: Floats  # far above the linear estimate: a stiffness that runs away is none
 
     @property
     def n(self) -> int:
@@ -122,6 +123,7 @@ def maximum_likelihood(
         arm=arm,
         friction=friction,
         names=tuple(names),
+        stiffest=100 * start[:n],
     )
     p = np.concatenate([start, np.zeros(len(names) - start.size)])
     scale = np.ones(problem.s.shape[1])
@@ -166,7 +168,7 @@ def _minimise(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floa
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = -np.linalg.solve(scaled, gradient / size) / size
             trial = p + step
-            if np.all(trial[:n] > 0):
+            if np.all(trial[:n] > 0) and np.all(trial[:n] < problem.stiffest):
                 new = _quadratic(problem, trial, scale)
                 if new[0] <= cost * (1 + 1e-12):
                     break

@@ -14,11 +14,12 @@ from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.phasors import Phasors
 
-REVERSALS = (0.0, 0.03, 0.1)
+REVERSALS = (0.0, 0.03, 0.1, 0.3)
 """Shares of the largest velocity below which friction is left free: from a sharp to a blunt reversal."""
 
 _EXPLAINED = 1.1  # cost over its expectation that leaves no room for a better model
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
+_NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 
 
 @dataclass(frozen=True)
@@ -100,16 +101,13 @@ def choose_model(
         Parts that must be in the model; the others may be.
     """
     search = _Search(phasors, inertia, start)
-    # A wrong delay would pass for friction, so the shape of friction is chosen with the delay free.
-    models = [] if friction else [Model(None, True)]
-    for reversal in REVERSALS:
-        models.append(Model(reversal, True))
+    models: list[Model] = []
+    for reversal in REVERSALS if friction else (None, *REVERSALS):
+        models += [Model(reversal, lag) for lag in ((True,) if delay else (False, True))]
         best = search.best(models)
-        if search.explains(models[-1]) or (best.reversal is None and search.explains(best)):
+        if reversal is not None and search.explains(best):
             break
-    for model in {models[0], best}:
-        search.fit(Model(model.reversal, delay))
-    return search.choice(search.best(list(search.tried), any_delay=delay), any_delay=delay)
+    return search.choice(best)
 
 
 class _Search:
@@ -132,10 +130,10 @@ class _Search:
         except JointIdError as error:
             self.tried[model] = error
 
-    def best(self, models: Sequence[Model], *, any_delay: bool = True) -> Model:
+    def best(self, models: Sequence[Model]) -> Model:
         for model in models:
             self.fit(model)
-        criterion = self._criterion(models, any_delay)
+        criterion = self._criterion()
         return min(models, key=lambda model: criterion[model])
 
     def explains(self, model: Model) -> bool:
@@ -144,8 +142,8 @@ class _Search:
             return False
         return estimate.cost < _EXPLAINED * estimate.expected_cost
 
-    def choice(self, best: Model, *, any_delay: bool = True) -> Choice:
-        criterion = self._criterion(list(self.tried), any_delay)
+    def choice(self, best: Model) -> Choice:
+        criterion = self._criterion()
         candidates = [
             self._candidate(model, criterion[model], model == best)
             for model in sorted(self.tried, key=lambda model: criterion[model])
@@ -170,39 +168,50 @@ class _Search:
 
     def _begin(self, model: Model) -> Floats:
         """Parameters of the last fit of the same kind, or the linear estimate."""
-        for earlier, estimate in reversed(self.tried.items()):
-            alike = (earlier.reversal is None) == (model.reversal is None)
-            if alike and earlier.delay >= model.delay and isinstance(estimate, LikelihoodEstimate):
-                return estimate.p if earlier.delay == model.delay else estimate.p[:-1]
+        for lag in (model.delay, False):
+            for earlier, estimate in reversed(self.tried.items()):
+                alike = (earlier.reversal is None) == (model.reversal is None) and earlier.delay == lag
+                if alike and isinstance(estimate, LikelihoodEstimate):
+                    return estimate.p
         return self.start
 
-    def _criterion(self, models: Sequence[Model], any_delay: bool) -> dict[Model, float]:
+    def _criterion(self) -> dict[Model, float]:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for what is asked for (K, D, friction, delay); Akaike's 2 for the
         free shapes of the reversals, of which there are many and none matters by itself.
         """
-        fitted = {m: e for m in models if isinstance(e := self.tried[m], LikelihoodEstimate)}
-        ratios = [e.cost / e.expected_cost for e in fitted.values() if e.expected_cost > 0]
-        misfit = max(1.0, min(ratios, default=1.0))
+        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
+        misfit = max(1.0, min((_misfit(e) for e in fitted.values()), default=1.0))
         rows = 2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n])
-        criterion = dict.fromkeys(models, np.inf)
+        criterion = dict.fromkeys(self.tried, np.inf)
         for model, estimate in fitted.items():
-            if self._is_clear(model, estimate, misfit, any_delay):
+            if self._is_clear(model, estimate):
                 free = estimate.parameters - estimate.p.size
                 penalty = float(np.log(rows)) * estimate.p.size + 2 * free
                 criterion[model] = 2 * estimate.cost / misfit + penalty
         return criterion
 
-    def _is_clear(
-        self, model: Model, estimate: LikelihoodEstimate, misfit: float, any_delay: bool
-    ) -> bool:
-        """Whether friction and delay stand clear of nothing.
+    def _is_clear(self, model: Model, estimate: LikelihoodEstimate) -> bool:
+        """Whether friction and delay are needed, or stand clear of nothing.
 
         Free shapes of reversals soak up many small things that are no friction; this keeps them out.
         """
-        n = self.phasors.n
-        error = np.sqrt(np.diag(estimate.covariance) * misfit)
+        n, own = self.phasors.n, _misfit(estimate)
+        error = np.sqrt(np.diag(estimate.covariance) * max(1.0, own))
         clear = np.abs(estimate.p) > _CLEAR * error
-        friction = model.reversal is None or clear[2 * n : 4 * n].any()
-        return bool(friction and (any_delay or not model.delay or clear[-1]))
+        parts = []
+        if model.reversal is not None:
+            parts.append((Model(None, model.delay), clear[2 * n : 4 * n].any()))
+        if model.delay:
+            parts.append((Model(model.reversal, False), clear[-1]))
+        for without, stands in parts:
+            other = self.tried.get(without)
+            needed = isinstance(other, LikelihoodEstimate) and _misfit(other) > _NEEDED * max(1.0, own)
+            if not stands and not needed:
+                return False
+        return True
+
+
+def _misfit(estimate: LikelihoodEstimate) -> float:
+    return estimate.cost / estimate.expected_cost if estimate.expected_cost > 0 else 1.0
