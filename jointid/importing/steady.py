@@ -135,7 +135,7 @@ def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
 
 
 def _standing(frames: Frames, *, drifts: bool) -> tuple[int, int]:
-    """Frames about the middle whose phasors stay where those of the second half are, or on their line."""
+    """Frames about the middle whose phasors stay where the second half has them, or on their line."""
     z, count = frames.z, len(frames.z)
     place = frames.begin / max(int(frames.begin[-1]), 1)
     inner = (place > (0.3 if drifts else 0.5)) & (place < 0.95) if count >= 8 else np.ones(count, bool)
