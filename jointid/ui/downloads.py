@@ -1,0 +1,121 @@
+"""What a person takes away: the report, results for other tools, the study itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import streamlit as st
+
+from jointid import Analysis
+from jointid.arrays import Floats
+from jointid.exporting import (
+    Identification,
+    identification,
+    mujoco_snippet,
+    phasor_table,
+    sdf_snippet,
+    to_json,
+    to_mat,
+    to_toml,
+    transfer_matrix_table,
+    urdf_snippet,
+)
+from jointid.reporting.report import make_report, to_html, to_pdf
+
+_MOST_REPORTS = 8
+
+_SNIPPETS = {
+    "MuJoCo": (".xml", mujoco_snippet),
+    "URDF": (".urdf", urdf_snippet),
+    "SDF": (".sdf", sdf_snippet),
+}
+
+
+@dataclass(frozen=True)
+class MadeReport:
+    """A report, set for the screen and for paper."""
+
+    html: str
+    pdf: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What an analysis gives to other tools."""
+
+    identification: Identification
+    json: str
+    toml: str
+    phasors: str
+    transfer: str
+    """Only a header when the records allow no transfer matrix."""
+    mat: bytes
+
+
+@st.cache_resource(max_entries=8, show_spinner="Writing the files")
+def results(digest: str, method: str, _analysis: Analysis) -> Results:
+    """Write the files of an analysis."""
+    found = identification(_analysis)
+    return Results(
+        identification=found,
+        json=to_json(found),
+        toml=to_toml(found),
+        phasors=phasor_table(_analysis),
+        transfer=transfer_matrix_table(_analysis),
+        mat=to_mat(_analysis),
+    )
+
+
+def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, str]]:
+    """Return each simulator's file ending and text, by the simulator's name."""
+    return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
+
+
+@st.cache_resource(show_spinner=False)
+def _reports() -> dict[tuple[str, str], MadeReport]:
+    return {}
+
+
+def made_report(digest: str, method: str) -> MadeReport | None:
+    """Return a report that was made before."""
+    return _reports().get((digest, method))
+
+
+def write_report(
+    digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
+) -> MadeReport:
+    """Make the report and keep it; a function that shows progress cannot be cached by itself."""
+    progress(0.05, "Cutting the path before and after, drawing the figures")
+    report = make_report(analysis)
+    progress(0.60, "Setting the pages for the screen")
+    html = to_html(report)
+    progress(0.70, "Setting the pages for paper")
+    made = MadeReport(html, to_pdf(report))
+    kept = _reports()
+    kept[digest, method] = made
+    while len(kept) > _MOST_REPORTS:
+        kept.pop(next(iter(kept)), None)
+    return made
+
+
+def download(
+    label: str,
+    data: str | bytes | Callable[[], bytes],
+    file_name: str,
+    mime: str,
+    *,
+    kind: Literal["primary", "secondary"] = "secondary",
+    note: str | None = None,
+) -> None:
+    """Draw a button that saves a file and leaves the page as it is."""
+    st.download_button(
+        label, data, file_name, mime, key=f"save {label}", help=note, on_click="ignore", type=kind
+    )
+
+
+def file_stem(name: str) -> str:
+    """Return a study's name as the beginning of a file name."""
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

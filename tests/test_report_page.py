@@ -1,0 +1,99 @@
+"""The page Report: what is offered is what the library writes, for any number of joints."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from jointid import Study, analyse
+from jointid.exporting import from_json, from_toml, identification, to_json
+from jointid.ui import downloads, workspace
+
+APP = Path(__file__).parents[1] / "app.py"
+KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    return AppTest.from_file(str(APP), default_timeout=60)
+
+
+def opened(app: AppTest, joints: int) -> AppTest:
+    app.query_params["study"] = KEYS[joints]
+    at = app.switch_page("pages/7_Report.py").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert not at.error
+    return at
+
+
+def offered(at: AppTest) -> list[str]:
+    return [button.proto.label for button in at.get("download_button")]
+
+
+@pytest.mark.parametrize("joints", KEYS)
+def test_every_file_is_offered(app: AppTest, joints: int) -> None:
+    at = opened(app, joints)
+    assert at.title[0].value == "Report and export"
+    labels = offered(at)
+    assert {"JSON", "TOML", "MATLAB (.mat)", "Phasors (.csv)", "Transfer matrix H (.csv)"} <= set(labels)
+    assert not any(label.startswith(("Report", "MuJoCo", "URDF", "SDF")) for label in labels)
+
+
+@pytest.mark.parametrize("joints", KEYS)
+def test_the_report_is_made_on_demand_and_kept(app: AppTest, joints: int) -> None:
+    downloads._reports().clear()
+    at = opened(app, joints)
+    at = at.button(key="make_report").click().run()
+    assert not at.exception
+    assert not at.error
+    assert {"Report as PDF", "Report as HTML"} <= set(offered(at))
+    ((digest, method), made), *others = downloads._reports().items()
+    assert not others
+    assert method == at.selectbox(key="estimator").value
+    assert made.pdf.startswith(b"%PDF-")
+    assert digest in made.html
+    again = at.run()
+    assert "Report as PDF" in offered(again)
+    assert not [button for button in again.button if button.key == "make_report"]
+
+
+@pytest.mark.parametrize("joints", KEYS)
+def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> None:
+    analysis = analyse(studies[joints])
+    written = downloads.results(f"test {joints}", "auto", analysis)
+    expected = identification(analysis)
+    for read in (from_json(written.json), from_toml(written.toml)):
+        assert to_json(read) == to_json(expected)
+    assert len(written.phasors.splitlines()) == 1 + len(studies[joints].records)
+    assert len(written.transfer.splitlines()) > 1
+    assert json.loads(written.json)["K"] == analysis.fit.K.tolist()
+
+
+def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:
+    at = opened(app, 2)
+    at = at.text_input(key="gears").set_value("100, -80").run()
+    assert not at.exception
+    assert not at.error
+    assert {"MuJoCo (.xml)", "URDF (.urdf)", "SDF (.sdf)"} <= set(offered(at))
+    K = from_toml(next(code.value for code in at.code if code.language == "toml")).K
+    snippets = [code.value for code in at.code if code.language == "xml"]
+    assert len(snippets) == 3
+    for code in snippets:
+        assert repr(float(100.0**2 * K[0])) in code
+        assert repr(float(80.0**2 * K[1])) in code
+
+
+@pytest.mark.parametrize(
+    ("entered", "said"), [("100, 80, 60", "3 values"), ("0, 80", "is 0"), ("hundred", "not a number")]
+)
+def test_what_is_no_gear_ratio_is_said(app: AppTest, entered: str, said: str) -> None:
+    at = opened(app, 2)
+    at = at.text_input(key="gears").set_value(entered).run()
+    assert not at.exception
+    assert said in at.error[0].value
+    assert not any(label.startswith("MuJoCo") for label in offered(at))
+    assert any(label.startswith("Study") for label in offered(at))
