@@ -1,0 +1,388 @@
+"""Work that is not lost: named pieces of data in a folder, shared by any number of processes.
+
+A workspace is known by an unguessable id, which whoever knows may use. Each entry is a few files:
+
+    workspaces/<hash of the workspace's id>/<entry>.data      the data, never changed
+    workspaces/<hash of the workspace's id>/<entry>.json      digest, size, checksum; its arrival commits
+    workspaces/<hash of the workspace's id>/<entry>.name      its latest name, when it was renamed
+    workspaces/<hash of the workspace's id>/<entry>.note      what became of an entry that is gone
+    damaged/                                                  what could not be read, set aside
+
+Every file is written under another name and then renamed, so that it is complete or absent. No lock is
+held: data come before their .json and leave after it. A data file's time says when it was last opened.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+from jointid.errors import JointIdError
+
+LIMIT_BYTES = 1 << 30
+"""What a store holds unless told otherwise, 1 GiB."""
+MAX_NAME = 120
+"""Longest name of an entry, characters."""
+
+_WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
+_ENTRY = re.compile(r"[0-9a-f]{32}")
+_LEFT_OVER_S = 3600.0
+_UNOPENED_S = 60.0
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A piece of data in a workspace."""
+
+    id: str
+    """32 hexadecimal digits."""
+    name: str
+    """For people; need not be unique."""
+    digest: str
+    """What the caller knows the content by."""
+    size_bytes: int
+    checksum: str
+    """Of the data as they were written."""
+    created_s: float
+    """Seconds since 1970."""
+    opened_s: float
+    """When it was last opened, seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class Note:
+    """What became of an entry that is gone."""
+
+    id: str
+    text: str
+
+
+def new_workspace() -> str:
+    """Return a fresh id of 192 random bits, fit for an address."""
+    return secrets.token_urlsafe(24)
+
+
+def user_folder() -> Path:
+    """Return where a store stands by default: JOINTID_DATA_DIR, else the user's data directory."""
+    if chosen := os.environ.get("JOINTID_DATA_DIR"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        base = "~/Library/Application Support"
+    else:
+        base = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
+    return Path(base).expanduser() / "jointid"
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder of workspaces; nothing is read or written until a method is called.
+
+    Every method raises ``JointIdError`` when the folder cannot be read or written, and when an id is
+    not one that this store made.
+    """
+
+    folder: Path
+    limit_bytes: int = LIMIT_BYTES
+    """Beyond this, entries that were not opened for longest are dropped, with a note."""
+
+    def known(self, workspace: str) -> bool:
+        """Whether this is the id of a workspace; any text may be asked."""
+        return bool(_WORKSPACE.fullmatch(workspace)) and self._place(workspace).is_dir()
+
+    def entries(self, workspace: str) -> tuple[Entry, ...]:
+        """Return what a workspace holds, newest first; a damaged entry is set aside with a note."""
+        place, found = self._place(workspace), []
+        with self._failing("read"):
+            for file in place.glob("*.json"):
+                if not _ENTRY.fullmatch(file.stem):
+                    continue
+                try:
+                    found.append(_entry(file))
+                except FileNotFoundError:
+                    if file.exists():  # else it was deleted meanwhile
+                        self._set_aside(file, "its data are missing")
+                except (ValueError, KeyError, TypeError, RecursionError):
+                    self._set_aside(file, "its description or its size is wrong")
+        return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
+
+    def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:
+        """Keep data; they are complete on the disk when this returns.
+
+        The same digest again brings the entry that is there to the front under the new name.
+
+        Parameters
+        ----------
+        workspace : str
+            From ``new_workspace``.
+        name : str
+            For people; cut to ``MAX_NAME`` characters.
+        digest : str
+            What the caller knows the content by.
+        data : bytes
+
+        Raises
+        ------
+        JointIdError
+            When they are larger than the whole store, or cannot be written.
+        """
+        place = self._place(workspace)
+        if len(data) > self.limit_bytes:
+            raise JointIdError(
+                f"{name} needs {_size(len(data))}, the store holds {_size(self.limit_bytes)}: "
+                "raise its limit, or shorten the records."
+            )
+        before = [entry for entry in self.entries(workspace) if entry.digest == digest]
+        with self._failing("written"):
+            self._make_room(len(data))
+            file = place / f"{secrets.token_hex(16)}.json"
+            for again in (True, False):
+                try:
+                    place.mkdir(mode=0o700, parents=True, exist_ok=True)
+                    _write(file.with_suffix(".data"), data)
+                    break
+                except FileNotFoundError:  # the empty folder was swept away meanwhile
+                    if not again:
+                        raise
+            now = time.time()
+            entry = Entry(file.stem, _name(name), digest, len(data), _checksum(data), now, now)
+            meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
+            _write(file, json.dumps({"format": 1} | meta).encode())
+            for entry in before:
+                self._remove(place / f"{entry.id}.json")
+            self._make_room(0, spare=file.stem)
+        return entry
+
+    def read(self, workspace: str, entry: str) -> bytes:
+        """Return an entry's data and remember that it was opened.
+
+        Raises
+        ------
+        JointIdError
+            When there is no such entry, or its data are damaged; they are then set aside.
+        """
+        file = self._file(workspace, entry)
+        try:
+            data, meta = file.with_suffix(".data").read_bytes(), _entry(file)
+        except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
+            self.entries(workspace)  # sets it aside, when it is damaged
+            raise JointIdError("This study is not in the store any more: open its file again.") from None
+        except OSError as error:
+            raise self._error("read", error) from error
+        if _checksum(data) != meta.checksum:
+            self.set_aside(workspace, entry, "its checksum is wrong")
+            raise JointIdError(
+                f'The kept copy of "{meta.name}" is damaged: its checksum is wrong. It was set aside in '
+                f"{self.folder / 'damaged'}; open the study's file again."
+            )
+        self.touch(workspace, meta)
+        return data
+
+    def touch(self, workspace: str, entry: Entry) -> None:
+        """Remember that an entry was opened now, to the minute."""
+        if time.time() - entry.opened_s > _UNOPENED_S:
+            with suppress(OSError):
+                os.utime(self._file(workspace, entry.id).with_suffix(".data"))
+
+    def rename(self, workspace: str, entry: str, name: str) -> None:
+        """Give an entry another name; the last of two at once wins.
+
+        Raises
+        ------
+        JointIdError
+            When the name is empty, or there is no such entry.
+        """
+        if not (wanted := _name(name)):
+            raise JointIdError("The name is empty: give at least one character.")
+        file = self._file(workspace, entry)
+        with self._failing("written"):
+            if file.exists():
+                _write(file.with_suffix(".name"), wanted.encode("utf-8", "replace"))
+            if not file.exists():  # perhaps deleted meanwhile
+                file.with_suffix(".name").unlink(missing_ok=True)
+                raise JointIdError(
+                    "This study is not in the store any more: there is nothing to rename."
+                )
+
+    def delete(self, workspace: str, entry: str) -> None:
+        """Remove an entry; one that is gone already is no error."""
+        with self._failing("written"):
+            self._remove(self._file(workspace, entry))
+
+    def set_aside(self, workspace: str, entry: str, why: str) -> None:
+        """Move an entry that cannot be used to the folder ``damaged`` and leave a note."""
+        with self._failing("written"):
+            self._set_aside(self._file(workspace, entry), why)
+
+    def notes(self, workspace: str) -> tuple[Note, ...]:
+        """Return what became of entries that are gone without having been deleted, oldest first."""
+        found = []
+        with self._failing("read"):
+            files = sorted(self._place(workspace).glob("*.note"), key=_time)
+            for file in files:
+                with suppress(FileNotFoundError):
+                    found.append(Note(file.stem, file.read_text("utf-8", "replace")))
+        return tuple(found)
+
+    def dismiss(self, workspace: str, note: str) -> None:
+        """Remove a note that was read."""
+        with self._failing("written"):
+            self._file(workspace, note).with_suffix(".note").unlink(missing_ok=True)
+
+    def size_bytes(self) -> int:
+        """What all workspaces take together, with what was set aside."""
+        with self._failing("read"):
+            return sum(size for size, _, _ in self._all())
+
+    def _place(self, workspace: str) -> Path:
+        """A workspace's folder: its name does not tell the id, and never leaves the store."""
+        if not _WORKSPACE.fullmatch(workspace):
+            raise JointIdError(f'"{workspace[:40]}" is not the id of a workspace.')
+        return self.folder / "workspaces" / blake2b(workspace.encode(), digest_size=16).hexdigest()
+
+    def _file(self, workspace: str, entry: str) -> Path:
+        if not _ENTRY.fullmatch(entry):
+            raise JointIdError(f'"{entry[:40]}" is not the id of a study in the store.')
+        return self._place(workspace) / f"{entry}.json"
+
+    def _all(self) -> Iterator[tuple[int, float, Path]]:
+        """Size, time and path of every file."""
+        for file in [*self.folder.glob("workspaces/*/*"), *self.folder.glob("damaged/*")]:
+            with suppress(FileNotFoundError):
+                stat = file.stat()
+                yield stat.st_size, stat.st_mtime, file
+
+    def _make_room(self, needed: int, *, spare: str = "") -> None:
+        """Drop what a crash left over, then what was set aside, then what was unopened for longest."""
+        files, now = list(self._all()), time.time()
+        for _, changed, file in files:
+            left = file.suffix == ".new" or (
+                file.suffix in (".data", ".name")
+                and file.parent.name != "damaged"
+                and not file.with_suffix(".json").exists()
+            )
+            if left and now - changed > _LEFT_OVER_S:
+                file.unlink(missing_ok=True)
+        total = sum(size for size, _, file in files if file.exists()) + needed
+        droppable = [row for row in files if row[2].suffix == ".data" and row[2].stem != spare]
+        droppable.sort(key=lambda row: (row[2].parent.name != "damaged", row[1]))
+        for size, _, file in droppable:
+            if total <= self.limit_bytes:
+                break
+            if not file.exists():
+                continue
+            if file.parent.name != "damaged":
+                self._leave_note(
+                    file,
+                    f"was dropped: the store was full ({_size(self.limit_bytes)}), and it had not been "
+                    "opened for longest.",
+                )
+            self._remove(file.with_suffix(".json"))
+            total -= size
+
+    def _remove(self, file: Path) -> None:
+        for ending in (".json", ".data", ".name"):
+            file.with_suffix(ending).unlink(missing_ok=True)
+
+    def _set_aside(self, file: Path, why: str) -> None:
+        aside = self.folder / "damaged"
+        aside.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._leave_note(file, f"was damaged ({why}) and set aside in {aside}. Open its file again.")
+        for ending in (".json", ".data", ".name"):
+            part = file.with_suffix(ending)
+            with suppress(FileNotFoundError):
+                part.replace(aside / part.name)
+
+    def _leave_note(self, file: Path, what: str) -> None:
+        try:
+            name = _latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            name = ""
+        name = _name(name) or "A kept study"
+        _write(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
+
+    @contextmanager
+    def _failing(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise self._error(what, error) from error
+
+    def _error(self, what: str, error: OSError) -> JointIdError:
+        return JointIdError(
+            f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
+            "permit it, or name another folder in JOINTID_DATA_DIR."
+        )
+
+
+def _entry(file: Path) -> Entry:
+    """Read a .json and compare it with its data's size."""
+    meta: dict[str, Any] = json.loads(file.read_bytes())
+    stat = file.with_suffix(".data").stat()
+    entry = Entry(
+        id=file.stem,
+        name=_latest_name(file) or str(meta["name"]),
+        digest=str(meta["digest"]),
+        size_bytes=int(meta["size_bytes"]),
+        checksum=str(meta["checksum"]),
+        created_s=float(meta["created_s"]),
+        opened_s=stat.st_mtime,
+    )
+    if meta.get("format") != 1 or entry.size_bytes != stat.st_size:
+        raise ValueError(file.name)
+    return entry
+
+
+def _write(file: Path, data: bytes) -> None:
+    """Write a file complete or not at all, and only for this user."""
+    fresh = file.with_name(f".{secrets.token_hex(8)}.new")
+    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(file)
+    except BaseException:
+        with suppress(OSError):
+            fresh.unlink()
+        raise
+
+
+def _latest_name(file: Path) -> str:
+    """What an entry was renamed to, else empty."""
+    try:
+        return _name(file.with_suffix(".name").read_text("utf-8", "replace"))
+    except FileNotFoundError:
+        return ""
+
+
+def _name(name: str) -> str:
+    """One line, not too long."""
+    return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
+
+
+def _checksum(data: bytes) -> str:
+    return blake2b(data, digest_size=16).hexdigest()
+
+
+def _time(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
+def _size(size: int) -> str:
+    return f"{size / 2**20:.3g} MiB"
