@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -16,6 +15,7 @@ from jointid.linear_fit import Estimate, explicit, least_squares, weighted
 from jointid.model_choice import Candidate, Choice, choose_model, fit_model
 from jointid.phasors import Phasors
 from jointid.spring_equations import SpringEquations, spring_equations
+from jointid.threads import one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model that the noise allows",
@@ -167,7 +167,7 @@ def identify_elasticity(
         return _fit(method, _LINEAR[method](equations), equations, phasors)
     linear = weighted(equations)
     find = choose_model if method == "auto" else fit_model
-    with ThreadpoolController().limit(limits=1, user_api="blas"):  # for small matrices threads only wait
+    with one_thread():
         choice = find(phasors, inertia, linear.p, friction=friction, delay=delay)
     if isinstance(choice.estimate, LikelihoodEstimate):
         equations = spring_equations(choice.estimate.phasors, inertia)

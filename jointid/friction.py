@@ -18,6 +18,9 @@ from jointid.phasors import Phasors
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: closer than the harmonics can resolve."""
 
+_WIDTHS = (0.02, 0.07, 0.25)
+"""Of a friction curve's fading parts, as shares of the joint's largest velocity over all records."""
+
 _GRID = 1024  # points per period; many times the highest harmonic
 
 
@@ -26,7 +29,10 @@ class FrictionWaveforms:
     """Phasors of the friction torques that a unit of each parameter would make."""
 
     coulomb: Complexes
-    """Of sign θ̇, shape (r, H, n)."""
+    """Of sign θ̇, shape (r, H, n); zero where the motor never reverses."""
+    curve: Complexes
+    """Of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): what a friction curve that
+    rises or falls with speed has beyond Coulomb's."""
     reversals: Complexes
     """Waveforms in which friction is free, shape (r, H, n, m); where a record has fewer, zero."""
     standing: np.ndarray
@@ -34,7 +40,7 @@ class FrictionWaveforms:
     torque balance says nothing, shape (r, n)."""
 
 
-def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
+def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) -> FrictionWaveforms:
     """Fourier coefficients of sign θ̇ and of the free shapes around every reversal.
 
     Parameters
@@ -44,6 +50,8 @@ def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
     window : float
         A reversal is where |θ̇| is below this share of the record's largest, or within the noise of θ̇;
         0 takes sign θ̇ as it is.
+    curve : bool, default False
+        Whether friction may change with speed beyond its viscous part (Stribeck's curve, a soft sign).
     """
     r, H, _ = phasors.harmonics.shape
     n = phasors.n
@@ -79,8 +87,13 @@ def friction_waveforms(phasors: Phasors, window: float) -> FrictionWaveforms:
     for place, shapes in enumerate(shapes_of):
         record, joint = divmod(place, n)
         reversals[record, :, joint, joint, : len(shapes)] = shapes.T
-    coulomb = (signs @ to_phasor).swapaxes(1, 2)
-    return FrictionWaveforms(coulomb, reversals.reshape(r, H, n, n * most), standing)
+    reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
+    coulomb = (signs @ to_phasor).swapaxes(1, 2) * reverses[:, None]
+    widths = np.array(_WIDTHS if curve else ()) * largest.max(axis=0)[:, None]  # (n, c), rad/s
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fading = np.nan_to_num(np.exp(-np.abs(velocity)[..., None] / widths[:, None]))  # (r, n, t, c)
+    shapes = np.einsum("rjt,rjtc,th->rhjc", signs, fading, to_phasor, optimize=True)
+    return FrictionWaveforms(coulomb, shapes, reversals.reshape(r, H, n, n * most), standing)
 
 
 def _free_shapes(

@@ -94,7 +94,8 @@ def maximum_likelihood(
     Returns
     -------
     LikelihoodEstimate
-        p = (K, D, then coulomb (n) and viscous (n), then delay), as far as fitted. A Coulomb friction
+        p = (K, D, then coulomb (n), viscous (n) and the friction curve (n · c), then delay), as far as
+        fitted. A Coulomb friction
         that no record shows, since its motor never reverses, is zero with variance zero.
 
     Raises
@@ -106,6 +107,8 @@ def maximum_likelihood(
     names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
     if friction is not None:
         names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
+        parts = range(friction.curve.shape[3])
+        names += [f"friction curve {c + 1} of joint {j + 1}" for j in range(n) for c in parts]
     if delay:
         names.append("delay")
     if np.any(start[:n] <= 0):
@@ -243,8 +246,7 @@ def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
     taken = z[:, n:] * (1 - np.exp(-s * lag))
     if problem.friction is None:
         return np.asarray(taken)
-    taken = taken + p[2 * n : 3 * n] * problem.friction.coulomb[:, 0]
-    taken = taken + p[3 * n : 4 * n] * s * z[:, :n]
+    taken = taken + _law(problem, p, z[:, None, :n])[:, 0]
     r, V, _ = _balance(problem, p)
     if problem.free_shapes > 0:
         W = _whitener(problem, V, scale)
@@ -271,8 +273,7 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
     V = E @ CE
     r = (E @ z[..., None])[..., 0]
     if problem.friction is not None:
-        viscous = s[..., None] * z[..., :n]
-        r = r - p[2 * n : 3 * n] * problem.friction.coulomb - p[3 * n : 4 * n] * viscous
+        r = r - _law(problem, p, z[..., :n])
     smooth = z - (CE @ np.linalg.solve(V, r[..., None]))[..., 0]
 
     J = np.zeros((*r.shape, p.size), complex)
@@ -283,9 +284,24 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
     if problem.friction is not None:
         J[..., 2 * n : 3 * n] = -problem.friction.coulomb[..., None] * np.eye(n)
         J[..., 3 * n : 4 * n] = -(s[..., None] * smooth[..., :n])[..., None] * np.eye(n)
+        curve = problem.friction.curve
+        for j in range(n):
+            first = 4 * n + j * curve.shape[3]
+            J[..., j, first : first + curve.shape[3]] = -curve[:, :, j]
     if problem.names[-1] == "delay":
         J[..., -1] = -s[..., None] * smooth[..., n:]
     return r, V, J
+
+
+def _law(problem: _Problem, p: Floats, q: Complexes) -> Complexes:
+    """Friction that the parameters make at the harmonics of q, shape (r, h, n)."""
+    assert problem.friction is not None
+    n, h = problem.n, q.shape[1]
+    curve = problem.friction.curve[:, :h]
+    weights = p[4 * n : 4 * n + n * curve.shape[3]].reshape(n, -1)
+    coulomb = p[2 * n : 3 * n] * problem.friction.coulomb[:, :h]
+    viscous = p[3 * n : 4 * n] * problem.s[:, :h, None] * q
+    return np.asarray(coulomb + viscous + (curve * weights).sum(axis=3))
 
 
 def _misfit_by_harmonic(problem: _Problem, p: Floats) -> Floats:

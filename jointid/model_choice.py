@@ -14,10 +14,12 @@ from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.phasors import Phasors
 
-REVERSALS = (0.0, 0.03, 0.1, 0.3)
-"""Shares of the largest velocity below which friction is left free: from a sharp to a blunt reversal."""
+NO_FRICTION = (None, False)
+FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
+"""Forms of friction from plain to rich: below which share of the largest velocity it is left free, from
+a sharp to a blunt reversal; and whether it may change with speed beyond its viscous part."""
 
-_EXPLAINED = 1.1  # cost over its expectation that leaves no room for a better model
+_EXPLAINED = 1.3  # cost over its expectation below which a richer model could hardly do better
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 
@@ -29,6 +31,8 @@ class Model:
     reversal: float | None
     """Share of the largest velocity below which friction is free; None: no friction."""
     delay: bool
+    curve: bool = False
+    """Whether friction may change with speed beyond its viscous part."""
 
     @property
     def name(self) -> str:
@@ -48,6 +52,8 @@ class Candidate:
     delay: bool
     reversal: float
     """Share of the largest velocity below which friction was left free."""
+    curve: bool
+    """Whether friction might change with speed beyond its viscous part."""
     problem: str
     """Why it could not be fitted; empty when it could."""
     cost: float
@@ -81,8 +87,7 @@ def fit_model(
 ) -> Choice:
     """Fit the model as told; of friction only the width of its reversals is chosen."""
     search = _Search(phasors, inertia, start)
-    best = search.best([Model(reversal, delay) for reversal in (REVERSALS if friction else (None,))])
-    return search.choice(best)
+    return search.choice(search.widen([delay], FRICTIONS if friction else (NO_FRICTION,)))
 
 
 def choose_model(
@@ -101,13 +106,8 @@ def choose_model(
         Parts that must be in the model; the others may be.
     """
     search = _Search(phasors, inertia, start)
-    models: list[Model] = []
-    for reversal in REVERSALS if friction else (None, *REVERSALS):
-        models += [Model(reversal, lag) for lag in ((True,) if delay else (False, True))]
-        best = search.best(models)
-        if reversal is not None and search.explains(best):
-            break
-    return search.choice(best)
+    frictions = FRICTIONS if friction else (NO_FRICTION, *FRICTIONS)
+    return search.choice(search.widen([True] if delay else [False, True], frictions))
 
 
 class _Search:
@@ -122,7 +122,9 @@ class _Search:
     def fit(self, model: Model) -> None:
         if model in self.tried:
             return
-        waveforms = None if model.reversal is None else friction_waveforms(self.phasors, model.reversal)
+        waveforms = None
+        if model.reversal is not None:
+            waveforms = friction_waveforms(self.phasors, model.reversal, curve=model.curve)
         try:
             self.tried[model] = maximum_likelihood(
                 self.phasors, self.inertia, self._begin(model), friction=waveforms, delay=model.delay
@@ -135,6 +137,16 @@ class _Search:
             self.fit(model)
         criterion = self._criterion()
         return min(models, key=lambda model: criterion[model])
+
+    def widen(self, lags: Sequence[bool], frictions: Sequence[tuple[float | None, bool]]) -> Model:
+        """Try friction in ever richer forms until the noise is all that is left."""
+        models: list[Model] = []
+        for reversal, curve in frictions:
+            models += [Model(reversal, lag, curve) for lag in lags]
+            best = self.best(models)
+            if self.explains(best) and (reversal is not None or len(frictions) == 1):
+                break
+        return best
 
     def explains(self, model: Model) -> bool:
         estimate = self.tried[model]
@@ -158,6 +170,7 @@ class _Search:
             friction=model.reversal is not None,
             delay=model.delay,
             reversal=model.reversal or 0.0,
+            curve=model.curve,
             problem="" if fitted else str(estimate),
             cost=fitted.cost if fitted else np.inf,
             expected_cost=fitted.expected_cost if fitted else 0.0,
@@ -172,7 +185,9 @@ class _Search:
             for earlier, estimate in reversed(self.tried.items()):
                 alike = (earlier.reversal is None) == (model.reversal is None) and earlier.delay == lag
                 if alike and isinstance(estimate, LikelihoodEstimate):
-                    return estimate.p
+                    if earlier.curve == model.curve:
+                        return estimate.p
+                    return estimate.p[: 2 * self.phasors.n]
         return self.start
 
     def _criterion(self) -> dict[Model, float]:
@@ -204,7 +219,7 @@ class _Search:
         if model.reversal is not None:
             parts.append((Model(None, model.delay), clear[2 * n : 4 * n].any()))
         if model.delay:
-            parts.append((Model(model.reversal, False), clear[-1]))
+            parts.append((Model(model.reversal, False, model.curve), clear[-1]))
         for without, stands in parts:
             other = self.tried.get(without)
             needed = isinstance(other, LikelihoodEstimate) and _misfit(other) > _NEEDED * max(1.0, own)

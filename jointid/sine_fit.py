@@ -17,6 +17,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.records import SineRecord
+from jointid.threads import one_thread
 
 FEWEST_BLOCKS = 8
 """With fewer blocks the residual, taken as white, tells the noise better than their scatter."""
@@ -79,7 +80,8 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     JointIdError
         When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
-    return [_fit_one(record, harmonics) for record in records]
+    with one_thread():
+        return [_fit_one(record, harmonics) for record in records]
 
 
 def _fit_one(record: SineRecord, harmonics: int) -> SineFit:

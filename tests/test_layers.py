@@ -34,7 +34,7 @@ HOMES = {
     "openpyxl": ["jointid/importing/*"],
     "python_calamine": ["jointid/importing/*"],
     "rosbags": ["jointid/importing/*"],
-    "threadpoolctl": ["jointid/elasticity.py"],
+    "threadpoolctl": ["jointid/threads.py"],
     "typer": ["jointid/cli.py"],
     "rich": ["jointid/cli.py"],
     "numpy": ["*"],

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointid.elasticity import ElasticityFit
-from jointid.friction import friction_waveforms
+from jointid.friction import FrictionWaveforms, friction_waveforms
 from jointid.joints import Inertia
 from jointid.likelihood import maximum_likelihood
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
@@ -44,7 +44,7 @@ def refit(
     """
     if fit.method in _LINEAR:
         return _LINEAR[fit.method](spring_equations(phasors, inertia))
-    waveforms = None if fit.friction is None else friction_waveforms(phasors, free_reversal(fit))
+    waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
     return maximum_likelihood(
         phasors,
         inertia,
@@ -52,6 +52,14 @@ def refit(
         friction=waveforms,
         delay=fit.delay is not None if delay is None else delay,
     )
+
+
+def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
+    """Friction waveforms of these phasors in the form that the chosen model gave friction."""
+    chosen = next((c for c in fit.candidates if c.chosen), None)
+    if chosen is None:
+        return friction_waveforms(phasors, 0.0)
+    return friction_waveforms(phasors, chosen.reversal, curve=chosen.curve)
 
 
 def free_reversal(fit: ElasticityFit) -> float:

@@ -7,9 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.friction import friction_waveforms
 from jointid.records import SineRecord
-from jointid.uncertainty.chosen_model import free_reversal
+from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, some, warning
 
 _LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
@@ -116,7 +115,7 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
     fit, phasors = evidence.fit, evidence.phasors
     if fit.friction is None:
         return
-    standing = friction_waveforms(phasors, free_reversal(fit)).standing
+    standing = chosen_friction(phasors, fit).standing
     rubs = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
     for j in np.flatnonzero(standing.any(axis=0) & rubs):
         names = [phasors.labels[i] for i in np.flatnonzero(standing[:, j])]
