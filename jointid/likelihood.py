@@ -76,6 +76,7 @@ def maximum_likelihood(
     *,
     friction: FrictionWaveforms | None = None,
     delay: bool = False,
+    noise: Noise | None = None,
 ) -> LikelihoodEstimate:
     """Fit K and D, and on demand friction and delay, to all records and harmonics.
 
@@ -90,6 +91,8 @@ def maximum_likelihood(
         Fit Coulomb and viscous friction with these waveforms.
     delay : bool, default False
         Fit a lag of the torque beyond what the records state.
+    noise : Noise, optional
+        Of the phasors, where it is known already.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def maximum_likelihood(
     problem = _Problem(
         s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
         z=phasors.harmonics,
-        noise=spring_equations(phasors, inertia).noise,
+        noise=noise or spring_equations(phasors, inertia).noise,
         known=np.any(phasors.harmonics != 0, axis=2),
         M=M,
         arm=arm,

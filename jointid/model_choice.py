@@ -13,6 +13,7 @@ from jointid.friction import friction_waveforms
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.phasors import Phasors
+from jointid.spring_equations import spring_equations
 
 NO_FRICTION = (None, False)
 FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
@@ -117,6 +118,7 @@ class _Search:
         self.phasors = phasors
         self.inertia = inertia
         self.start = start
+        self.noise = spring_equations(phasors, inertia).noise
         self.tried: dict[Model, LikelihoodEstimate | JointIdError] = {}
 
     def fit(self, model: Model) -> None:
@@ -127,7 +129,12 @@ class _Search:
             waveforms = friction_waveforms(self.phasors, model.reversal, curve=model.curve)
         try:
             self.tried[model] = maximum_likelihood(
-                self.phasors, self.inertia, self._begin(model), friction=waveforms, delay=model.delay
+                self.phasors,
+                self.inertia,
+                self._begin(model),
+                friction=waveforms,
+                delay=model.delay,
+                noise=self.noise,
             )
         except JointIdError as error:
             self.tried[model] = error
