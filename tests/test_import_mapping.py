@@ -292,7 +292,7 @@ def guessed(*names: str, **made: object) -> Mapping:
             [("Winkel A1", "Drehmoment A1"), ("Winkel A2", "Drehmoment A2")],
         ),
         (
-            ("timestamp", "ActPos_A1", "CmdPos_A1", "ActVel_A1", "ActTorque_A1"),
+            ("timestamp", "CmdPos_A1", "ActPos_A1", "ActVel_A1", "ActTorque_A1"),
             [("ActPos_A1", "ActTorque_A1")],
         ),
         (

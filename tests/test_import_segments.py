@@ -21,6 +21,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
+from jointid.importing.steady import Frames, settled_part
 
 BOTH = np.array([1.0, 0.6 * np.exp(0.4j)])
 OTHER = np.array([0.8, -0.9 * np.exp(-0.5j)])
@@ -205,6 +206,42 @@ def test_gap_in_the_log_parts_a_run() -> None:
     first, second = find_segments(cut)
     assert first.stop_s < 4.0
     assert second.start_s > 4.6
+
+
+def test_slow_tail_under_the_noise_is_discarded() -> None:
+    """Each period alone drowns it: the first quarter against the second half shows it."""
+    rng = np.random.default_rng(10)
+    time = np.arange(0, 12, 1e-3)
+    wave = np.exp(2j * np.pi * 5.0 * time)
+    noise = 0.1 * rng.standard_normal((2, time.size))
+    theta = (wave * (1 + 0.05 * np.exp(-time / 1.5))).imag + noise[0]
+    log = MappedLog(time, theta[:, None], (2j * wave).imag[:, None] + noise[1][:, None])
+    (segment,) = find_segments(log)
+    assert segment.start_s > 0.6
+    assert segment.stop_s > 11.0
+    assert segment.amplitude_rad[0] == pytest.approx(1.0, rel=4.5e-3)
+
+
+@pytest.mark.parametrize("tail", [0.0, 0.03])
+def test_first_quarter_must_agree_with_the_second_half(tail: float) -> None:
+    """A tail of three standard deviations of a frame: no frame alone shows it."""
+    rng = np.random.default_rng(11)
+    k = np.arange(80)
+    noise = 0.01 * (rng.standard_normal(k.size) + 1j * rng.standard_normal(k.size)) / np.sqrt(2)
+    z = 1 + tail * np.exp(-k / 12) + noise
+    first, last = settled_part(Frames(10 * k, 10, z[:, None]), is_end=True)
+    assert last == 800
+    assert (first > 30) == (tail > 0)
+
+
+def test_beginning_of_a_soft_end_is_left_out() -> None:
+    """The ramp down begins inside a period that still looks steady within a hundredth."""
+    time = np.arange(0, 8, 1e-3)
+    wave = np.exp(2j * np.pi * 4.0 * time) * np.clip((6.2 - time) / 6.0 + 0.97, 0, 1)
+    fades = np.where(time < 6.05, wave, 0.9 * wave * np.clip(7 - time, 0, 1))
+    log = MappedLog(time, fades.imag[:, None], (1j * fades).imag[:, None])
+    (segment,) = find_segments(log)
+    assert segment.stop_s < 6.02
 
 
 def test_long_break_in_the_clock() -> None:

@@ -232,6 +232,13 @@ def test_matlab_arrays() -> None:
     np.testing.assert_array_equal(named["tau 2"][1], 2 * TORQUE)
 
 
+def test_matlab_scope_of_frames() -> None:
+    """Simulink logs vectors as (m, 1, N): samples last."""
+    frames = np.vstack([TORQUE, ANGLE])[:, None, :]
+    table = only(read_log(mat_scope(frames), "scope.mat"))
+    np.testing.assert_array_equal(table.column("signal 2").values, ANGLE)
+
+
 def test_matlab_of_version_7_3() -> None:
     table = only(read_log(mat_v73(), "scope.mat"))
     assert table.names == ("time", "signal 1", "signal 2")

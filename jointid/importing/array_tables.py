@@ -88,6 +88,6 @@ def _as_columns(values: np.ndarray) -> np.ndarray | None:
         values = values[:, None]
     if values.ndim != 2:
         return None
-    if values.shape[0] == 1 or (values.shape[1] > MAX_COLUMNS >= values.shape[0]):
+    if values.shape[0] < FEWEST_ROWS or (values.shape[1] > MAX_COLUMNS >= values.shape[0]):
         values = values.T  # a row per signal
     return values if values.shape[0] >= FEWEST_ROWS else None

@@ -98,6 +98,8 @@ def scope_arrays(name: str, time: np.ndarray, signals: list[tuple[str, Any]]) ->
     for number, (label, values) in enumerate(signals, start=1):
         signal = label.strip() or (f"signal {number}" if len(signals) > 1 else "signal")
         array = np.asarray(values)
+        if array.ndim > 1 and array.shape[-1] == time.size != array.shape[0]:
+            array = array.reshape(-1, time.size).T  # frames: (m, 1, N)
         if array.ndim == 1 and not label.strip() and len(signals) == 1:
             signal = "signal 1"
         yield NamedArray(signal, array, group=name)
