@@ -5,16 +5,28 @@ import streamlit as st
 from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
 from jointid.ui.charts import plot, side_by_side
 from jointid.ui.estimates import show_also_fitted, show_estimates, show_matrix
-from jointid.ui.overview import freed_note, show_tiles
+from jointid.ui.model_holds import show_model_holds, show_poses
+from jointid.ui.overview import freed_note, show_findings, show_tiles
 from jointid.ui.page import open_page
+from jointid.ui.trust import ask_share, on_demand, show_checks, show_ellipses, show_errors
 
 page = open_page("Elasticity")
 st.title("Elasticity", anchor=False)
 st.write(
     "Since the rigid-body inertias are known, every record tells how far each spring was deflected and "
-    "which torque it passed on. Their ratio is the dynamic stiffness: its real part is K at every "
-    "frequency, its imaginary part grows as ωD. The problem is linear, so no start values are needed."
+    "which torque it passed on. Their ratio holds K and D; the problem is linear, so no start values "
+    "are needed."
 )
+analysis = page.analysis()
+fit, n = analysis.fit, page.study.inertia.n
+show_tiles(fit, page.study.nominal)
+show_findings(analysis.findings)
+
+st.subheader("How well they are known", anchor=False)
+share = ask_share()
+errors = st.container()
+
+st.subheader("Dynamic stiffness of each record", anchor=False)
 st.latex(
     r"""\begin{gathered}
     (K_j + i\omega D_j)\,a_j = b_j \quad (8) \\
@@ -23,15 +35,10 @@ st.latex(
     \mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q \quad (11)
     \end{gathered}"""
 )
-analysis = page.analysis()
-fit, n = analysis.fit, page.study.inertia.n
-show_tiles(fit, page.study.nominal)
-
-st.subheader("Dynamic stiffness of each record", anchor=False)
 st.caption(
-    "Bars: ± one standard error. Points that leave the lines at some frequencies only tell of "
-    "friction, a torque delay, or inertias that are off; a joint that hardly moves in a record tells "
-    "little there."
+    "The real part of b/a is K at every frequency, the imaginary part grows as ωD. Bars: ± one standard "
+    "error. Points that leave the lines at some frequencies only tell of friction, a torque delay, or "
+    "inertias that are off; a joint that hardly moves in a record tells little there."
 )
 for j, place in enumerate(side_by_side(n)):
     with place:
@@ -66,3 +73,17 @@ if analysis.transfer_matrices:
             plot(element_response(analysis, j, j, pose=pose, dark=page.dark), name)
 with st.expander("The matrix A, its condition, and how the estimates are correlated"):
     show_matrix(fit)
+with on_demand("Check the error bars", "checks") as check:
+    if check.open:
+        show_checks(page, analysis)
+with on_demand("Confidence ellipses", "ellipses") as ellipses:
+    if ellipses.open:
+        show_ellipses(page, analysis)
+with on_demand("Does the model hold", "model") as model:
+    if model.open:
+        show_model_holds(page, analysis)
+if len({record.pose for record in page.study.records}) > 1:
+    with on_demand("Every pose alone", "poses") as poses:
+        if poses.open:
+            show_poses(page, analysis)
+show_errors(page, analysis, errors, share)

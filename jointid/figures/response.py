@@ -60,10 +60,11 @@ def element_response(
         "" for records without a pose.
     """
     ink = colours(dark)
-    freed, word = freed_or_measured(analysis, pose)
-    curves = [_measured(freed, i, j, ink.measured, "circle", name=f"{word} {_label(i, j)}")]
+    freed, removed = freed_or_measured(analysis, pose)
+    name = f"measured {_label(i, j)}{removed}"
+    curves = [_measured(freed, i, j, ink.measured, "circle", name=name)]
     if i != j:
-        name = f"{word} {_label(j, i)}"
+        name = f"measured {_label(j, i)}{removed}"
         curves.append(_measured(freed, j, i, ink.measured, "square-open", name=name))
     elif freed is not analysis.transfer_matrices[pose]:
         raw = analysis.transfer_matrices[pose]
@@ -100,10 +101,10 @@ def model_over_measurement(
 
     The measurement is freed of the friction and the delay that were found.
     """
-    matrix, word = freed_or_measured(analysis, pose)
+    matrix, removed = freed_or_measured(analysis, pose)
     curves = [
         *_models(analysis, pose, joint, joint, dark),
-        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=word),
+        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=f"measured{removed}"),
     ]
     traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
     title = f"|{_label(joint, joint)}| ({_UNIT})"
@@ -117,11 +118,12 @@ def model_over_measurement(
 
 
 def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
-    """Return the transfer matrix to hold against the model, and the word for it."""
+    """Return the transfer matrix to hold against the model, and what was removed from it, in words."""
     fit = analysis.fit
     if (fit.friction is None and fit.delay is None) or pose not in analysis.freed_transfer_matrices:
-        return analysis.transfer_matrices[pose], "measured"
-    return analysis.freed_transfer_matrices[pose], "freed"
+        return analysis.transfer_matrices[pose], ""
+    found = [name for name, x in (("friction", fit.friction), ("delay", fit.delay)) if x is not None]
+    return analysis.freed_transfer_matrices[pose], f", {' + '.join(found)} removed"
 
 
 def _measured(matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str) -> _Curve:

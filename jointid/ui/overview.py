@@ -98,13 +98,13 @@ def _finding(finding: Finding) -> None:
 
 
 def freed_note(fit: ElasticityFit) -> str:
-    """Say what "freed" means in a figure's legend, when it stands there."""
+    """Say what "removed" means in a figure's legend, when it stands there."""
     found = [
         name
         for name, value in (("friction", fit.friction), ("torque delay", fit.delay))
         if value is not None
     ]
-    return f' "Freed": without the {" and the ".join(found)} that was found.' if found else ""
+    return f' "Removed": the {" and the ".join(found)} that was found is taken off.' if found else ""
 
 
 def show_steps(study: Study) -> None:

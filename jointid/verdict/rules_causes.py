@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.rounding import significant, with_error
 from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
@@ -36,14 +37,17 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     if fit.friction is not None:
         coulomb = ", ".join(f"{c:.2g}" for c in fit.friction.coulomb)
         title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m and is allowed for. "
-        remedy = "Nothing for the answer. Larger motions, or a superposed constant velocity, reduce it."
+        remedy = (
+            "No action needed for the answer. Larger motions, or a superposed constant velocity, "
+            "reduce friction's part."
+        )
     elif fit.delay is not None:
         return  # the rule of the delay says it better
     elif fit.misfit > 3:
         return  # neither of the two knows the cause
     else:
         title, cause = "Noise biases least squares", ""
-        remedy = "Nothing for the answer: the chosen estimate weighs the noise of angle and torque."
+        remedy = "No action needed: the chosen estimate weighs the noise of angle and torque."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)
@@ -52,8 +56,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     also = f" ({', '.join(others)})" if others else ""
     yield note(
         f"{title}: the paper's estimate of {names[worst]} would be {percent(share[worst])} too {high}",
-        f"{cause}Least squares as in the paper gives {other[worst]:.4g}, this fit {p[worst]:.4g} ± "
-        f"{fit.standard_error[worst]:.2g}{also}.",
+        f"{cause}Least squares as in the paper gives {significant(float(other[worst]))}, this fit "
+        f"{with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
         remedy,
         float(share[worst]),
     )
@@ -82,7 +86,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     remedy = half_a_sample(evidence, lag) or remedy
     yield note(
         f"The torque {'lags' if lag > 0 else 'leads'} by {size}",
-        f"That is {abs(lag) / interval:.2g} samples, ± {fit.delay_error / interval:.1g}, and is allowed "
+        f"That is {with_error(abs(lag) / interval, fit.delay_error / interval)} samples, and is allowed "
         f"for. Without it {parameter_names(fit.n)[worst]} would be {percent(share[worst])} too "
         f"{'high' if without[worst] > p[worst] else 'low'}.",
         remedy,
@@ -119,7 +123,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
     if apart[worst] < 5e-3 or fits.probability > 1e-4:
         return
     values = ", ".join(
-        f"{value:.4g} ± {error:.2g} ({name or 'no pose'})"
+        f"{with_error(float(value), float(error))} ({name or 'no pose'})"
         for name, value, error in zip(
             fits.names, fits.estimates[:, worst], fits.standard_error[:, worst], strict=True
         )

@@ -12,6 +12,7 @@ from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate
+from jointid.rounding import with_error
 from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.validation import freed_phasors
 from jointid.verdict.evidence import Evidence, Finding, percent, problem, relative, warning
@@ -39,12 +40,13 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     change = relative(check.estimate - p, p)
     where = f" in pose {pose}" if pose else ""
     k = int(np.argmax(change))
+    found = with_error(float(check.found[worst]), float(check.standard_error[worst]))
     yield warning(
         f"The inertias look wrong{where}",
-        f"The records would have {check.names[worst]} = {check.found[worst]:.4g} ± "
-        f"{check.standard_error[worst]:.1g} kg·m², given is {check.given[worst]:.4g}. With inertias of "
-        f"their own choice the misfit falls from {check.misfit_given:.2g} to {check.misfit_found:.2g}, "
-        f"and {names[k]} changes by {percent(change[k])}.",
+        f"The records would have {check.names[worst]} = {found} kg·m², given is "
+        f"{check.given[worst]:.4g}. With inertias of their own choice the misfit falls "
+        f"from {check.misfit_given:.2g} to {check.misfit_found:.2g}, and {names[k]} "
+        f"changes by {percent(change[k])}.",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()),

@@ -1,0 +1,177 @@
+"""How far the answer can be trusted: ellipses, influence, prediction, residuals, harmonics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.figures.style import (
+    JOINT_SYMBOLS,
+    Trace,
+    colours,
+    figure,
+    frequency_axis,
+    line,
+    linear_axis,
+    log_axis,
+    points,
+)
+from jointid.uncertainty.resampling import Jackknife
+from jointid.uncertainty.sensitivity import ConfidenceEllipse
+from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
+
+_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+_SIGNIFICANT = 4.0
+
+
+def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = False) -> go.Figure:
+    """Ellipses of the same two parameters at several levels, around the estimate."""
+    ink = colours(dark)
+    first, second = ellipses[0].names
+    traces: list[Trace] = []
+    for number, ellipse in enumerate(ellipses):
+        name = f"{100 * ellipse.level:.0f} %"
+        style = {"line": {"dash": ("solid", "dash", "dot")[number % 3]}}
+        hover = f"{first} %{{x:.6g}}<br>{second} %{{y:.6g}}<extra>{name}</extra>"
+        x, y = ellipse.outline.T
+        traces.append(line(x, y, name, ink.identified, hovertemplate=hover, **style))
+    x, y = ellipses[0].centre[:1], ellipses[0].centre[1:]
+    hover = f"{first} %{{x:.6g}}<br>{second} %{{y:.6g}}<extra>estimate</extra>"
+    traces.append(points(x, y, "estimate", ink.identified, hovertemplate=hover))
+    axes = [linear_axis(f"{name} ({_UNITS[name[0]]})", nticks=5) for name in (first, second)]
+    return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])
+
+
+def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = False) -> go.Figure:
+    """What leaving out each frequency changes, in standard errors: one strip per parameter."""
+    ink = colours(dark)
+    change = jackknife.influence.T[::-1]
+    trace: Trace = {
+        "type": "heatmap",
+        "x": [f"{f:.3g}" for f in jackknife.frequency_hz],
+        "y": list(names)[::-1],
+        "z": np.abs(change),
+        "customdata": change,
+        "zmin": 0.0,
+        "zmax": max(1.0, float(np.abs(change).max())),
+        "colorscale": [[0.0, "rgba(150, 150, 150, 0.12)"], [1.0, ink.identified]],
+        "xgap": 1,
+        "ygap": 2,
+        "colorbar": {"thickness": 12, "tickfont": {"size": 12}},
+        "hovertemplate": "%{y} without %{x} Hz<br>%{customdata:+.2f} standard errors<extra></extra>",
+    }
+    return figure(
+        [trace],
+        height=110 + 32 * len(names),
+        dark=dark,
+        xaxis=linear_axis("Frequency left out (Hz)", type="category", nticks=12),
+        yaxis=linear_axis("", type="category"),
+    )
+
+
+def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Figure:
+    """|H_jj| measured and predicted at frequencies that were left out; below, their difference."""
+    ink = colours(dark)
+    f = prediction.omega / (2 * np.pi)
+    order = np.argsort(f)
+    traces: list[Trace] = []
+    for j in range(prediction.measured.shape[1]):
+        symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)]
+        hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} 1/(kg·m²)<extra>H{j + 1}{j + 1}"
+        predicted = np.abs(prediction.predicted[order, j, j])
+        measured = np.abs(prediction.measured[order, j, j])
+        style: Trace = {"marker": {"symbol": f"{symbol}-open", "size": 13}, "legendgroup": "predicted"}
+        style |= {"hovertemplate": f"{hover} predicted</extra>", "showlegend": j == 0}
+        traces.append(points(f[order], predicted, "predicted", ink.identified, **style))
+        style = {"marker": {"symbol": symbol, "size": 5}, "legendgroup": "measured"}
+        style |= {"hovertemplate": f"{hover} measured</extra>", "showlegend": j == 0}
+        traces.append(points(f[order], measured, "measured", ink.measured, **style))
+    traces.append(
+        points(
+            f[order],
+            100 * prediction.relative_error[order],
+            "difference",
+            ink.measured,
+            yaxis="y2",
+            showlegend=False,
+            hovertemplate="%{x:.4g} Hz<br>%{y:.2g} %<extra>difference of H</extra>",
+        )
+    )
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        xaxis=frequency_axis(f, anchor="y2"),
+        yaxis=log_axis("|H_jj| (1/(kg·m²))", domain=[0.46, 1.0]),
+        yaxis2=linear_axis("Difference (%)", domain=[0.0, 0.38], rangemode="tozero", nticks=4),
+    )
+
+
+def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> go.Figure:
+    """Residual torque of each record over what noise makes of it, with lines at 1 and 3."""
+    ink = colours(dark)
+    f = residuals.frequency_hz
+    ends = np.array([f.min() / 1.5, f.max() * 1.5])
+    traces: list[Trace] = []
+    for level, dash, name in ((1.0, "solid", "expected (1)"), (3.0, "dash", "seldom above (3)")):
+        style = {"line": {"dash": dash, "width": 1.5}, "hoverinfo": "skip"}
+        traces.append(line(ends, np.full(2, level), name, ink.quiet, **style))
+    for j in range(residuals.normalised.shape[1]):
+        traces.append(
+            points(
+                f,
+                np.maximum(residuals.normalised[:, j], 1e-3),
+                f"joint {j + 1}",
+                ink.measured,
+                marker={"symbol": f"{JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)]}{'-open' if j % 2 else ''}"},
+                text=list(residuals.labels),
+                hovertemplate=f"%{{text}}<br>%{{x:.4g}} Hz<br>%{{y:.2g}}<extra>joint {j + 1}</extra>",
+            )
+        )
+    return figure(
+        traces, height=300, dark=dark, xaxis=frequency_axis(f), yaxis=log_axis("Residual / noise")
+    )
+
+
+def harmonic_bars(
+    content: HarmonicContent, column: int, labels: Sequence[str], *, dark: bool = False
+) -> go.Figure:
+    """Odd and even harmonics of one signal over its fundamental, record by record.
+
+    Parameters
+    ----------
+    content : HarmonicContent
+    column : int
+        Signal, from 0: angles of all joints, then their torques.
+    labels : sequence of str
+        Of the records.
+    """
+    ink = colours(dark)
+    number = np.arange(1, len(labels) + 1)
+    clear = np.where(content.significance[:, column] > _SIGNIFICANT, 1.0, 0.35)
+    traces: list[Trace] = [
+        {
+            "type": "bar",
+            "x": number,
+            "y": 100 * share[:, column],
+            "name": name,
+            "marker": {"color": colour, "opacity": clear},
+            "text": list(labels),
+            "textposition": "none",
+            "hovertemplate": f"%{{text}}<br>%{{y:.2g}} % of the fundamental<extra>{name}</extra>",
+        }
+        for name, share, colour in (
+            ("odd", content.odd, ink.measured),
+            ("even", content.even, ink.quiet),
+        )
+    ]
+    return figure(
+        traces,
+        height=260,
+        dark=dark,
+        xaxis=linear_axis("Record"),
+        yaxis=linear_axis("Harmonics (%)", rangemode="tozero"),
+        bargap=0.3,
+    )

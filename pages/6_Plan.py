@@ -1,0 +1,65 @@
+"""The next experiment: which few records would tell most."""
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.figures.plan import worst_error
+from jointid.rounding import significant
+from jointid.ui.charts import csv_bytes, plot, table
+from jointid.ui.page import open_page
+from jointid.ui.plan_form import (
+    ask,
+    edit_plan,
+    pose_inertia,
+    predicted,
+    predicted_table,
+    suggested_columns,
+    suggested_table,
+    suggestion,
+)
+
+page = open_page("Next experiment")
+st.title("Next experiment", anchor=False)
+st.write(
+    "From the springs and the noise that were found follows how well K and D would be known after any "
+    "further record. Tried are many frequencies, each with several phases between the joints and as "
+    "much motion as the limits allow; the record that cuts the worst error bar most is taken, then the "
+    "next one. Every controller can make them: only the motion counts."
+)
+analysis = page.analysis()
+try:
+    settings = ask(analysis, page.digest)
+    found = suggestion(page.digest, page.method, settings, analysis)
+except JointIdError as error:
+    st.error(str(error))
+    st.stop()
+count = settings.count
+before, after = (significant(100 * float(found.worst[k]), 2) for k in (0, -1))
+st.subheader(
+    f"{count} record{'s' if count > 1 else ''} more: worst error {before} % → {after} %", anchor=False
+)
+table(suggested_table(found))
+st.caption(
+    "Torques are amplitude ∠ phase against the first driven joint, as they move inertias and springs"
+    + ("; the motors' friction comes on top." if analysis.fit.friction is not None else ".")
+    + " Errors are those of noise; errors of the inertias do not fall with more records."
+)
+st.download_button(
+    "Save these records (.csv)",
+    data=lambda: csv_bytes(suggested_columns(found)),
+    file_name="next_records.csv",
+    mime="text/csv",
+    on_click="ignore",
+    help="With the motor angles, for a controller that follows positions.",
+)
+plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
+
+st.subheader("A plan of your own", anchor=False)
+st.write("Change the records, add some, or delete some; below stands what they would tell.")
+try:
+    inertia = pose_inertia(analysis, settings.pose)
+    st.table(
+        predicted_table(predicted(edit_plan(found, page.digest), analysis, inertia)), hide_index=True
+    )
+except JointIdError as error:
+    st.error(str(error))

@@ -1,0 +1,203 @@
+"""Error bars, checks of the model and the next experiment, as a person clicks them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from jointid import Analysis, Study, analyse
+from jointid.figures.trust import confidence_outlines, harmonic_bars, normalised_residuals
+from jointid.planning.plan import suggest_records
+from jointid.ui import workspace
+from jointid.ui.charts import csv_bytes
+from jointid.ui.plan_form import largest_so_far, suggested_columns
+from jointid.ui.trust import difference
+from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.validation import harmonic_content, record_residuals
+
+APP = Path(__file__).parents[1] / "app.py"
+ELASTICITY, PLAN = "pages/4_Elasticity.py", "pages/6_Plan.py"
+KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    return AppTest.from_file(str(APP), default_timeout=60)
+
+
+@pytest.fixture(scope="module")
+def found(studies: dict[int, Study]) -> Analysis:
+    return analyse(studies[2])
+
+
+def opened(app: AppTest, page: str, joints: int = 2, **parameters: str) -> AppTest:
+    app.query_params["study"] = KEYS[joints]
+    for name, value in parameters.items():
+        app.query_params[name] = value
+    at = app.switch_page(page).run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert not at.error
+    return at
+
+
+def clicked(at: AppTest, key: str) -> AppTest:
+    at = at.button(key=key).click().run()
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def column(at: AppTest, name: str) -> list[str]:
+    return next(list(t.value[name]) for t in at.table if name in t.value)
+
+
+def number(text: str) -> float:
+    return float(text.replace("±", "").replace("−", "-").replace("%", "").split("×")[0])
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+class TestErrorBars:
+    def test_noise_inertias_and_the_papers_answer_stand_side_by_side(
+        self, app: AppTest, studies: dict[int, Study], joints: int
+    ) -> None:
+        at = opened(app, ELASTICITY, joints)
+        analysis = analyse(studies[joints])
+        slopes = inertia_sensitivity(analysis.phasors, studies[joints].inertias, analysis.fit)
+        shown = [number(text) for text in column(at, "Inertias ± 3 %")]
+        assert shown == pytest.approx(slopes.standard_error(0.03).tolist(), rel=0.06)
+        paper = analysis.fits["least-squares"]
+        for text, value in zip(column(at, "Paper's least squares"), [*paper.K, *paper.D], strict=True):
+            assert float(text.split(" ± ")[0].lstrip("(")) == pytest.approx(value, rel=2e-2)
+
+    def test_inertias_known_twice_as_well_halve_their_error_bar(self, app: AppTest, joints: int) -> None:
+        at = opened(app, ELASTICITY, joints)
+        wide = [number(text) for text in column(at, "Inertias ± 3 %")]
+        at = at.number_input(key="inertia_share").set_value(1.5).run()
+        narrow = [number(text) for text in column(at, "Inertias ± 1.5 %")]
+        assert narrow == pytest.approx([x / 2 for x in wide], rel=0.1)
+
+    def test_the_bootstrap_agrees_with_the_stated_errors(self, app: AppTest, joints: int) -> None:
+        at = opened(app, ELASTICITY, joints, show_checks="true")
+        at = clicked(at, "check_errors")
+        stated = [number(text) for text in column(at, "Stated")]
+        assert [number(text) for text in column(at, "Bootstrap")] == pytest.approx(stated, rel=0.4)
+        assert len(column(at, "Jackknife")) == 2 * joints
+
+    def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
+        self, app: AppTest, joints: int
+    ) -> None:
+        closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
+        at = opened(app, ELASTICITY, joints, show_model="true", show_ellipses="true")
+        assert len(at.get("plotly_chart")) == closed + 1 + 2 + joints
+
+
+class TestTheNextExperiment:
+    @pytest.mark.parametrize("joints", [1, 2, 3])
+    def test_records_are_suggested_within_the_limits_of_the_study(
+        self, app: AppTest, joints: int
+    ) -> None:
+        at = opened(app, PLAN, joints)
+        assert len(at.dataframe[0].value) == 3
+        assert len(at.get("plotly_chart")) == 1
+        said = re.fullmatch(r"3 records more: worst error (\S+) % → (\S+) %", at.subheader[0].value)
+        assert said is not None
+        assert float(said[2]) < float(said[1])
+
+    @pytest.mark.parametrize("joints", [1, 2, 3])
+    def test_a_plan_of_ones_own_begins_as_the_suggestion(self, app: AppTest, joints: int) -> None:
+        at = opened(app, PLAN, joints)
+        today = [float(x.split(" ± ")[1].split(")")[0]) for x in column(at, "Today")]
+        assert len(today) == 2 * joints
+        assert len(column(at, "Both together")) == 2 * joints
+
+    def test_more_records_are_suggested_when_asked(self, app: AppTest) -> None:
+        at = opened(app, PLAN)
+        at.number_input(key="plan_count").set_value(5)
+        at = at.button[0].click().run()
+        assert len(at.dataframe[0].value) == 5
+
+    @pytest.mark.parametrize(
+        ("text", "said"), [("1, 2, 3", "3 values for 2"), ("much", "not a number"), ("-1", "positive")]
+    )
+    def test_what_is_no_limit_is_said(self, app: AppTest, text: str, said: str) -> None:
+        at = opened(app, PLAN)
+        field = next(w for w in at.text_input if w.label.startswith("Largest torques"))
+        field.set_value(text)
+        at = at.button[0].click().run()
+        assert said in at.error[0].value
+
+    def test_the_default_limits_are_the_largest_motion_so_far(
+        self, found: Analysis, studies: dict[int, Study]
+    ) -> None:
+        torque, velocity = largest_so_far(found)
+        given = suggest_records(
+            found.phasors,
+            studies[2].inertias,
+            found.fit,
+            torque_limit_Nm=torque,
+            velocity_limit_rad_s=velocity,
+        )
+        default = suggest_records(found.phasors, studies[2].inertias, found.fit)
+        np.testing.assert_allclose(given.worst, default.worst, rtol=1e-9)
+
+    def test_the_file_holds_the_records_to_the_last_bit(
+        self, found: Analysis, studies: dict[int, Study]
+    ) -> None:
+        suggestion = suggest_records(found.phasors, studies[2].inertias, found.fit)
+        rows = list(csv.DictReader(io.StringIO(csv_bytes(suggested_columns(suggestion)).decode())))
+        assert [float(row["frequency_hz"]) for row in rows] == suggestion.records.frequency_hz.tolist()
+        read = np.array(
+            [
+                [
+                    float(row[f"torque_m{j}_Nm"])
+                    * np.exp(1j * np.radians(float(row[f"torque_m{j}_phase_deg"])))
+                    for j in (1, 2)
+                ]
+                for row in rows
+            ]
+        )
+        planned = suggestion.records.torque_Nm
+        np.testing.assert_allclose(np.abs(read), np.abs(planned), rtol=1e-12)
+        product, wanted = read[:, 1] * read[:, 0].conj(), planned[:, 1] * planned[:, 0].conj()
+        np.testing.assert_allclose(product, wanted, atol=1e-9 * np.abs(planned).max() ** 2)
+
+
+class TestFigures:
+    def test_an_ellipse_is_drawn_around_the_estimate(self, found: Analysis) -> None:
+        ellipse = confidence_ellipse(found.fit, "K1", "D1")
+        outline, estimate = confidence_outlines([ellipse]).data
+        assert (estimate.x[0], estimate.y[0]) == (found.fit.K[0], found.fit.D[0])
+        assert min(outline.x) < found.fit.K[0] < max(outline.x)
+
+    def test_residuals_are_drawn_for_every_record_and_joint(self, found: Analysis) -> None:
+        drawn = normalised_residuals(record_residuals(found.phasors, found.fit))
+        dots = [t for t in drawn.data if t.mode == "markers"]
+        assert [t.name for t in dots] == ["joint 1", "joint 2"]
+        assert all(len(t.x) == found.phasors.omega.size for t in dots)
+
+    def test_harmonics_are_in_per_cent(self, found: Analysis) -> None:
+        content = harmonic_content(found.phasors)
+        odd = harmonic_bars(content, 2, found.phasors.labels).data[0]
+        np.testing.assert_allclose(odd.y, 100 * content.odd[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("other", "value", "text"),
+    [
+        (0.187, 0.1, "+87 %"),
+        (42.57, 43.0, "−1.0 %"),
+        (1.0, 0.0, "–"),
+        (5.0, 5.0, "0 %"),
+        (-1.0, -2.0, "+50 %"),
+    ],
+)
+def test_a_difference_is_in_per_cent_of_the_chosen_estimate(
+    other: float, value: float, text: str
+) -> None:
+    assert difference(other, value) == text
