@@ -5,6 +5,7 @@ Motor side throughout: every inertia, stiffness and damping is seen from the mot
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,8 @@ class Inertia:
 
     def __init__(self, M: ArrayLike, M2: ArrayLike) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
-        arm = finite_array("M2 (arm inertia, kg·m²)", M2, ndim=2)
+        single = isinstance(M2, Sequence) and len(M2) == 1 and np.isscalar(M2[0])
+        arm = finite_array("M2 (arm inertia, kg·m²)", [M2] if single else M2, ndim=2)
         n = rotor.size
         if n == 0:
             raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")

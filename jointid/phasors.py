@@ -5,7 +5,7 @@ Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a der
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -162,8 +162,11 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
     if isinstance(records, SineRecord):
         return (records,)
-    if not isinstance(records, Sequence) or not all(isinstance(r, SineRecord) for r in records):
+    if not isinstance(records, Iterable):
         raise JointIdError(f"records: expected a list of SineRecord, got {records!r:.80}.")
+    records = tuple(records)
+    if not all(isinstance(record, SineRecord) for record in records):
+        raise JointIdError(f"records: expected SineRecord values only, got {records!r:.80}.")
     if not records:
         raise JointIdError("There are no records to extract phasors from: give at least one.")
     for number, record in enumerate(records, start=1):
@@ -172,7 +175,7 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
                 f"{record.label or f'record {number}'} has {record.n} joint(s), the first record "
                 f"{records[0].n}: records that are analysed together must have the same joints."
             )
-    return tuple(records)
+    return records
 
 
 def _rounding(fit: SineFit) -> Complexes:

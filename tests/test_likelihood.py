@@ -1,0 +1,172 @@
+"""Maximum likelihood with friction and delay: known answers under the friction laws that users meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import PAPER, PARALLELOGRAM, SERIAL
+
+from jointid import (
+    Controller,
+    Elasticity,
+    ElasticityFit,
+    Excitation,
+    Inertia,
+    JointIdError,
+    Measurement,
+    MotorFriction,
+    SineRecord,
+    extract_phasors,
+    identify_elasticity,
+    motor_response,
+    simulate_records,
+)
+from jointid.friction import friction_waveforms
+
+Law = Callable[[np.ndarray], np.ndarray]
+BAND_HZ = np.geomspace(3.0, 30.0, 10).round(2)
+COULOMB = np.array([0.4, 0.08])
+
+
+def errors_percent(fit: ElasticityFit, truth: Elasticity = PAPER) -> np.ndarray:
+    return 100 * np.abs(np.concatenate([fit.K / truth.K - 1, fit.D / truth.D - 1]))
+
+
+def in_standard_errors(fit: ElasticityFit, truth: Elasticity = PAPER) -> np.ndarray:
+    off = np.concatenate([fit.K - truth.K, fit.D - truth.D])
+    return np.abs(off) / fit.standard_error
+
+
+def prescribed_motion(law: Law, *, delay_s: float = 0.0, seed: int = 0) -> list[SineRecord]:
+    """Motors that move in exact sines against any law of friction; inverse dynamics give the torque."""
+    rng = np.random.default_rng(seed)
+    records = []
+    for frequency in BAND_HZ:
+        omega = 2 * np.pi * frequency
+        impedance = -(omega**2) * np.linalg.inv(motor_response([omega], PARALLELOGRAM, PAPER)[0])
+        for phase in (0.3, 2.1):
+            q = min(8 / omega, 300 / omega**2) * np.array([1, np.exp(1j * phase)])
+            time = np.arange(8000) / 2000.0
+            late = np.exp(1j * omega * (time + delay_s))[:, None]  # the log runs ahead of what acts
+            torque = (late * (impedance @ q)).imag + COULOMB * law((late * 1j * omega * q).imag)
+            angle = (np.exp(1j * omega * time)[:, None] * q).imag
+            noise = rng.standard_normal((2, *angle.shape)) * [[[3e-6]], [[5e-3]]]
+            records.append(SineRecord(float(frequency), time, angle + noise[0], torque + noise[1]))
+    return records
+
+
+LAWS: dict[str, Law] = {
+    "Coulomb": np.sign,
+    "narrow": lambda v: np.tanh(v / 0.02),
+    "wide": lambda v: np.tanh(v / 0.5),
+    "Stribeck": lambda v: (1 + 0.5 * np.exp(-((v / 0.5) ** 2))) * np.tanh(v / 0.05),
+    "unequal": lambda v: np.where(v > 0, 1.2, -0.8),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_any_law_of_friction_leaves_the_answer(law: str) -> None:
+    """Coulomb torque of half the smallest torque amplitude, where least squares is 20 to 60 % off."""
+    phasors = extract_phasors(prescribed_motion(LAWS[law]))
+    fit = identify_elasticity(phasors, PARALLELOGRAM)
+    plain = identify_elasticity(phasors, PARALLELOGRAM, method="least-squares")
+    assert errors_percent(plain)[2:].min() > 20
+    assert np.all(errors_percent(fit) < [0.05, 0.05, 0.2, 0.2])
+    assert np.all(in_standard_errors(fit) < 4)
+    assert fit.friction is not None
+    if law in ("Coulomb", "narrow"):
+        assert np.allclose(fit.friction.coulomb, COULOMB, rtol=0.02)
+
+
+def test_friction_and_delay_together() -> None:
+    phasors = extract_phasors(prescribed_motion(np.sign, delay_s=0.0015))
+    fit = identify_elasticity(phasors, PARALLELOGRAM)
+    assert fit.friction is not None
+    assert fit.delay == pytest.approx(0.0015, abs=1e-6)
+    assert np.all(errors_percent(fit) < [0.05, 0.05, 0.2, 0.2])
+
+
+def simulated(
+    inertia: Inertia = PARALLELOGRAM, *, delay_s: float = 0.0, told: bool = True, **friction: object
+) -> tuple[SineRecord, ...]:
+    return simulate_records(
+        inertia,
+        PAPER,
+        BAND_HZ,
+        excitation=Excitation(periods=12.5, velocity_rad_s=8.0),
+        controller=Controller(sample_rate_hz=2000.0, torque_delay_s=delay_s),
+        friction=MotorFriction(**friction),  # type: ignore[arg-type]
+        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=0.01),
+        declare_timing=told,
+        seed=4,
+    )
+
+
+@pytest.mark.parametrize("inertia", [PARALLELOGRAM, SERIAL], ids=["parallelogram", "serial"])
+def test_joints_that_stick_leave_the_answer(inertia: Inertia) -> None:
+    """Set-valued friction in closed loop: the motors stand for up to a fifth of the period."""
+    fit = identify_elasticity(extract_phasors(simulated(inertia, coulomb=COULOMB)), inertia)
+    assert np.all(errors_percent(fit) < [0.1, 0.1, 0.3, 0.3])
+    assert np.all(in_standard_errors(fit) < 4)
+    assert fit.friction is not None
+    assert np.allclose(fit.friction.coulomb, COULOMB, rtol=0.01)
+    assert fit.delay is None
+
+
+def test_unknown_delay_of_three_samples_is_found_and_nothing_else() -> None:
+    fit = identify_elasticity(extract_phasors(simulated(delay_s=0.0015, told=False)), PARALLELOGRAM)
+    assert fit.friction is None
+    assert fit.delay == pytest.approx(0.0015 + 0.00025, rel=2e-3)  # the hold lags by half a sample
+    assert np.all(errors_percent(fit) < [0.1, 0.1, 0.3, 0.3])
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    fit = identify_elasticity(extract_phasors(simulated()), PARALLELOGRAM)
+    assert fit.friction is None
+    assert fit.delay is None
+    assert fit.misfit < 1.5
+    assert [c.chosen for c in fit.candidates].count(True) == 1
+    assert fit.candidates[0].chosen
+    assert fit.candidates[0].name == "elasticity"
+
+
+def test_motor_that_never_reverses_has_no_coulomb_phasor() -> None:
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        [5.0, 12.0, 20.0],
+        excitation=Excitation(periods=10.0, velocity_rad_s=5.0, constant_velocity_rad_s=20.0),
+        friction=MotorFriction(coulomb=COULOMB),
+        measurement=Measurement(torque_noise_Nm=0.005, position_noise_rad=2e-6),
+        seed=6,
+    )
+    phasors = extract_phasors(records)
+    assert np.all(friction_waveforms(phasors, 0.0).coulomb == 0)
+    fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
+    assert fit.friction is not None
+    assert np.all(fit.friction.coulomb == 0)
+    assert np.all(errors_percent(fit) < [0.1, 0.1, 0.5, 0.5])
+
+
+def test_a_torque_of_the_wrong_sign_does_not_pass() -> None:
+    records = [replace(record, tau_Nm=-record.tau_Nm) for record in simulated()]
+    fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM)
+    assert fit.misfit > 1000
+
+
+def test_linear_methods_fit_no_friction() -> None:
+    phasors = extract_phasors(simulated())
+    with pytest.raises(JointIdError, match="maximum-likelihood"):
+        identify_elasticity(phasors, PARALLELOGRAM, method="weighted", friction=True)
+
+
+def test_freed_phasors_obey_the_model() -> None:
+    """What the fit leaves of the torque is what springs and inertias take."""
+    fit = identify_elasticity(extract_phasors(simulated(coulomb=COULOMB)), PARALLELOGRAM)
+    H = motor_response(fit.phasors.omega, PARALLELOGRAM, PAPER)
+    acceleration = np.einsum("rij,rj->ri", H, fit.phasors.tau)
+    measured = -(fit.phasors.omega[:, None] ** 2) * fit.phasors.q
+    assert np.abs(acceleration - measured).max() < 5e-3 * np.abs(measured).max()
