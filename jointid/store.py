@@ -141,7 +141,7 @@ class Store:
         if len(data) > self.limit_bytes:
             raise JointIdError(
                 f"{name} needs {_size(len(data))}, the store holds {_size(self.limit_bytes)}: "
-                "raise its limit, or shorten the records."
+                "shorten the records."
             )
         before = [entry for entry in self.entries(workspace) if entry.digest == digest]
         with self._failing("written"):

@@ -5,7 +5,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.study_files import pack_study
 from jointid.ui import downloads
-from jointid.ui.downloads import download, file_stem
+from jointid.ui.downloads import download, file_stem, preview
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import open_page
 
@@ -39,7 +39,7 @@ if made is not None:
         download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
         download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
     with st.expander("Look at it"):
-        st.iframe(made.html, height=700)
+        preview(made.html, height=700)
 
 st.subheader("K, D and how they were obtained", anchor=False)
 st.write("With covariance, friction, delay and inertias. SI units, seen from the motors.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,15 @@ def simulated(joints: int, *, seed: int = 1) -> Study:
         origin="simulated",
         description="Made by the tests.",
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Tests, and the servers they start, keep nothing in the user's own store."""
+    folder = tmp_path_factory.mktemp("data")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JOINTID_DATA_DIR", str(folder))
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from html import escape
 from typing import Literal
 
 import streamlit as st
@@ -98,6 +99,13 @@ def write_report(
     while len(kept) > _MOST_REPORTS:
         kept.pop(next(iter(kept)), None)
     return made
+
+
+def preview(html: str, *, height: int) -> None:
+    """Show a report on the page, in a frame that can neither run scripts nor reach the app."""
+    style = f"border:0;width:100%;height:{height}px;display:block"
+    frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
+    st.iframe(f'<body style="margin:0">{frame}</body>', height=height)
 
 
 def download(

@@ -7,8 +7,11 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.study_files import load_study
 from jointid.ui import cached
+from jointid.ui.recent import show_recent
 from jointid.ui.steps import IMPORT, METHOD, OVERVIEW, SIMULATE
-from jointid.ui.workspace import keep, opened_here, refuse, sample_paths
+from jointid.ui.workspace import keep, names_by_address, refuse, sample_paths
+
+_ID_LENGTH = 32
 
 
 def choose_study() -> tuple[str, str] | None:
@@ -36,28 +39,34 @@ def choose_study() -> tuple[str, str] | None:
 
 def _choose() -> str | None:
     """Ask which study. The choice lives in the session, and in the address so that it survives F5."""
-    keys = [*opened_here(), *sample_paths()]
+    names = names_by_address()
     wanted = st.session_state.get("chosen") or st.query_params.get("study")
-    if wanted is not None and wanted not in keys:
-        st.info(f'"{wanted}" was opened in another session and is not here any more. Open it again.')
-    if wanted not in keys:
-        wanted = next(iter(sample_paths()), keys[0] if keys else None)
-    st.session_state["chosen"] = st.session_state["study"] = wanted
+    if wanted is not None and wanted not in names:
+        what = "The study of this address" if len(wanted) == _ID_LENGTH else f'"{wanted}"'
+        st.info(f"{what} is not in this workspace, or not any more. Open its file again.")
+    if wanted not in names:
+        wanted = next(iter(sample_paths()), next(iter(names), None))
+    st.session_state["chosen"] = wanted
+    st.session_state["study"] = None if wanted is None else names[wanted]
     st.selectbox(
         "Study",
-        keys,
+        list(names.values()),
         key="study",
         on_change=_take_choice,
-        disabled=not keys,
-        help="Sample studies, and what was opened, simulated or imported in this session.",
+        disabled=not names,
+        help="What was opened, simulated or imported at this address, and the sample studies.",
     )
     if wanted is not None:
         st.query_params["study"] = wanted  # links between pages drop it
-    return wanted
+    show_recent()
+    return None if wanted is None else names[wanted]
 
 
 def _take_choice() -> None:
-    st.session_state["chosen"] = st.session_state["study"]
+    chosen = st.session_state["study"]
+    st.session_state["chosen"] = next(
+        (address for address, name in names_by_address().items() if name == chosen), None
+    )
 
 
 def _open_file() -> None:
