@@ -40,8 +40,9 @@ class Inertia:
 
     def __init__(self, M: ArrayLike, M2: ArrayLike) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
-        single = isinstance(M2, Sequence) and len(M2) == 1 and np.isscalar(M2[0])
-        arm = finite_array("M2 (arm inertia, kg·m²)", [M2] if single else M2, ndim=2)
+        if isinstance(M2, Sequence) and len(M2) == 1 and isinstance(M2[0], int | float):
+            M2 = M2[0]  # of a single joint
+        arm = finite_array("M2 (arm inertia, kg·m²)", M2, ndim=2)
         n = rotor.size
         if n == 0:
             raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")
