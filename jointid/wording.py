@@ -12,6 +12,14 @@ def nearest(word: str, words: Iterable[str]) -> str:
     return f' Did you mean "{matches[0]}"?' if matches else ""
 
 
+def counted(count: int, what: str) -> str:
+    """Return "1 record", "2 records", "2 frequencies": a number with its noun."""
+    if count == 1:
+        return f"1 {what}"
+    plural = what[:-1] + "ies" if what.endswith("y") else what + "s"
+    return f"{count} {plural}"
+
+
 def listed(words: Iterable[str], *, at_most: int = 20) -> str:
     """Return words as one line for a message, shortened when there are many."""
     words = list(words)

@@ -483,3 +483,106 @@ def test_peak_of_the_other_joints_controller_is_told_apart() -> None:
     assert "H22, which has no peak" in story.detail
     calm = evidence(campaign_with(0.7), SERIAL, method="weighted")
     assert not said(findings(calm), "belongs to the controller")
+
+
+# ------------------------------------------------------------------------------- one record is not right
+
+
+def six(**changes: Any) -> list[SineRecord]:
+    """Three frequencies, two records each, as a newcomer measures."""
+    frequencies, torques = campaign(BAND_HZ[1:6:2], 2)
+    settings: dict[str, Any] = {"noise": (1e-5, 3e-3), "periods": 20.37, "seed": 3}
+    return steady_records(SERIAL, PAPER, frequencies, torques, **{**settings, **changes})
+
+
+def one_scaled(
+    records: list[SineRecord], k: int, angle: Any = 1.0, torque: Any = 1.0
+) -> list[SineRecord]:
+    changed = list(records)
+    theta = records[k].theta_rad * np.asarray(angle)
+    changed[k] = remade(
+        records[k], theta_rad=theta, tau_Nm=records[k].tau_Nm * np.asarray(torque), label="odd.csv"
+    )
+    return changed
+
+
+@pytest.mark.parametrize("k", range(6))
+def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int) -> None:
+    for method in ("auto", "weighted", "least-squares"):
+        analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
+        first = analysis.findings[0]
+        assert first.level == "problem"
+        assert "odd.csv looks logged in degrees" in first.title, titles(analysis)
+        assert "57.3" in first.detail
+        assert "π/180" in first.remedy
+        assert "nertia" not in titles(analysis)
+        assert len(unsound(analysis)) == 1, titles(analysis)
+
+
+@pytest.mark.parametrize(
+    ("angle", "torque", "title"),
+    [
+        (-1, 1, "torque in odd.csv looks reversed"),
+        ([1, -1], 1, "angle of joint 2 in odd.csv looks reversed"),
+        (1, [1, -1], "torque of joint 2 in odd.csv looks reversed"),
+        (1, 1e3, "torque in odd.csv looks logged in mN·m"),
+        (1e3, 1, "angle in odd.csv looks logged in mrad"),
+        ([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv looks logged in degrees"),
+        (1, 87.0, "in odd.csv has another scale"),
+    ],
+)
+def test_factor_of_one_record_is_named(angle: Any, torque: Any, title: str) -> None:
+    for records in (six(), sound()):
+        analysis = analysed(one_scaled(records, 2, angle, torque))
+        assert title in analysis.findings[0].title, titles(analysis)
+        assert analysis.findings[0].level == "problem"
+
+
+def test_record_of_another_robot_is_named_without_a_factor() -> None:
+    other = steady_records(
+        PARALLELOGRAM, Elasticity([150.0, 30.0], PAPER.D), FREQUENCIES, TORQUES, noise=(1e-5, 3e-3)
+    )
+    records = sound()
+    records[6] = remade(other[6], label="stranger.csv")
+    found = findings(evidence(records, SERIAL, method="weighted"))
+    assert "stranger.csv contradicts all other records" in found[0].title
+    assert "No factor" in found[0].detail
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.8, 0.97, 1.1, 1.5])
+@pytest.mark.parametrize("records", [six, sound])
+def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float) -> None:
+    """Wrong inertias, units or signs of all records are not one record's fault."""
+    for case in (
+        evidence(records(), Inertia(SERIAL.M, SERIAL.M2 * factor), method="weighted"),
+        evidence(records(), Inertia(SERIAL.M * factor, SERIAL.M2), method="weighted"),
+    ):
+        assert not said(findings(case), "record"), [f.title for f in findings(case)]
+
+
+def test_friction_lag_and_poses_accuse_no_record() -> None:
+    stiffer = Elasticity(K=[43.0, 7.8], D=PAPER.D)
+    for case in (
+        evidence(rubbing(), PARALLELOGRAM, method="weighted"),
+        evidence(six(delay_s=0.004, told=False), SERIAL, method="weighted"),
+        evidence(scaled(torque=-1.0), SERIAL, method="weighted"),
+        evidence(scaled(angle=180 / np.pi), SERIAL, method="weighted"),
+        evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted"),
+    ):
+        assert not said(findings(case), "record")
+        assert not said(findings(case), " in record")
+
+
+def test_wrong_frequency_is_told_alone() -> None:
+    records = sound()
+    records[4] = remade(records[4], frequency_hz=records[4].frequency_hz * 1.05, label="five.csv")
+    found = findings(evidence(records, SERIAL, method="weighted"))
+    assert "stated frequency" in found[0].title
+    assert "1 record is concerned" in found[0].detail
+    for word in ("transfer matrix", "nertia", "contradicts all"):
+        assert not said(found, word), [f.title for f in found]
+
+
+def test_numbers_agree_with_their_nouns() -> None:
+    analysis = analysed(sound()[:-1], method="weighted")
+    assert said(analysis.findings, "1 frequency has no transfer matrix")

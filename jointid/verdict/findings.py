@@ -18,10 +18,12 @@ from jointid.verdict.rules_causes import (
 )
 from jointid.verdict.rules_inertia import inertias_look_wrong
 from jointid.verdict.rules_model import hardly_known, model_limits, not_physical, resonance_missed
+from jointid.verdict.rules_outlier import find_outlier, one_record_off
 from jointid.verdict.rules_records import (
     coarse_encoder,
     counted_twice,
     few_periods,
+    off_frequency,
     same_experiment,
     standing_joint,
     still_settling,
@@ -71,9 +73,15 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         One analysis.
     """
     found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
-    scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
-    found += scales
-    if not scales:
+    outlier = find_outlier(evidence.phasors, list(evidence.inertias), evidence.fit)
+    if outlier is not None:
+        if outlier.record not in off_frequency(evidence):  # that has been told, with its cause
+            found.append(one_record_off(evidence, outlier))
+        scales: tuple[Finding, ...] = ()
+    else:
+        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
+        found += scales
+    if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
         causes = list(inertias_look_wrong(evidence))
         if not causes:  # wrong inertias would pass for both

@@ -10,6 +10,7 @@ from jointid.arrays import Floats
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, some, warning
+from jointid.wording import counted
 
 _LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
 
@@ -17,21 +18,28 @@ _LOOKED_AT = 4096  # samples of a record are enough to see the steps of its enco
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
     """The motor angle turns at another frequency than the record states."""
     phasors, stated = evidence.phasors, evidence.frequency_hz
-    off = np.abs(phasors.frequency_found_hz / stated - 1)
-    for i in np.flatnonzero(off > 2e-3):
-        if not _turns_at(evidence.records[i], phasors.frequency_found_hz[i]):
-            off[i] = 0.0  # noise has a frequency as well
-    worst = int(np.argmax(off))
-    if off[worst] > 2e-3:
+    concerned = off_frequency(evidence)
+    if concerned:
+        off = np.abs(phasors.frequency_found_hz / stated - 1)
+        worst = max(concerned, key=lambda i: off[i])
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
             f"{phasors.labels[worst]} says {stated[worst]:.5g} Hz; the motor angle has "
             f"{phasors.frequency_found_hz[worst]:.5g} Hz. "
-            f"{int((off > 2e-3).sum())} record(s) concerned.",
+            f"{_concerned(len(concerned))}",
             "Correct frequency_hz in study.toml, or the unit of time_s.",
             float(off[worst]),
         )
+
+
+def off_frequency(evidence: Evidence) -> tuple[int, ...]:
+    """Records whose motor angle turns at another frequency than stated, by index."""
+    found = evidence.phasors.frequency_found_hz
+    off = np.abs(found / evidence.frequency_hz - 1)
+    return tuple(
+        int(i) for i in np.flatnonzero(off > 2e-3) if _turns_at(evidence.records[i], found[i])
+    )  # noise has a frequency as well
 
 
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
@@ -45,7 +53,7 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
         yield warning(
             "The motion is still settling",
             f"In {phasors.labels[worst]} the first quarter differs by {percent(moving[worst])} from the "
-            f"second half. {int((moving > 0.01).sum())} record(s) concerned.",
+            f"second half. {_concerned(int((moving > 0.01).sum()))}",
             "Set start_s of these records later, or wait longer before recording.",
             float(moving[worst]),
         )
@@ -79,7 +87,7 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     if pairs and np.any(phasors.covariance != 0):
         yield warning(
             "A record is in the study twice",
-            f"{some(pairs)} hold the same samples. {len(pairs)} pair(s) concerned. Noise that is "
+            f"{some(pairs)} hold the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
             "counted twice makes the error bars too small, by up to 30 %.",
             "Remove one of each pair, or measure again.",
             0.4 * _worst_error(evidence),
@@ -103,7 +111,7 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Two records are the same experiment",
             f"{some(found)}: angles and torques are in the same proportion, so that the second record "
-            f"averages noise but tells nothing new. {len(found)} frequencies concerned.",
+            f"averages noise but tells nothing new. {_concerned(len(found), 'frequency')}",
             "Measure with other relative amplitudes or phases, for instance with one joint reversed: "
             "the transfer matrix needs it, and so does friction.",
             0.01 + 0.3 * _worst_error(evidence),
@@ -123,7 +131,7 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
         make = warning if share > 0.9 else note
         yield make(
             f"Joint {j + 1} stands still",
-            f"In {len(names)} of {len(phasors.labels)} records ({some(names)}) joint {j + 1} does not "
+            f"In {len(names)} of {counted(len(phasors.labels), 'record')} ({some(names)}) joint {j + 1} does not "
             f"move out of its noise; friction, {fit.friction.coulomb[j]:.2g} N·m when it slides, then "
             "takes any torque.",
             "Move all joints in every record, with other relative phases, or superpose a constant "
@@ -158,6 +166,10 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
                 "frequencies that divide the sample rate, where the same steps repeat.",
                 0.5 * _worst_error(evidence),
             )
+
+
+def _concerned(count: int, what: str = "record") -> str:
+    return f"{counted(count, what)} {'is' if count == 1 else 'are'} concerned."
 
 
 def _turns_at(record: SineRecord, found_hz: float) -> bool:

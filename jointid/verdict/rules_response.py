@@ -11,7 +11,8 @@ from jointid.arrays import Floats
 from jointid.joints import resonances
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 from jointid.verdict.evidence import Evidence, Finding, note, some
-from jointid.verdict.rules_records import same_experiment
+from jointid.verdict.rules_records import off_frequency, same_experiment
+from jointid.wording import counted
 
 _STANDS_OUT = np.log(1.4)
 """A peak is 40 % above the valleys on both of its sides."""
@@ -21,12 +22,14 @@ _FEWEST = 8  # frequencies; with fewer, a peak is one point
 
 def rejected(evidence: Evidence) -> Iterator[Finding]:
     """Frequencies at which equation (17) could not be solved."""
+    if off_frequency(evidence):  # a record at a frequency of its own is what follows from that
+        return
     texts = [text for matrix in evidence.transfer_matrices.values() for text in matrix.rejected]
     if any(same_experiment(evidence)):  # that has been told
         texts = [text for text in texts if "the same experiment" not in text]
     if texts:
         yield note(
-            f"{len(texts)} frequencies have no transfer matrix",
+            f"{counted(len(texts), 'frequency')} {'has' if len(texts) == 1 else 'have'} no transfer matrix",
             texts[0],
             "K and D do not need it; the comparison of model and measurement does.",
             1e-3,
