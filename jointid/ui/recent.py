@@ -56,16 +56,18 @@ def _rename(entry: str, key: str) -> None:
 def _say_where(kept: dict[str, Entry]) -> None:
     store = workspace.store()
     try:
-        share = _used(str(store.folder)) / store.limit_bytes
+        used = _used(str(store.folder))
     except JointIdError:
         return
-    here = sum(entry.size_bytes for entry in kept.values()) / 2**20
-    limit = store.limit_bytes / 2**20
+    here, all_of_it, limit = (
+        f"{size / 2**20:.1f}"
+        for size in (sum(entry.size_bytes for entry in kept.values()), used, store.limit_bytes)
+    )
     st.caption(
         "Kept at this page's address: bookmark it. Who has the address sees these studies. "
-        f"They take {here:.1f} MiB; the store is filled to {share:.0%} of {limit:.0f} MiB."
+        f"They take {here} MiB; the store on this computer holds {all_of_it} of {limit} MiB."
     )
-    if share > _NEARLY_FULL:
+    if used > _NEARLY_FULL * store.limit_bytes:
         st.warning("The store is nearly full: studies that were not opened for longest will be dropped.")
 
 
