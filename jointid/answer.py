@@ -24,7 +24,7 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
         which = _list([f"joint {j + 1}" for j in useless])
         return f"These records do not tell the stiffness of {which}: see what was found below."
     if nominal is None:
-        parts = [f"{_rounded(fit, j)} newton metres per radian" for j in range(fit.n)]
+        parts = [f"{_rounded(fit, j)} N·m/rad" for j in range(fit.n)]
         joints = _list([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
         return f"{_capital(joints)} {verb} of {_list(parts)}, seen from the motor."

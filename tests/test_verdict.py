@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -26,6 +27,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
+from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
@@ -586,3 +588,43 @@ def test_wrong_frequency_is_told_alone() -> None:
 def test_numbers_agree_with_their_nouns() -> None:
     analysis = analysed(sound()[:-1], method="weighted")
     assert said(analysis.findings, "1 frequency has no transfer matrix")
+
+
+def test_friction_and_lag_together_are_both_named() -> None:
+    case = evidence(rubbing(), PARALLELOGRAM, friction=True)
+    late = replace(case, fit=replace(case.fit, delay=4e-4, delay_error=2e-6))
+    (both,) = said(against_the_paper(late), "Friction and torque lag matter")
+    assert "lags by 400 µs" in both.detail
+    by_chance = replace(case, fit=replace(case.fit, delay=4e-8, delay_error=2e-6))
+    assert said(against_the_paper(by_chance), "Friction matters")
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (5.4e-5, 2, "5.4×10⁻⁵"),
+        (2.2e3, 2, "2200"),
+        (1.7e9, 2, "1.7×10⁹"),
+        (0.1, 2, "0.1"),
+        (-0.02, 2, "−0.02"),
+        (99999.6, 2, "100000"),
+        (0.0, 3, "0"),
+        (np.inf, 2, "∞"),
+    ],
+)
+def test_numbers_in_findings_are_for_people(value: float, digits: int, text: str) -> None:
+    assert number(value, digits) == text
+
+
+def test_no_finding_shows_a_computers_exponent() -> None:
+    cases = [
+        evidence(sound(delay_s=5.4e-5, told=False), SERIAL, delay=True),
+        evidence(one_scaled(sound(), 2, 180 / np.pi), SERIAL, method="weighted"),
+        evidence(scaled(torque=-1.0), SERIAL, method="weighted"),
+        evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * 1.5), method="weighted"),
+    ]
+    for case in cases:
+        for finding in findings(case):
+            text = f"{finding.title} {finding.detail} {finding.remedy}"
+            assert not re.search(r"\de[+-]\d", text), text
+            assert "(s)" not in text

@@ -12,6 +12,7 @@ from jointid.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
 from jointid.records import SineRecord
+from jointid.rounding import significant
 from jointid.transfer_matrix import TransferMatrix
 
 
@@ -90,6 +91,15 @@ def percent(share: float) -> str:
     if value > 1000:
         return "more than 1000 %"
     return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number with at most so many digits, as people do: 2200, 0.1, 5.4×10⁻⁵."""
+    size = abs(value)
+    if size == 0 or 1e-4 <= size < 1e5:
+        text = np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+        return text.replace("-", "−")
+    return significant(value, digits)
 
 
 def some(names: Sequence[str], at_most: int = 3) -> str:

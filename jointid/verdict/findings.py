@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.elasticity import ElasticityFit
 from jointid.uncertainty.chosen_model import parameter_names
-from jointid.verdict.evidence import Evidence, Finding, good, percent
+from jointid.verdict.evidence import Evidence, Finding, good, number, percent
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import (
     against_the_paper,
@@ -114,6 +114,6 @@ def _all_well(fit: ElasticityFit) -> Finding:
     parts = " with " + " and ".join(beyond) if beyond else ""
     return good(
         "The model explains the data; noise limits the answer",
-        f"One standard error: {errors}. The equations{parts} leave {np.sqrt(fit.misfit):.2g} times what "
-        "the noise explains. What the inertias M and M2 are off comes on top.",
+        f"One standard error: {errors}. The equations{parts} leave "
+        f"{number(np.sqrt(fit.misfit), 2)} times what the noise explains. What the inertias M and M2 are off comes on top.",
     )

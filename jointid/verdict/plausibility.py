@@ -19,7 +19,7 @@ from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
-from jointid.verdict.evidence import Finding, problem
+from jointid.verdict.evidence import Finding, number, problem
 
 _DEGREES = np.pi / 180
 _SNAP = 1.35  # a factor this close to a known one is taken for it
@@ -219,8 +219,8 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
 
 def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
     n = hypothesis.angle.size
-    before = "leave no positive stiffness" if np.isinf(as_is) else f"have a misfit of {as_is:.2g}"
-    proof = f"As they stand, the records {before}; mended, the misfit is {mended:.2g}."
+    before = "leave no positive stiffness" if np.isinf(as_is) else f"have a misfit of {number(as_is, 2)}"
+    proof = f"As they stand, the records {before}; mended, the misfit is {number(mended, 2)}."
     if hypothesis.kind == "inertia":
         gears = _list(hypothesis.gear)
         return problem(
@@ -261,7 +261,7 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
         shown = name if "in" in name.split() else f"angle in {name}"
         return problem(
             f"The unit of {joints} looks wrong: {shown}",
-            f"Torque over acceleration is {factor[j]:.4g} times what the inertias say. {proof}",
+            f"Torque over acceleration is {number(factor[j], 4)} times what the inertias say. {proof}",
             f"{quantity} ({torques if 'torque' in name else columns}).",
             effect,
         )
@@ -281,4 +281,4 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
 
 
 def _list(values: Floats) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
+    return ", ".join(number(value) for value in values)

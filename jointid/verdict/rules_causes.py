@@ -11,7 +11,7 @@ from jointid.rounding import significant, with_error
 from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
-from jointid.verdict.evidence import Evidence, Finding, note, percent, relative, warning
+from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
 
 LINEAR = ("weighted", "least-squares", "explicit")
 """Estimators that know nothing of friction."""
@@ -35,8 +35,14 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
-        coulomb = ", ".join(f"{c:.2g}" for c in fit.friction.coulomb)
+        coulomb = ", ".join(number(c, 2) for c in fit.friction.coulomb)
         title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m and is allowed for. "
+        if (lag := lag_size(evidence)) is not None:
+            verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
+            title = f"Friction and torque {verb[:-1]} matter"
+            cause = (
+                f"Coulomb friction is {coulomb} N·m, the torque {verb} by {lag}; both are allowed for. "
+            )
         remedy = (
             "No action needed for the answer. Larger motions, or a superposed constant velocity, "
             "reduce friction's part."
@@ -63,14 +69,25 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
+def lag_size(evidence: Evidence) -> str | None:
+    """How far the torque lags or leads, when that was fitted and is more than chance; else None."""
+    lag, error = evidence.fit.delay, evidence.fit.delay_error
+    interval = float(np.median([record.interval_s for record in evidence.records]))
+    if lag is None or error is None or abs(lag) < max(0.01 * interval, _CLEAR * error):
+        return None
+    if abs(lag) >= 1e-3:
+        return f"{number(1e3 * abs(lag))} ms"
+    return f"{number(1e6 * abs(lag))} µs"
+
+
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     """The torque acts later, or earlier, than its samples say."""
     fit = evidence.fit
     if fit.delay is None or fit.delay_error is None:
         return
     interval = float(np.median([record.interval_s for record in evidence.records]))
-    lag = fit.delay
-    if abs(lag) < max(0.01 * interval, _CLEAR * fit.delay_error):
+    lag, size = fit.delay, lag_size(evidence)
+    if size is None:
         return
     try:
         without = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).p[: 2 * fit.n]
@@ -81,8 +98,10 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     if not np.any(np.abs(without - p) > fit.standard_error):
         return
     worst = int(np.nanargmax(share))
-    size = f"{1e3 * abs(lag):.3g} ms" if abs(lag) >= 1e-3 else f"{1e6 * abs(lag):.3g} µs"
-    remedy = f"Add {lag:.3g} s to torque_delay_s under [timing] in study.toml, if the drive explains it."
+    remedy = (
+        f"Add {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml, if the drive "
+        "explains it."
+    )
     remedy = half_a_sample(evidence, lag) or remedy
     yield note(
         f"The torque {'lags' if lag > 0 else 'leads'} by {size}",
@@ -92,6 +111,11 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         remedy,
         float(share[worst]),
     )
+
+
+def _in_a_file(value: float) -> str:
+    """Write a number so that it can be copied into study.toml."""
+    return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
 def half_a_sample(evidence: Evidence, lag: float) -> str:
@@ -130,7 +154,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
     )
     yield warning(
         f"The poses disagree on {parameter_names(evidence.fit.n)[worst]}",
-        f"{values}: {percent(fits.spread[worst])} apart, {fits.significance[worst]:.2g} standard "
+        f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
         "Check M2 of each pose first. If the inertias are right, the gear hardens: its stiffness then "
         "depends on the load, which depends on the pose.",
@@ -149,8 +173,8 @@ def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
         more = found.change[j] > 0
         yield warning(
             f"The stiffness of joint {j + 1} {'rises' if more else 'falls'} with the deflection",
-            f"By {percent(found.change[j])} ± {percent(found.standard_error[j])} from {low:.2g} to "
-            f"{high:.2g} rad of deflection, seen at frequencies with several amplitudes.",
+            f"By {percent(found.change[j])} ± {percent(found.standard_error[j])} from {number(low, 2)} "
+            f"to {number(high, 2)} rad of deflection, seen at frequencies with several amplitudes.",
             "A gear hardens, or friction is not fully allowed for. Measure at the amplitude that the "
             "work needs.",
             float(abs(found.change[j])),

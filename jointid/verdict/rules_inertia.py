@@ -15,7 +15,7 @@ from jointid.likelihood import LikelihoodEstimate
 from jointid.rounding import with_error
 from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.validation import freed_phasors
-from jointid.verdict.evidence import Evidence, Finding, percent, problem, relative, warning
+from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, warning
 from jointid.verdict.inertia_check import InertiaCheck, check_inertia
 from jointid.verdict.plausibility import low_frequency_inertia
 from jointid.verdict.rules_causes import distortion, rubs_unheeded
@@ -44,8 +44,8 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     yield warning(
         f"The inertias look wrong{where}",
         f"The records would have {check.names[worst]} = {found} kg·m², given is "
-        f"{check.given[worst]:.4g}. With inertias of their own choice the misfit falls "
-        f"from {check.misfit_given:.2g} to {check.misfit_found:.2g}, and {names[k]} "
+        f"{number(check.given[worst], 4)}. With inertias of their own choice the misfit falls "
+        f"from {number(check.misfit_given, 2)} to {number(check.misfit_found, 2)}, and {names[k]} "
         f"changes by {percent(change[k])}.",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
@@ -76,9 +76,9 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             yield problem(
                 f"The inertias look wrong{where}",
                 "At low frequency, where the springs drop out, torque over acceleration says "
-                f"{element} = {(measured[i, j] + measured[j, i]) / 2:.2g} kg·m² or so; given is "
-                f"{given[i, j]:.3g}. The equations leave {np.sqrt(fit.misfit):.2g} times what the noise "
-                "explains.",
+                f"{element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² or so; given is "
+                f"{number(given[i, j])}. The equations leave {number(np.sqrt(fit.misfit), 2)} times "
+                "what the noise explains.",
                 "Check M and M2: another pose or drive, a missing payload, wrong gear ratios.",
                 float(off[i, j]),
             )

@@ -8,7 +8,17 @@ import numpy as np
 
 from jointid.joints import locked_resonances, resonances
 from jointid.uncertainty.chosen_model import parameter_names
-from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, relative, some, warning
+from jointid.verdict.evidence import (
+    Evidence,
+    Finding,
+    note,
+    number,
+    percent,
+    problem,
+    relative,
+    some,
+    warning,
+)
 from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
 
 _GAP = 1.4  # a resonance is covered when a frequency lies within this factor
@@ -21,14 +31,14 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
         if fit.K[j] <= 0:
             yield problem(
                 f"K{j + 1} is negative",
-                f"The estimate is {fit.K[j]:.4g} N·m/rad, which is no spring.",
+                f"The estimate is {number(fit.K[j], 4)} N·m/rad, which is no spring.",
                 f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
                 2.0,
             )
         elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
             yield warning(
                 f"D{j + 1} is negative",
-                f"The estimate is {fit.D[j]:.3g} N·m·s/rad, which would feed energy into the arm.",
+                f"The estimate is {number(fit.D[j])} N·m·s/rad, which would feed energy into the arm.",
                 "The torque probably leads or lags: check torque_hold and torque_delay_s.",
                 2.0,
             )
@@ -74,7 +84,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     share = relative(fit.standard_error, np.concatenate([fit.K, fit.D])).max()
     yield warning(
         "The model, not the noise, limits the answer",
-        f"The equations leave {np.sqrt(fit.misfit):.2g} times what the noise explains. "
+        f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
         "The error bars are widened by that factor.",
         remedy,
         float(share),
@@ -99,9 +109,9 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
         yield make(
             "The frequencies miss a resonance",
-            f"The records span {low:.3g} to {high:.3g} Hz; by the fit there is a resonance at "
-            f"{some([f'{m:.3g}' for m in sorted(missed)])} Hz, with no record near it. The largest "
-            f"relative standard error is {percent(share)}.",
-            f"Add records at about {some([f'{m:.3g}' for m in sorted(missed)])} Hz.",
+            f"The records span {number(low)} to {number(high)} Hz; by the fit there is a resonance "
+            f"at {some([number(m) for m in sorted(missed)])} Hz, with no record near it. The "
+            f"largest relative standard error is {percent(share)}.",
+            f"Add records at about {some([number(m) for m in sorted(missed)])} Hz.",
             share,
         )

@@ -16,9 +16,8 @@ from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors import Phasors
-from jointid.rounding import significant
 from jointid.spring_equations import spring_equations
-from jointid.verdict.evidence import Evidence, Finding, problem
+from jointid.verdict.evidence import Evidence, Finding, number, problem
 
 _SUSPECTS = 8
 """Records that are left out in turn: those whose own stiffness is furthest from the median."""
@@ -27,7 +26,7 @@ _LEFT = 0.02
 """Share of the misfit that may be left without the record; by noise alone, one record changes little."""
 
 _OTHERS_LEFT = 0.2
-"""Leaving out another record must leave at least this share: it is one record, not a part of the band."""
+"""Leaving out another must leave at least this share: it is one record, not a part of the band."""
 
 _FEWEST = 4
 """Records that must be left, so that they can contradict each other as well."""
@@ -71,12 +70,12 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     before = (
         "no positive stiffness comes out"
         if np.isinf(found.misfit_with)
-        else f"the misfit is {significant(found.misfit_with, 2)}"
+        else f"the misfit is {number(found.misfit_with, 2)}"
     )
     detail = (
         f"With it, {before}; without it, the misfit of the other {evidence.phasors.omega.size - 1} "
-        f"records is {significant(found.misfit_without, 2)}. Its own dynamic stiffness of joint {k + 1} "
-        f"is {significant(float(found.stiffness[k]), 2)} times that of the others. "
+        f"records is {number(found.misfit_without, 2)}. Its own dynamic stiffness of joint {k + 1} "
+        f"is {number(float(found.stiffness[k]), 2)} times that of the others. "
     )
     title, cause, remedy = _told(found, label, n)
     return problem(title, detail + cause, remedy, 10.0)
@@ -143,7 +142,7 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     joints = "" if wrong.size == n else " of joint " + " and ".join(str(j + 1) for j in wrong)
     factor = float(found.factor[wrong[0]])
     scale = 1 / factor if found.by_angle else factor
-    cause = f"Its {signal}s{joints} are {significant(scale, 3)} times what the other records say."
+    cause = f"Its {signal}s{joints} are {number(scale)} times what the other records say."
     for known, usual, looks, remedy in _KNOWN:
         if np.allclose(found.factor[wrong], known) and (known == -1 or usual == signal):
             return f"The {signal}{joints} in {label} {looks}", cause, remedy.format(names)
@@ -158,8 +157,9 @@ def _factor(
     phasors: Phasors, inertia: Inertia, fit: ElasticityFit, i: int
 ) -> tuple[Floats | None, bool]:
     """Real factors of each joint that make a record what K and D of the others demand."""
-    s = 1j * phasors.omega[i : i + 1]
-    Z = motor_impedance(s, inertia.M, np.linalg.inv(inertia.M2), fit.K, fit.D)[0][0]
+    s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
+    arm = np.asarray(np.linalg.inv(inertia.M2), np.float64)
+    Z = motor_impedance(s, inertia.M, arm, fit.K, fit.D)[0][0]
     q, tau = phasors.q[i], phasors.tau[i]
     # One factor for all joints tells no angle from a torque: taken for the signal it is usual on.
     predicted = Z @ q

@@ -9,7 +9,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
-from jointid.verdict.evidence import Evidence, Finding, note, percent, problem, some, warning
+from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
 from jointid.wording import counted
 
 _LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
@@ -25,8 +25,8 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
-            f"{phasors.labels[worst]} says {stated[worst]:.5g} Hz; the motor angle has "
-            f"{phasors.frequency_found_hz[worst]:.5g} Hz. "
+            f"{phasors.labels[worst]} says {number(stated[worst], 5)} Hz; the motor angle has "
+            f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
             "Correct frequency_hz in study.toml, or the unit of time_s.",
             float(off[worst]),
@@ -67,8 +67,8 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         names = some([evidence.phasors.labels[i] for i in short])
         yield note(
             "Some records are only a few periods long",
-            f"{names}: {periods[short].min():.2g} periods. Their noise is taken as white, since slow "
-            "disturbances cannot be told from the sine itself.",
+            f"{names}: {number(periods[short].min(), 2)} periods. Their noise is taken as white, since "
+            "slow disturbances cannot be told from the sine itself.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
         )
@@ -106,7 +106,7 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
             first, *others = index[group]
             if others and all(_proportional(evidence, int(first), int(k)) for k in others):
                 names = " and ".join(phasors.labels[i] for i in index[group][:2])
-                found.append(f"{names} at {omega / (2 * np.pi):.4g} Hz")
+                found.append(f"{names} at {number(omega / (2 * np.pi), 4)} Hz")
     if found:
         yield note(
             "Two records are the same experiment",
@@ -131,9 +131,9 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
         make = warning if share > 0.9 else note
         yield make(
             f"Joint {j + 1} stands still",
-            f"In {len(names)} of {counted(len(phasors.labels), 'record')} ({some(names)}) joint {j + 1} does not "
-            f"move out of its noise; friction, {fit.friction.coulomb[j]:.2g} N·m when it slides, then "
-            "takes any torque.",
+            f"In {len(names)} of {counted(len(phasors.labels), 'record')} ({some(names)}) joint {j + 1} "
+            f"does not move out of its noise; friction, {number(fit.friction.coulomb[j], 2)} N·m when "
+            "it slides, then takes any torque.",
             "Move all joints in every record, with other relative phases, or superpose a constant "
             "velocity.",
             0.02 * share,
@@ -158,8 +158,8 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             make = warning if counts.min() < 3 else note
             yield make(
                 f"The encoder of joint {j + 1} limits the noise",
-                f"It counts in steps of {size:.2g} rad ({2 * np.pi / size:.0f} per revolution); the "
-                f"smallest sine is {counts.min():.2g} steps in amplitude. Rounding makes "
+                f"It counts in steps of {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
+                f"the smallest sine is {number(counts.min(), 2)} steps in amplitude. Rounding makes "
                 f"{percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))} of "
                 "the angle's noise.",
                 "Move further at the frequencies with the smallest motion, record longer, and avoid "

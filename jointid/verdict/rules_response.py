@@ -10,7 +10,7 @@ from scipy.signal import find_peaks
 from jointid.arrays import Floats
 from jointid.joints import resonances
 from jointid.transfer_matrix import TransferMatrix, single_record_response
-from jointid.verdict.evidence import Evidence, Finding, note, some
+from jointid.verdict.evidence import Evidence, Finding, note, number, some
 from jointid.verdict.rules_records import off_frequency, same_experiment
 from jointid.wording import counted
 
@@ -28,8 +28,9 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
     if any(same_experiment(evidence)):  # that has been told
         texts = [text for text in texts if "the same experiment" not in text]
     if texts:
+        verb = "has" if len(texts) == 1 else "have"
         yield note(
-            f"{counted(len(texts), 'frequency')} {'has' if len(texts) == 1 else 'have'} no transfer matrix",
+            f"{counted(len(texts), 'frequency')} {verb} no transfer matrix",
             texts[0],
             "K and D do not need it; the comparison of model and measurement does.",
             1e-3,
@@ -85,12 +86,13 @@ def _story(
     worst = max(foreign, key=lambda p: alone[p] / H[p])
     others = [i + 1 for i in range(evidence.fit.n) if i != j]
     whose = f"joint {others[0]}" if len(others) == 1 else "the other joints"
-    elastic = some([f"{frequency[t]:.3g}" for t in true])
+    elastic = some([number(frequency[t]) for t in true])
     return note(
-        f"The peak of joint {j + 1} at {frequency[worst]:.3g} Hz belongs to the controller of {whose}",
+        f"The peak of joint {j + 1} at {number(frequency[worst])} Hz belongs to the controller "
+        f"of {whose}",
         f"Acceleration over torque of {evidence.phasors.labels[records[worst]]} alone peaks there "
-        f"{alone[worst] / H[worst]:.2g} times above H{j + 1}{j + 1}, which has no peak. The elasticity "
-        f"is the peak at {elastic} Hz, which both show.",
+        f"{number(alone[worst] / H[worst], 2)} times above H{j + 1}{j + 1}, which has no peak. "
+        f"The elasticity is the peak at {elastic} Hz, which both show.",
         "Nothing: K and D come from both joints together. Do not read them off a single record's "
         "response.",
         0.3,
