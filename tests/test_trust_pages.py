@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from streamlit.testing.v1 import AppTest
 from jointid import Analysis, Study, analyse
 from jointid.figures.trust import confidence_outlines, harmonic_bars, normalised_residuals
 from jointid.planning.plan import suggest_records
+from jointid.study_files import pack_study
 from jointid.ui import workspace
 from jointid.ui.charts import csv_bytes
 from jointid.ui.plan_form import largest_so_far, suggested_columns
@@ -95,6 +97,34 @@ class TestErrorBars:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
         at = opened(app, ELASTICITY, joints, show_model="true", show_ellipses="true")
         assert len(at.get("plotly_chart")) == closed + 1 + 2 + joints
+
+
+class TestSeveralPoses:
+    @pytest.fixture
+    def at(self, app: AppTest, studies: dict[int, Study]) -> AppTest:
+        """The same records, every second one said to come from another pose of equal inertia."""
+        study = studies[2]
+        records = [replace(r, pose="ab"[i // 2 % 2]) for i, r in enumerate(study.records)]
+        several = replace(study, records=records, poses=dict.fromkeys("ab", study.inertia))
+        at = app.run()
+        at.file_uploader(key="uploaded").set_value(("poses.zip", pack_study(several), "application/zip"))
+        return at.run()
+
+    def test_poses_that_agree_are_shown_to_agree(self, at: AppTest) -> None:
+        at.session_state["show_poses"] = at.session_state["show_model"] = True
+        at = at.switch_page(ELASTICITY).run()
+        assert not at.exception, at.exception[0].stack_trace
+        poses = next(t.value for t in at.table if "Pose" in t.value)
+        assert list(poses["Pose"]) == ["a", "b", "Distance"]
+        assert all(number(poses[name].iloc[-1]) < 4 for name in ("K1", "K2", "D1", "D2"))
+        assert any("several poses" in info.value for info in at.info)
+
+    def test_a_pose_can_be_planned_for(self, at: AppTest) -> None:
+        at = at.switch_page(PLAN).run()
+        assert not at.exception, at.exception[0].stack_trace
+        assert not at.error
+        assert list(at.selectbox(key="plan_pose").options) == ["a", "b"]
+        assert len(at.dataframe[0].value) == 3
 
 
 class TestTheNextExperiment:

@@ -40,7 +40,13 @@ def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = F
     x, y = ellipses[0].centre[:1], ellipses[0].centre[1:]
     hover = f"{first} %{{x:.6g}}<br>{second} %{{y:.6g}}<extra>estimate</extra>"
     traces.append(points(x, y, "estimate", ink.identified, hovertemplate=hover))
-    axes = [linear_axis(f"{name} ({_UNITS[name[0]]})", nticks=5) for name in (first, second)]
+    corners = np.concatenate([ellipse.outline for ellipse in ellipses])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = np.maximum(0.06 * (high - low), 1e-9 * np.abs(high))  # without noise it is a point
+    axes = [
+        linear_axis(f"{name} ({_UNITS[name[0]]})", nticks=5, range=[a, b])
+        for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
+    ]
     return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])
 
 
@@ -66,8 +72,8 @@ def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = 
         [trace],
         height=110 + 32 * len(names),
         dark=dark,
-        xaxis=linear_axis("Frequency left out (Hz)", type="category", nticks=12),
-        yaxis=linear_axis("", type="category"),
+        xaxis=linear_axis("Frequency left out (Hz)", type="category", nticks=12, showgrid=False),
+        yaxis=linear_axis("", type="category", showgrid=False),
     )
 
 
@@ -130,9 +136,10 @@ def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> g
                 hovertemplate=f"%{{text}}<br>%{{x:.4g}} Hz<br>%{{y:.2g}}<extra>joint {j + 1}</extra>",
             )
         )
-    return figure(
-        traces, height=300, dark=dark, xaxis=frequency_axis(f), yaxis=log_axis("Residual / noise")
-    )
+    sizes = residuals.normalised[residuals.normalised > 1e-3]
+    low, high = float(sizes.min(initial=0.3)) / 1.3, max(4.0, 1.3 * float(sizes.max(initial=1.0)))
+    axis = log_axis("Residual / noise", range=[float(np.log10(low)), float(np.log10(high))])
+    return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)
 
 
 def harmonic_bars(

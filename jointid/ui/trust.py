@@ -187,26 +187,28 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     st.write(
         "Two checks that do not use the stated error bars. The bootstrap draws the noise anew and "
         "estimates again; the jackknife leaves out one frequency at a time and takes the scatter for "
-        "the error, whatever its cause. All three should agree within some ten per cent to a factor of "
-        "two; a jackknife far above the others tells of a model that does not hold."
+        "the error, whatever its cause. A factor of two between them is nothing to worry about. A "
+        "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
+        "them of an estimate that some noise throws far off: trust the largest."
     )
     checks: tuple[Bootstrap, Jackknife | str] | None = kept(page, "checks")
     if checks is None:
-        place = st.empty()
+        place, working = st.empty(), st.empty()
         slow = analysis.fit.friction is not None or analysis.fit.delay is not None
         draws = _SLOW_DRAWS if slow else _FAST_DRAWS
         if not place.button(f"Check the error bars ({draws} draws)", key="check_errors"):
             return
-        with place.container():
+        place.empty()
+        with working.container():
             bar = st.progress(0.0, "Drawing noise")
             st.button("Stop", key="stop_checks", help="Ends the check; nothing is kept of it.")
         try:
             checks = _checks(page, analysis, draws, bar)
         except JointIdError as error:
-            place.error(str(error))
+            working.error(str(error))
             return
         keep(page, "checks", checks)
-        place.empty()
+        working.empty()
     drawn, left_out = checks
     names, (_, stated) = names_of(analysis), estimates_of(analysis)
     columns = {"": names, "Stated": _errors(stated), "Bootstrap": _errors(drawn.standard_error)}
