@@ -1,0 +1,135 @@
+"""What is kept at an address, as the app's pages use it, without a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from streamlit.testing.v1 import AppTest
+
+from jointid import Study
+from jointid.store import Store
+from jointid.study_files import pack_study
+from jointid.ui import workspace
+
+APP = Path(__file__).parents[1] / "app.py"
+
+
+@pytest.fixture(autouse=True)
+def folder(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    return tmp_path / "data"
+
+
+def begun(**address: str) -> AppTest:
+    """A session that begins at an address."""
+    at = AppTest.from_file(str(APP), default_timeout=60)
+    for name, value in address.items():
+        at.query_params[name] = value
+    return shown(at.run())
+
+
+def shown(at: AppTest) -> AppTest:
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def upload(at: AppTest, study: Study, name: str = "mine.zip") -> AppTest:
+    at.file_uploader(key="uploaded").set_value((name, pack_study(study), "application/zip"))
+    return shown(at.run())
+
+
+def address_of(at: AppTest) -> dict[str, str]:
+    values = {name: at.query_params[name] for name in ("w", "study")}
+    address = {name: v if isinstance(v, str) else v[0] for name, v in values.items()}
+    assert [len(value) for value in address.values()] == [32, 32]
+    return address
+
+
+def test_a_sample_needs_no_workspace(folder: Path) -> None:
+    at = begun()
+    assert "w" not in at.query_params
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_another_session_at_the_address_continues(studies: dict[int, Study], joints: int) -> None:
+    at = upload(begun(), studies[joints])
+    again = begun(**address_of(at))
+    assert again.selectbox(key="study").value == "mine.zip"
+    assert again.title[0].value == studies[joints].name
+    assert [m.value for m in again.metric] == [m.value for m in at.metric]
+
+
+def test_every_page_sets_the_address_again(studies: dict[int, Study]) -> None:
+    at = upload(begun(), studies[1])
+    address = address_of(at)
+    for page in sorted((APP.parent / "pages").glob("*.py")):
+        at.query_params.clear()
+        at = shown(at.switch_page(f"pages/{page.name}").run())
+        assert address_of(at) == address, page.name
+
+
+def test_a_simulated_study_is_kept() -> None:
+    at = shown(begun().switch_page("pages/8_Simulate.py").run())
+    at.number_input(key="sim_count").set_value(4)
+    at.number_input(key="sim_seconds").set_value(1.0)
+    at = (
+        shown(at.button[0].click().run()) if at.button[0].label == "Simulate" else pytest.fail("no form")
+    )
+    again = begun(**address_of(at))
+    assert again.title[0].value == at.title[0].value
+    assert again.title[0].value.startswith("Simulated robot")
+
+
+def test_an_address_survives_renaming(studies: dict[int, Study], folder: Path) -> None:
+    at = upload(begun(), studies[1])
+    address = address_of(at)
+    (entry,) = Store(folder).entries(address["w"])
+    at = shown(at.text_input(key=f"name_{entry.id}").set_value("worn gear").run())
+    assert at.selectbox(key="study").value == "worn gear"
+    assert begun(**address).selectbox(key="study").value == "worn gear"
+
+
+def test_what_is_deleted_is_gone_for_every_session(studies: dict[int, Study]) -> None:
+    at = upload(begun(), studies[1])
+    other = begun(**address_of(at))
+    entry = address_of(at)["study"]
+    at = shown(at.button(key=f"delete_{entry}").click().run())
+    assert at.selectbox(key="study").value == "paper"
+    other = shown(other.run())
+    assert other.selectbox(key="study").value == "paper"
+    assert any("not in this workspace" in info.value for info in other.info)
+
+
+@pytest.mark.parametrize("place", ["x", "../../etc", "A" * 32, "\0", "", "é" * 32])
+def test_an_address_of_no_workspace_is_said_and_not_taken(place: str, studies: dict[int, Study]) -> None:
+    at = begun(w=place)
+    assert at.title[0].value == studies[2].name
+    at = upload(at, studies[1])
+    assert address_of(at)["w"] != place
+
+
+def test_what_the_store_cannot_take_stays_in_the_session(
+    studies: dict[int, Study], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "file"))
+    at = upload(begun(), studies[1])
+    assert at.title[0].value == studies[1].name
+    assert any("open in this session only" in warning.value for warning in at.warning)
+    at = shown(at.switch_page("pages/1_Records.py").run())
+    assert at.selectbox(key="study").value == "mine.zip"
+
+
+def test_a_note_of_the_store_is_shown_until_it_is_read(studies: dict[int, Study], folder: Path) -> None:
+    at = upload(begun(), studies[1])
+    address = address_of(at)
+    (file,) = folder.rglob("*.data")
+    file.write_bytes(b"damaged")
+    again = begun(**address)
+    assert again.title[0].value == studies[2].name
+    assert any("mine.zip was damaged" in warning.value for warning in again.warning)
+    again = shown(again.button(key=f"noted_{address['study']}").click().run())
+    assert not any("mine.zip" in warning.value for warning in again.warning)
