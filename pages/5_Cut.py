@@ -34,7 +34,7 @@ st.latex(
 analysis = page.analysis()
 try:
     robot = cut_robot(analysis)
-    settings = ask(robot)
+    settings = ask(robot, page.digest)
     outcome = cut_cached.outcome(page.digest, page.method, settings, analysis)
 except JointIdError as error:
     st.error(str(error))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import streamlit as st
 from plants import PAPER
 from streamlit.testing.v1 import AppTest
 
@@ -62,6 +64,23 @@ def headline(at: AppTest) -> tuple[float, float]:
     return float(found[2]), float(found[4])
 
 
+def meant(at: AppTest) -> tuple[float, float]:
+    """Path error before and after as the sentences below the animation give it, mm."""
+    found = re.findall(r"\*\*(?:Before|After), (?:under )?([\d.]+) mm\*\*", words(at))
+    assert len(found) == 2, words(at)
+    return float(found[0]), float(found[1])
+
+
+@pytest.fixture
+def another_robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The study's inertias are no example arm's, and that arm has other springs."""
+    monkeypatch.setattr("jointid.cut.outcome._matching_drive", lambda inertias: None)
+    monkeypatch.setattr("jointid.cut.outcome.PAPER", Elasticity([60.0, 5.0], [0.2, 0.01]))
+    st.cache_resource.clear()
+    yield
+    st.cache_resource.clear()
+
+
 class TestPage:
     def test_of_two_joints_gives_millimetres_before_and_after(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
@@ -70,7 +89,8 @@ class TestPage:
         assert before > 1.5
         assert after < 0.1
         assert "with a parallelogram drive: its K and D apply as they are" in words(at)
-        assert "K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
+        assert "a robot with the identified springs, K = 43" in words(at)
+        assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
         assert len(at.get("plotly_chart")) == 4
         assert len(at.get("bidi_component")) == 1
         assert not at.error
@@ -84,7 +104,9 @@ class TestPage:
         assert f"This study has {joints} joint(s)" in at.info[0].value
         assert "says nothing about this study" in at.info[0].value
         assert "Study's own" not in control(at, "cut_nominal").options
-        before, after = headline(at)
+        assert "mm" not in at.subheader[0].value
+        assert "the example arm with the paper's springs" in words(at)
+        before, after = meant(at)
         assert before > 2 > 0.1 > after
 
     def test_its_choice_survives_a_change_to_a_study_without_nominal_values(self, app: AppTest) -> None:
@@ -112,6 +134,34 @@ class TestPage:
         assert '"soft" is not a number' in at.error[0].value
         at = shown(at.text_input(key="cut_K").set_value("43, -7").run())
         assert "positive" in at.error[0].value
+
+    def test_custom_values_need_one_per_joint_and_stay_as_typed(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(control(at, "cut_nominal").set_value("Custom").run())
+        assert at.text_input(key="cut_K").value == "21.5, 3.75"
+        for typed, count in (("43", 1), ("43, 7, 5", 3)):
+            at = shown(at.text_input(key="cut_K").set_value(typed).run())
+            assert f"{count} value(s) for 2 joints" in at.error[0].value
+            assert at.text_input(key="cut_K").value == typed
+        at = shown(at.text_input(key="cut_K").set_value("40, 7").run())
+        assert not at.error
+        assert "assumes K = 40.0, 7.00 N·m/rad" in words(at)
+
+    def test_of_another_robot_custom_values_are_its_own(self, app: AppTest, another_robot: None) -> None:
+        """The study's own identified values leave as much as the identification does."""
+        at = shown(app.switch_page(PAGE).run())
+        assert at.subheader[0].value.startswith("Path error of the example arm ")
+        assert "the example arm with the identified springs scaled by" in words(at)
+        assert "K = 60.0, 5.00 N·m/rad" in words(at)
+        assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
+        at = shown(control(at, "cut_nominal").set_value("Custom").run())
+        at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
+        at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
+        assert "which stands for K = 43.0, 7.50 N·m/rad" in words(at)
+        before, after = meant(at)
+        assert before == pytest.approx(after, abs=0.002)
+        at = shown(at.switch_page("app.py").run())
+        assert any("because this robot's geometry is not known" in c.value for c in at.caption)
 
     def test_friction_and_its_compensation_count(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())

@@ -104,6 +104,22 @@ class TestTheArm:
         np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / value, 0.02)
         np.testing.assert_allclose(found.friction.coulomb / found.elasticity.K, 0.01)
         assert found.friction.viscous[0] == 0
+        np.testing.assert_allclose(found.of_the_study(found.elasticity).K, identified.K)
+        np.testing.assert_allclose(found.of_the_study(found.nominal).D, nominal.D)
+
+    def test_custom_values_are_in_the_studys_units(self) -> None:
+        """A servo that is given the identified values is the one after the identification."""
+        identified = Elasticity([55.0, 11.0], [0.12, 0.02])
+        found = cut_robot(analysis_of(OTHER, identified, None, 1e-4))
+        assumed = assumed_elasticity(found, "custom", identified)
+        np.testing.assert_allclose(assumed.K, found.elasticity.K)
+        np.testing.assert_allclose(assumed.D, found.elasticity.D)
+        friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.0, 0.0])
+        outcome = cut_outcome(found, PATH, assumed, friction=friction, samples=10)
+        assert outcome.before_m > 1e-4
+        assert outcome.before_m == pytest.approx(outcome.after_m, rel=0.02)
+        half = Elasticity(0.5 * identified.K, 0.5 * identified.D)
+        np.testing.assert_allclose(assumed_elasticity(found, "custom", half).K, 0.5 * found.elasticity.K)
 
     @pytest.mark.parametrize(
         ("inertia", "springs"), [(ONE, Elasticity([43], [0.1])), (THREE, THREE_SPRINGS)]

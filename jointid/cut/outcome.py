@@ -86,6 +86,16 @@ class CutRobot:
     """What the study's controller assumes today; None when the study does not say."""
     friction: CutFriction | None
     """What the fit found at the motors; None when it did not look for any."""
+    scale: tuple[float, float] = (1.0, 1.0)
+    """By which factor all that belongs to each joint differs from the study's own values."""
+
+    def on_this_arm(self, elasticity: Elasticity) -> Elasticity:
+        """Values in the study's units, as this arm has them."""
+        return _scaled(elasticity, np.array(self.scale))
+
+    def of_the_study(self, elasticity: Elasticity) -> Elasticity:
+        """Values of this arm in the study's units."""
+        return _scaled(elasticity, 1 / np.array(self.scale))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +164,7 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
         np.asarray(both[:, None] * fit.covariance * both),
         None if study.nominal is None else _scaled(study.nominal, factor),
         _friction(analysis, factor),
+        (float(factor[0]), float(factor[1])),
     )
 
 
@@ -168,7 +179,7 @@ def assumed_elasticity(
     assumption : {"study", "rigid", "soft", "stiff", "custom"}
         The study's nominal values, rigid, 0.4 or 3 times the identified stiffnesses, or ``custom``.
     custom : Elasticity, optional
-        For "custom", motor side, on the scale of ``robot.elasticity``.
+        For "custom", motor side, in the study's units: they are scaled like its nominal values.
 
     Raises
     ------
@@ -187,7 +198,9 @@ def assumed_elasticity(
     if chosen is None:
         what = "[nominal] of the study" if assumption == "study" else "custom"
         raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
-    return chosen
+    if chosen.n != 2:
+        raise JointIdError(f"The nominal values have {chosen.n} joint(s); the planar arm has 2.")
+    return robot.on_this_arm(chosen) if assumption == "custom" else chosen
 
 
 def cut_outcome(

@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError
+from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import CutRobot, Outcome, Rule, millimetres
 from jointid.cut.tolerance import tolerance_map
@@ -50,36 +50,67 @@ def show_rule(robot: CutRobot, joints: int) -> None:
 
 
 def headline(outcome: Outcome) -> str:
-    """Path error before and after."""
-    return f"Path error {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
+    """Path error before and after, and whose it is."""
+    if outcome.robot.rule == "demonstration":
+        return "A demonstration, not this study"
+    whose = " of the example arm" if outcome.robot.rule == "relative" else ""
+    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """What the two figures of the headline are."""
+    """What the two path errors are."""
     if outcome.distribution is None:
         st.warning(f"What the identification promises is not known. {outcome.problem}")
-        promise = "a robot with exactly the identified springs; how far they are off is not known."
-    else:
-        promise = (
-            "the servo assumes the identified values, and the robot differs from them as far as their "
-            f"uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
-            f"{_below(outcome.distribution.median_m)}."
-        )
-    assumed = outcome.assumed
-    servo = (
-        "takes the joints as rigid"
-        if assumed is None
-        else f"assumes K = {_three(assumed.K)} N·m/rad, D = {_three(assumed.D)} N·m·s/rad"
-    )
+    after = millimetres(outcome.after_m)
     st.caption(
         "Path error is the largest distance of the tool from the wanted path, simulated.\n"
-        "- **Before**: a robot with the identified springs, "
-        f"K = {_three(outcome.robot.elasticity.K)} N·m/rad, whose servo {servo}.\n"
-        f"- **After**: {promise}\n"
+        f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
+        f"{_servo(outcome)}\n"
+        f"- **After, {after}**: {promise(outcome, settings)}\n"
         f"- **Both**: {_conditions(settings)}"
     )
     if outcome.before.torque_limit_hit or outcome.after.torque_limit_hit:
         st.warning("A motor torque was cut off at its limit.")
+
+
+def _robot(robot: CutRobot) -> str:
+    """Whose springs the robot before has."""
+    springs = _springs(robot.elasticity)
+    if robot.rule == "demonstration":
+        return f"the example arm with the paper's springs, {springs}."
+    if robot.rule != "relative":
+        return f"a robot with the identified springs, {springs}."
+    own, factor = robot.of_the_study(robot.elasticity), _three(robot.scale)
+    return (
+        f"the example arm with the identified springs scaled by {factor}: {springs}, where this study's "
+        f"robot has {_springs(own)}."
+    )
+
+
+def _servo(outcome: Outcome) -> str:
+    """What the servo before assumes."""
+    robot, assumed = outcome.robot, outcome.assumed
+    if assumed is None:
+        return "Its servo takes the joints as rigid."
+    text = f"Its servo assumes {_springs(assumed)}"
+    if robot.rule == "relative":
+        text += f", which stands for {_springs(robot.of_the_study(assumed))} on this study's robot"
+    return text + "."
+
+
+def _springs(elasticity: Elasticity) -> str:
+    return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
+
+
+def promise(outcome: Outcome, settings: CutSettings) -> str:
+    """What the path error after the identification is."""
+    if outcome.distribution is None:
+        return "a robot with exactly the identified springs; how far they are off is not known."
+    return (
+        "the servo assumes the identified values, and the robot differs from them as far as their "
+        f"uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
+        f"{_below(outcome.distribution.median_m)}."
+    )
 
 
 def _conditions(settings: CutSettings) -> str:
@@ -196,15 +227,19 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}<br>"
                 f"{key_line(ink.identified)}identified values, {escape(after)}"
             )
-            arm = "the example arm" if outcome.robot.rule == "relative" else "an arm of these inertias"
+            relative = outcome.robot.rule == "relative"
+            arm = (
+                "the example arm, because this robot's geometry is not known. It has this study's "
+                "springs scaled to its own; ratios and uncertainties are this study's"
+                if relative
+                else "an arm of these inertias, simulated"
+            )
             friction = " Both have the friction that was found." if outcome.robot.friction else ""
-            promise = "The uncertainty of the identified values is too large to promise anything."
+            promised = "The uncertainty of the identified values is too large to promise anything."
             if outcome.distribution is not None:
-                promise = (
+                promised = (
                     "95 of 100 robots within the uncertainty of the identified values stay "
                     f"{_below(outcome.after_m)}."
                 )
-            st.caption(
-                f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}, simulated. {promise}{friction}"
-            )
+            st.caption(f"A rectangle of 28 × 45 mm at 300 mm/s, cut by {arm}. {promised}{friction}")
             st.page_link(CUT_PAGE, label="Watch the cut")

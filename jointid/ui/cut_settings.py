@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import streamlit as st
 
-from jointid import Elasticity
+from jointid import Elasticity, JointIdError
+from jointid.arrays import Floats
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath, rectangle
-from jointid.ui.numbers_in import numbers_in
+from jointid.ui.numbers_in import numbers_in, numbers_out
 
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
@@ -22,6 +23,8 @@ NOMINAL: dict[str, Assumption] = {
 }
 """Choices of the nominal controller, as a person reads them."""
 
+_BEGUN = "cut_custom_begun"
+"""The study for which the fields of the custom controller were filled."""
 _FRICTION = ("As this study found", "None", "Custom")
 _DRIVES: dict[str, Drive | None] = {
     "As this study": None,
@@ -56,7 +59,7 @@ class CutSettings:
 
     @property
     def custom(self) -> Elasticity | None:
-        """The custom nominal values."""
+        """The custom nominal values, in the study's units."""
         return Elasticity(self.custom_K, self.custom_D) if self.assumption == "custom" else None
 
     @property
@@ -86,13 +89,15 @@ class CutSettings:
         return replace(self, zone_m=zone_m)
 
 
-def ask(robot: CutRobot) -> CutSettings:
+def ask(robot: CutRobot, digest: str) -> CutSettings:
     """Draw the controls and return what was chosen.
 
     Parameters
     ----------
     robot : CutRobot
         The robot of the study as it comes, with the drive that suits its inertias.
+    digest : str
+        Of the study: what was typed for one robot says nothing of another.
 
     Raises
     ------
@@ -125,11 +130,7 @@ def ask(robot: CutRobot) -> CutSettings:
             help="How far before a corner the tool begins to turn: the corner is rounded, so that it "
             "can be passed without stopping.",
         )
-    K, D = "20, 3.5", "0.1, 0.015"
-    if assumption == "custom":
-        left, right = st.columns(2)
-        K = left.text_input("Nominal K1, K2 (N·m/rad)", K, key="cut_K", bind="query-params")
-        D = right.text_input("Nominal D1, D2 (N·m·s/rad)", D, key="cut_D", bind="query-params")
+    K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
     with st.expander("Path, controller and drive"):
         one, two, three = st.columns(3)
         with one:
@@ -187,8 +188,8 @@ def ask(robot: CutRobot) -> CutSettings:
     custom = assumption == "custom"
     return CutSettings(
         assumption=assumption,
-        custom_K=numbers_in("Nominal K", K, count=2) if custom else (),
-        custom_D=numbers_in("Nominal D", D, count=2) if custom else (),
+        custom_K=_one_per_joint("Nominal K", K) if custom else (),
+        custom_D=_one_per_joint("Nominal D", D) if custom else (),
         zone_m=1e-3 * zone,
         width_m=1e-3 * width,
         height_m=1e-3 * height,
@@ -200,6 +201,41 @@ def ask(robot: CutRobot) -> CutSettings:
         compensated=compensated,
         drive=_DRIVES[drive] or robot.arm.drive,
     )
+
+
+def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
+    """Ask for nominal K and D in the study's units; they begin as its nominal or identified values."""
+    start = robot.of_the_study(robot.nominal or robot.elasticity)
+    values = numbers_out(_rounded(start.K)), numbers_out(_rounded(start.D))
+    changed = st.session_state.get(_BEGUN, digest) != digest
+    st.session_state[_BEGUN] = digest
+    whose = "the example arm" if robot.rule == "demonstration" else "this study's robot"
+    texts = []
+    for column, text, key, label in zip(
+        st.columns(2),
+        values,
+        ("cut_K", "cut_D"),
+        (f"Nominal K1, K2 of {whose} (N·m/rad)", f"Nominal D1, D2 of {whose} (N·m·s/rad)"),
+        strict=True,
+    ):
+        if changed:
+            st.session_state[key] = text
+        elif key not in st.session_state:
+            st.session_state[key] = st.query_params.get(key, text)
+        texts.append(column.text_input(label, key=key, bind="query-params"))
+    return texts[0], texts[1]
+
+
+def _rounded(values: Floats) -> list[float]:
+    """Values with five digits, as a person would type them."""
+    return [float(f"{value:.5g}") for value in values]
+
+
+def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
+    values = numbers_in(name, text)
+    if len(values) != 2:
+        raise JointIdError(f"{name}: {len(values)} value(s) for 2 joints. Give one per joint.")
+    return values
 
 
 def nominal_name(assumption: Assumption) -> str:
