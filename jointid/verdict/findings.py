@@ -115,5 +115,6 @@ def _all_well(fit: ElasticityFit) -> Finding:
     return good(
         "The model explains the data; noise limits the answer",
         f"One standard error: {errors}. The equations{parts} leave "
-        f"{number(np.sqrt(fit.misfit), 2)} times what the noise explains. What the inertias M and M2 are off comes on top.",
+        f"{number(np.sqrt(fit.misfit), 2)} times what the noise explains. What the inertias M "
+        "and M2 are off comes on top.",
     )
