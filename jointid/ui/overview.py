@@ -104,7 +104,7 @@ def freed_note(fit: ElasticityFit) -> str:
         for name, value in (("friction", fit.friction), ("torque delay", fit.delay))
         if value is not None
     ]
-    return f' "Removed": the {" and the ".join(found)} that was found is taken off.' if found else ""
+    return f' "Removed": with the {" and the ".join(found)} found here taken off.' if found else ""
 
 
 def show_steps(study: Study) -> None:

@@ -189,7 +189,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "estimates again; the jackknife leaves out one frequency at a time and takes the scatter for "
         "the error, whatever its cause. A factor of two between them is nothing to worry about. A "
         "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
-        "them of an estimate that some noise throws far off: trust the largest."
+        "what 68 % of its draws say of an estimate that some noise throws far off."
     )
     checks: tuple[Bootstrap, Jackknife | str] | None = kept(page, "checks")
     if checks is None:
@@ -211,10 +211,14 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         working.empty()
     drawn, left_out = checks
     names, (_, stated) = names_of(analysis), estimates_of(analysis)
+    low, high = drawn.interval(0.68)
     columns = {"": names, "Stated": _errors(stated), "Bootstrap": _errors(drawn.standard_error)}
+    columns["68 % of the draws"] = _errors((high - low) / 2)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
     st.table(columns, hide_index=True)
+    if drawn.failed:
+        st.caption(f"{drawn.failed} draws allowed no estimate and are left out.")
     if isinstance(left_out, str):
         st.info(left_out)
         return
