@@ -18,45 +18,36 @@ import json
 import os
 import re
 import secrets
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
 
 from jointid.errors import JointIdError
+from jointid.store_files import (
+    MAX_NAME,
+    Entry,
+    changed_s,
+    checksum,
+    latest_name,
+    one_line,
+    read_entry,
+    size_text,
+    user_folder,
+    write_whole,
+)
+
+__all__ = ["LIMIT_BYTES", "MAX_NAME", "Entry", "Note", "Store", "new_workspace", "user_folder"]
 
 LIMIT_BYTES = 1 << 30
 """What a store holds unless told otherwise, 1 GiB."""
-MAX_NAME = 120
-"""Longest name of an entry, characters."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFT_OVER_S = 3600.0
 _UNOPENED_S = 60.0
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A piece of data in a workspace."""
-
-    id: str
-    """32 hexadecimal digits."""
-    name: str
-    """For people; need not be unique."""
-    digest: str
-    """What the caller knows the content by."""
-    size_bytes: int
-    checksum: str
-    """Of the data as they were written."""
-    created_s: float
-    """Seconds since 1970."""
-    opened_s: float
-    """When it was last opened, seconds since 1970."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +61,6 @@ class Note:
 def new_workspace() -> str:
     """Return a fresh id of 192 random bits, fit for an address."""
     return secrets.token_urlsafe(24)
-
-
-def user_folder() -> Path:
-    """Return where a store stands by default: JOINTID_DATA_DIR, else the user's data directory."""
-    if chosen := os.environ.get("JOINTID_DATA_DIR"):
-        return Path(chosen)
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
-    elif sys.platform == "darwin":
-        base = "~/Library/Application Support"
-    else:
-        base = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
-    return Path(base).expanduser() / "jointid"
 
 
 @dataclass(frozen=True)
@@ -109,7 +87,7 @@ class Store:
                 if not _ENTRY.fullmatch(file.stem):
                     continue
                 try:
-                    found.append(_entry(file))
+                    found.append(read_entry(file))
                 except FileNotFoundError:
                     if file.exists():  # else it was deleted meanwhile
                         self._set_aside(file, "its data are missing")
@@ -140,25 +118,19 @@ class Store:
         place = self._place(workspace)
         if len(data) > self.limit_bytes:
             raise JointIdError(
-                f"{name} needs {_size(len(data))}, the store holds {_size(self.limit_bytes)}: "
+                f"{name} needs {size_text(len(data))}, the store holds {size_text(self.limit_bytes)}: "
                 "shorten the records."
             )
         before = [entry for entry in self.entries(workspace) if entry.digest == digest]
         with self._failing("written"):
             self._make_room(len(data))
             file = place / f"{secrets.token_hex(16)}.json"
-            for again in (True, False):
-                try:
-                    place.mkdir(mode=0o700, parents=True, exist_ok=True)
-                    _write(file.with_suffix(".data"), data)
-                    break
-                except FileNotFoundError:  # the empty folder was swept away meanwhile
-                    if not again:
-                        raise
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_whole(file.with_suffix(".data"), data)
             now = time.time()
-            entry = Entry(file.stem, _name(name), digest, len(data), _checksum(data), now, now)
+            entry = Entry(file.stem, one_line(name), digest, len(data), checksum(data), now, now)
             meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
-            _write(file, json.dumps({"format": 1} | meta).encode())
+            write_whole(file, json.dumps({"format": 1} | meta).encode())
             for entry in before:
                 self._remove(place / f"{entry.id}.json")
             self._make_room(0, spare=file.stem)
@@ -174,13 +146,13 @@ class Store:
         """
         file = self._file(workspace, entry)
         try:
-            data, meta = file.with_suffix(".data").read_bytes(), _entry(file)
+            data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
         except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
             self.entries(workspace)  # sets it aside, when it is damaged
             raise JointIdError("This study is not in the store any more: open its file again.") from None
         except OSError as error:
             raise self._error("read", error) from error
-        if _checksum(data) != meta.checksum:
+        if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(
                 f'The kept copy of "{meta.name}" is damaged: its checksum is wrong. It was set aside in '
@@ -203,12 +175,12 @@ class Store:
         JointIdError
             When the name is empty, or there is no such entry.
         """
-        if not (wanted := _name(name)):
+        if not (wanted := one_line(name)):
             raise JointIdError("The name is empty: give at least one character.")
         file = self._file(workspace, entry)
         with self._failing("written"):
             if file.exists():
-                _write(file.with_suffix(".name"), wanted.encode("utf-8", "replace"))
+                write_whole(file.with_suffix(".name"), wanted.encode("utf-8", "replace"))
             if not file.exists():  # perhaps deleted meanwhile
                 file.with_suffix(".name").unlink(missing_ok=True)
                 raise JointIdError(
@@ -229,7 +201,7 @@ class Store:
         """Return what became of entries that are gone without having been deleted, oldest first."""
         found = []
         with self._failing("read"):
-            files = sorted(self._place(workspace).glob("*.note"), key=_time)
+            files = sorted(self._place(workspace).glob("*.note"), key=changed_s)
             for file in files:
                 with suppress(FileNotFoundError):
                     found.append(Note(file.stem, file.read_text("utf-8", "replace")))
@@ -285,8 +257,8 @@ class Store:
             if file.parent.name != "damaged":
                 self._leave_note(
                     file,
-                    f"was dropped: the store was full ({_size(self.limit_bytes)}), and it had not been "
-                    "opened for longest.",
+                    f"was dropped: the store was full ({size_text(self.limit_bytes)}), and it had not "
+                    "been opened for longest.",
                 )
             self._remove(file.with_suffix(".json"))
             total -= size
@@ -306,11 +278,11 @@ class Store:
 
     def _leave_note(self, file: Path, what: str) -> None:
         try:
-            name = _latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
+            name = latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             name = ""
-        name = _name(name) or "A kept study"
-        _write(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
+        name = one_line(name) or "A kept study"
+        write_whole(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
 
     @contextmanager
     def _failing(self, what: str) -> Iterator[None]:
@@ -324,65 +296,3 @@ class Store:
             f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
             "permit it, or name another folder in JOINTID_DATA_DIR."
         )
-
-
-def _entry(file: Path) -> Entry:
-    """Read a .json and compare it with its data's size."""
-    meta: dict[str, Any] = json.loads(file.read_bytes())
-    stat = file.with_suffix(".data").stat()
-    entry = Entry(
-        id=file.stem,
-        name=_latest_name(file) or str(meta["name"]),
-        digest=str(meta["digest"]),
-        size_bytes=int(meta["size_bytes"]),
-        checksum=str(meta["checksum"]),
-        created_s=float(meta["created_s"]),
-        opened_s=stat.st_mtime,
-    )
-    if meta.get("format") != 1 or entry.size_bytes != stat.st_size:
-        raise ValueError(file.name)
-    return entry
-
-
-def _write(file: Path, data: bytes) -> None:
-    """Write a file complete or not at all, and only for this user."""
-    fresh = file.with_name(f".{secrets.token_hex(8)}.new")
-    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(file)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
-
-
-def _latest_name(file: Path) -> str:
-    """What an entry was renamed to, else empty."""
-    try:
-        return _name(file.with_suffix(".name").read_text("utf-8", "replace"))
-    except FileNotFoundError:
-        return ""
-
-
-def _name(name: str) -> str:
-    """One line, not too long."""
-    return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
-
-
-def _checksum(data: bytes) -> str:
-    return blake2b(data, digest_size=16).hexdigest()
-
-
-def _time(file: Path) -> float:
-    try:
-        return file.stat().st_mtime
-    except FileNotFoundError:
-        return 0.0
-
-
-def _size(size: int) -> str:
-    return f"{size / 2**20:.3g} MiB"

@@ -1,0 +1,131 @@
+"""The files of a store's entries: written complete or not at all, compared when they are read."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+MAX_NAME = 120
+"""Longest name of an entry, characters."""
+
+
+def user_folder() -> Path:
+    """Return where a store stands by default: JOINTID_DATA_DIR, else the user's data directory."""
+    if chosen := os.environ.get("JOINTID_DATA_DIR"):
+        return Path(chosen)
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        base = "~/Library/Application Support"
+    else:
+        base = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
+    return Path(base).expanduser() / "jointid"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A piece of data in a workspace."""
+
+    id: str
+    """32 hexadecimal digits."""
+    name: str
+    """For people; need not be unique."""
+    digest: str
+    """What the caller knows the content by."""
+    size_bytes: int
+    checksum: str
+    """Of the data as they were written."""
+    created_s: float
+    """Seconds since 1970."""
+    opened_s: float
+    """When it was last opened, seconds since 1970."""
+
+
+def read_entry(file: Path) -> Entry:
+    """Read an entry's .json and compare it with its data's size.
+
+    Raises
+    ------
+    OSError
+        When one of them is missing or cannot be read.
+    ValueError, KeyError, TypeError, RecursionError
+        When the .json is damaged, or the data have another size.
+    """
+    meta: dict[str, Any] = json.loads(file.read_bytes())
+    stat = file.with_suffix(".data").stat()
+    entry = Entry(
+        id=file.stem,
+        name=latest_name(file) or str(meta["name"]),
+        digest=str(meta["digest"]),
+        size_bytes=int(meta["size_bytes"]),
+        checksum=str(meta["checksum"]),
+        created_s=float(meta["created_s"]),
+        opened_s=stat.st_mtime,
+    )
+    if meta.get("format") != 1 or entry.size_bytes != stat.st_size:
+        raise ValueError(file.name)
+    return entry
+
+
+def write_whole(file: Path, data: bytes) -> None:
+    """Write a file complete or not at all, and only for this user."""
+    fresh = file.with_name(f".{secrets.token_hex(8)}.new")
+    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        fresh.replace(file)
+        _settle(file.parent)
+    except BaseException:
+        with suppress(OSError):
+            fresh.unlink()
+        raise
+
+
+def _settle(folder: Path) -> None:
+    """Have a renaming survive a power cut, where the system can."""
+    if os.name == "posix":
+        handle = os.open(folder, os.O_RDONLY)
+        with suppress(OSError):  # some network drives cannot
+            os.fsync(handle)
+        os.close(handle)
+
+
+def latest_name(file: Path) -> str:
+    """Return what an entry was renamed to, else nothing."""
+    try:
+        return one_line(file.with_suffix(".name").read_text("utf-8", "replace"))
+    except FileNotFoundError:
+        return ""
+
+
+def one_line(name: str) -> str:
+    """Return a name as one line of printable characters, not too long."""
+    return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
+
+
+def checksum(data: bytes) -> str:
+    """Return 32 hexadecimal digits (blake2b)."""
+    return blake2b(data, digest_size=16).hexdigest()
+
+
+def changed_s(file: Path) -> float:
+    """Return when a file was changed, seconds since 1970; 0 when it is gone."""
+    try:
+        return file.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
+def size_text(size: int) -> str:
+    """Return bytes as "1.5 MiB"."""
+    return f"{size / 2**20:.3g} MiB"
