@@ -13,7 +13,7 @@ from jointid.figures.cut import (
 from jointid.ui import cut_cached
 from jointid.ui.arm_animation import show_animation
 from jointid.ui.charts import plot, side_by_side
-from jointid.ui.cut_parts import headline, show_meaning, show_rule, show_tolerance
+from jointid.ui.cut_parts import headline, remainder, show_meaning, show_rule, show_tolerance
 from jointid.ui.cut_pictures import show_figure_7
 from jointid.ui.cut_settings import ask, nominal_name
 from jointid.ui.page import open_page
@@ -85,6 +85,8 @@ with four:
     st.markdown("**What this identification promises**")
     if outcome.distribution is None:
         st.caption("Not known: see above.")
+    elif not outcome.springs_matter:
+        st.caption(remainder(outcome, settings.servo, settings.friction))
     else:
         st.caption(
             f"{outcome.distribution.K.shape[0]} robots drawn from the fit's covariance, each cut by a "

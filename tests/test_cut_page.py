@@ -170,6 +170,9 @@ class TestPage:
         rough = headline(at)[1]
         assert rough > ideal + 0.1
         assert "which the servo does not compensate" in words(at)
+        assert "is friction, delay and encoder, not the springs" in words(at)
+        assert "95 of 100" not in words(at)
+        assert len(at.get("plotly_chart")) == 3  # no histogram
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
 

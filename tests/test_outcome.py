@@ -226,6 +226,20 @@ class TestThePromise:
         assert with_friction.after_m > without.after_m + 1e-4
         assert not np.array_equal(with_friction.before.tool_m, without.before.tool_m)
 
+    def test_where_friction_sets_the_error_the_springs_do_not_matter(self) -> None:
+        friction = SimpleNamespace(coulomb=[0.5, 0.25], viscous=[0.0, 0.0])
+        rough = cut_outcome(robot(1e-4), PATH, None, friction=friction, samples=30)
+        drawn = rough.distribution.max_contour_error_m
+        assert rough.spread_m == pytest.approx(np.percentile(drawn, 95) - np.percentile(drawn, 5))
+        assert rough.spread_m < 0.01 * rough.after_m
+        assert not rough.springs_matter
+        uncertain = cut_outcome(robot(0.02), PATH, None, samples=30)
+        assert uncertain.spread_m > 0.1 * uncertain.after_m
+        assert uncertain.springs_matter
+        unknown = cut_outcome(robot(5.0), PATH, None)
+        assert np.isnan(unknown.spread_m)
+        assert unknown.springs_matter
+
     def test_left_out_the_servo_is_the_everyday_one(self) -> None:
         left_out, given_ = (
             cut_outcome(robot(), PATH, None, samples=1, servo=s) for s in (None, EVERYDAY_SERVO)

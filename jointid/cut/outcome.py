@@ -57,6 +57,8 @@ _SAME_INERTIA = 0.05
 """Inertias within 5 % of the example arm's count as its own: that is how well inertias are known."""
 _DEMONSTRATED = np.array([0.005, 0.005, 0.025, 0.025])
 """Relative standard errors of K1, K2, D1, D2 of the demonstration: half of 1 % and of 5 %."""
+_ALIKE = 0.1
+"""Path errors within 10 % of each other do not tell robots apart."""
 _SMALLEST_SHOWN_M = 1e-6
 """The simulated arm is exact to about 1 µm."""
 
@@ -126,6 +128,23 @@ class Outcome:
     def after_m(self) -> float:
         """Largest contour error that 95 % of the robots stay below after the identification, m."""
         return self.after.max_contour_error_m if self.distribution is None else self.distribution.p95_m
+
+    @property
+    def spread_m(self) -> float:
+        """How far apart 90 % of the path errors of the robots drawn lie, m; NaN without any."""
+        if self.distribution is None:
+            return float("nan")
+        low, high = np.percentile(self.distribution.max_contour_error_m, (5, 95))
+        return float(high - low)
+
+    @property
+    def springs_matter(self) -> bool:
+        """Whether what remains after the identification depends on how well it knows the springs.
+
+        False where robots with other springs, as far as the fit allows them, cut practically alike:
+        then friction and the controller set the error. True where this is not known.
+        """
+        return not self.spread_m < _ALIKE * self.after_m
 
 
 def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:

@@ -11,7 +11,8 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import CutRobot, Outcome, Rule, millimetres
+from jointid.cut.outcome import EVERYDAY_SERVO, CutFriction, CutRobot, Outcome, Rule, millimetres
+from jointid.cut.servo import Servo
 from jointid.cut.tolerance import tolerance_map
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.cut_tolerance import tolerance_heatmap
@@ -102,14 +103,59 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
+def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
+    """Say what remains where the springs are known better than this cut can show.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        One whose error does not depend on how well the springs are known.
+    servo : Servo
+        The controller of this cut.
+    friction : CutFriction or None
+        At the motors.
+    """
+    left = millimetres(outcome.after_m)
+    if left.startswith("under"):
+        return f"What remains, {left}, is below what the simulation resolves."
+    causes = []
+    if friction is not None and servo.friction_compensation is None:
+        causes.append("friction")
+    if servo.delay_samples:
+        causes.append("delay")
+    if servo.encoder_bits is not None:
+        causes.append("encoder")
+    *first, last = causes or ["the controller's rate"]
+    named = f"{', '.join(first)} and {last}" if first else last
+    return (
+        f"What remains, {left}, is {named}, not the springs: within the fit's uncertainty it changes by "
+        f"{millimetres(outcome.spread_m)}."
+    )
+
+
 def promise(outcome: Outcome, settings: CutSettings) -> str:
     """What the path error after the identification is."""
     if outcome.distribution is None:
         return "a robot with exactly the identified springs; how far they are off is not known."
+    if not outcome.springs_matter:
+        return (
+            f"the servo assumes the identified values. "
+            f"{remainder(outcome, settings.servo, settings.friction)}{_less_before(outcome)}"
+        )
     return (
         "the servo assumes the identified values, and the robot differs from them as far as their "
         f"uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
         f"{_below(outcome.distribution.median_m)}."
+    )
+
+
+def _less_before(outcome: Outcome) -> str:
+    """Why the cut before may have the smaller error."""
+    if outcome.before_m >= outcome.after_m:
+        return ""
+    return (
+        " That the error before is smaller is chance: there the wrong springs cancel a part of what "
+        "remains."
     )
 
 
@@ -236,7 +282,9 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             )
             friction = " Both have the friction that was found." if outcome.robot.friction else ""
             promised = "The uncertainty of the identified values is too large to promise anything."
-            if outcome.distribution is not None:
+            if not outcome.springs_matter:
+                promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
+            elif outcome.distribution is not None:
                 promised = (
                     "95 of 100 robots within the uncertainty of the identified values stay "
                     f"{_below(outcome.after_m)}."
