@@ -3,7 +3,7 @@
     python benchmarks/friction.py [seeds]
 
 Simulates campaigns of 18 frequencies × 2 records (12.5 periods, 2 kHz, 16-bit encoder, noise) and
-prints as Markdown the largest error of K and of D over joints and seeds, in percent, the largest error in
+Simulates campaigns of 18 frequencies × 2 records (12.5 periods, 2 kHz, 16-bit encoder, noise) and
 standard errors, and the model that was chosen.
 """
 

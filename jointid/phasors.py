@@ -124,14 +124,14 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
         raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
     fits = fit_sines(records, harmonics or 3)
-    if harmonics is None and any(_distorted(fit) for fit in fits):
+    if harmonics is None and _distorted(fits):
         fits = fit_sines(records, MANY_HARMONICS)
     n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
     timing = np.ones((len(records), count, 2 * n), complex)
     timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
-    covariance = np.array([fit.covariance + _rounding(fit) for fit in fits])
+    covariance = np.array([fit.covariance for fit in fits]) + _rounding(fits)
     if count > 3:
         repeated = [_repeated_rounding(r, f) for r, f in zip(records, fits, strict=True)]
         covariance += np.array(repeated)[:, None]
@@ -152,9 +152,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         drift=np.array([fit.drift[:n] for fit in fits]),
         settling=settling,
         settling_noise=noise,
-        frequency_found_hz=np.array(
-            [_frequency_found(r, f) for r, f in zip(records, fits, strict=True)]
-        ),
+        frequency_found_hz=_frequency_found(records, fits),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
     )
 
@@ -178,10 +176,10 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
     return records
 
 
-def _rounding(fit: SineFit) -> Complexes:
-    """Variance that floating-point numbers of this size leave, diagonal (2n, 2n)."""
-    size = np.abs(fit.offset) + np.abs(fit.fundamental)
-    return np.diag((1e-14 * size) ** 2).astype(complex)
+def _rounding(fits: Sequence[SineFit]) -> Floats:
+    """Variance that floating-point numbers of this size leave, diagonal (r, 1, 2n, 2n)."""
+    size = np.abs([fit.offset for fit in fits]) + np.abs([fit.fundamental for fit in fits])
+    return np.asarray(((1e-14 * size) ** 2)[:, None, :, None] * np.eye(size.shape[1]))
 
 
 def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
@@ -216,12 +214,12 @@ def _quantum(signal: Floats) -> Floats:
     return np.where(whole & moving, step, 0.0)
 
 
-def _distorted(fit: SineFit) -> bool:
+def _distorted(fits: Sequence[SineFit]) -> bool:
     """Whether a harmonic stands six standard deviations above noise and above 1e-6 of its signal."""
-    overtones = np.abs(fit.harmonics[1:]) ** 2
-    noise = np.abs(np.einsum("hjj->hj", fit.covariance[1:]))
-    visible = overtones > (1e-6 * np.abs(fit.harmonics[0])) ** 2
-    return bool(np.any(visible & (overtones > 36 * noise)))
+    power = np.abs([fit.harmonics for fit in fits]) ** 2
+    noise = np.abs(np.einsum("rhjj->rhj", np.array([fit.covariance for fit in fits])))
+    visible = (power > 1e-12 * power[:, :1]) & (power > 36 * noise)
+    return bool(visible[:, 1:].any())
 
 
 def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
@@ -232,45 +230,63 @@ def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
     return np.asarray(held * np.exp(-1j * omega * (delay + hold / 2)[:, None]))
 
 
+def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
+    """Local phasor of each block minus that of its record (r, K, 2n), zero beyond a record's blocks;
+    the blocks' numbers (K,), and how many each record has (r, 1)."""
+    count = np.array([[len(fit.deviations)] for fit in fits])
+    local = np.zeros((len(fits), int(count.max()), fits[0].deviations.shape[1]), complex)
+    for row, fit in zip(local, fits, strict=True):
+        row[: len(fit.deviations)] = fit.deviations
+    local *= count[:, :, None]
+    return local, np.arange(local.shape[1]), count
+
+
 def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
     """Change of the local phasor from the first quarter of the blocks to the second half."""
-    change = np.full((len(fits), fits[0].harmonics.shape[1]), np.nan)
-    noise = np.full_like(change, np.nan)
-    for row, fit in enumerate(fits):
-        blocks = len(fit.deviations)
-        if blocks < 4:
-            continue
-        local = blocks * fit.deviations  # from the phasor of the whole record
-        early, late = local[: blocks // 4], local[blocks // 2 :]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            amplitude = np.abs(fit.fundamental)
-            change[row] = np.abs(early.mean(axis=0) - late.mean(axis=0)) / amplitude
-            variance = (np.abs(late - late.mean(axis=0)) ** 2).sum(axis=0) / (len(late) - 1)
-            noise[row] = np.sqrt(variance * (1 / len(early) + 1 / len(late))) / amplitude
-    return change, noise
+    local, block, count = _local(fits)
+    early = (block < count // 4)[..., None]
+    late = ((block >= count // 2) & (block < count))[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        n_early, n_late = early.sum(axis=1), late.sum(axis=1)
+        first, second = (local * early).sum(axis=1) / n_early, (local * late).sum(axis=1) / n_late
+        variance = (np.abs((local - second[:, None]) * late) ** 2).sum(axis=1) / (n_late - 1)
+        amplitude = np.abs([fit.fundamental for fit in fits])
+        change = np.abs(first - second) / amplitude
+        noise = np.sqrt(variance * (1 / n_early + 1 / n_late)) / amplitude
+    enough = count >= 4
+    return np.where(enough, change, np.nan), np.where(enough, noise, np.nan)
 
 
-def _frequency_found(record: SineRecord, fit: SineFit) -> float:
+def _frequency_found(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
     """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
-    strength = np.abs(fit.harmonics[:, : record.n])
-    order, largest = np.unravel_index(np.argmax(strength), strength.shape)
-    phasor, local = fit.fundamental[largest], len(fit.deviations) * fit.deviations[:, largest]
-    scatter = np.sqrt(np.mean(np.abs(local) ** 2))
-    if np.ptp(record.theta_rad[record.start :, largest]) == 0:
-        return record.frequency_hz  # nothing moves, so nothing contradicts
-    if order > 0 or abs(phasor) == 0:
-        return _spectral_peak_hz(record, int(largest))
-    if len(local) < 3:
-        used = record.theta_rad[record.start :, largest]
-        left = used - fit.at(record.time_s[record.start :], record.omega)[:, largest]
-        wrong = left.std() > 0.3 * abs(phasor)
-        return _spectral_peak_hz(record, int(largest)) if wrong else record.frequency_hz
-    if scatter > 0.5 * abs(phasor):
-        return _spectral_peak_hz(record, int(largest))
-    span = record.interval_s * (record.time_s.size - record.start)
-    time = span * (np.arange(len(local)) - (len(local) - 1) / 2) / len(local)
-    turning = float((local / phasor).imag @ time / (time @ time))
-    return record.frequency_hz + turning / (2 * np.pi)
+    n, rows = records[0].n, np.arange(len(records))
+    strength = np.abs([fit.harmonics[:, :n] for fit in fits])
+    order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
+    phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
+    offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
+    local, block, count = _local(fits)
+    local = local[rows, :, largest]
+    scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
+    place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
+    stated = np.array([record.frequency_hz for record in records])
+    span = np.array([record.periods for record in records]) / stated
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
+    found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
+    moves = strength.max(axis=(1, 2)) > 1e-12 * offset
+    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor)) | (count[:, 0] < 3)
+    for row in np.flatnonzero(moves & suspicious).tolist():
+        record, fit, joint = records[row], fits[row], int(largest[row])
+        if order[row] > 0 or scatter[row] > 0.5 * abs(phasor[row]) or _unlike(record, fit, joint):
+            found[row] = _spectral_peak_hz(record, joint)
+    return np.where(moves, found, stated)
+
+
+def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:
+    """Whether a motor angle of few periods is far from the sine that was fitted to it."""
+    left = record.theta_rad[record.start :, joint]
+    left = left - fit.at(record.time_s[record.start :], record.omega)[:, joint]
+    return bool(left.std() > 0.3 * abs(fit.fundamental[joint]))
 
 
 def _spectral_peak_hz(record: SineRecord, joint: int) -> float:

@@ -22,7 +22,7 @@ from jointid.threads import one_thread
 FEWEST_BLOCKS = 8
 """With fewer blocks the residual, taken as white, tells the noise better than their scatter."""
 
-_BLOCK_SAMPLES = 256  # shorter blocks leave the matrix product bound by overhead, not by memory
+_BLOCK_SAMPLES = 1024  # shorter blocks leave the matrix product bound by overhead, not by memory
 _NEGLIGIBLE_PHASE = 1e-6  # rad; jitter below it cannot be seen in a phasor
 _CHUNK = 65_536  # samples of a jittered record whose sines stand in memory at a time
 
@@ -80,8 +80,7 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     JointIdError
         When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
-    with one_thread():
-        return [_fit_one(record, harmonics) for record in records]
+    return [_fit_one(record, harmonics) for record in records]
 
 
 def _fit_one(record: SineRecord, harmonics: int) -> SineFit:
@@ -95,9 +94,11 @@ def _fit_one(record: SineRecord, harmonics: int) -> SineFit:
     if record.periods < 2:  # within little more than a period, harmonics and drift look alike
         highest = 1
     orders = np.arange(1, max(1, int(highest)) + 1)
-    if is_uniform(record) and _block_layout(record)[1] >= FEWEST_BLOCKS:
-        return _fit_blocks(record, orders, harmonics)
-    return _fit_directly(record, orders, harmonics)
+    block, blocks = _block_layout(record)
+    if is_uniform(record) and blocks >= FEWEST_BLOCKS:
+        return _fit_blocks(record, orders, harmonics, block, blocks)
+    with one_thread():
+        return _fit_directly(record, orders, harmonics, block, blocks)
 
 
 def is_uniform(record: SineRecord) -> bool:
@@ -130,7 +131,7 @@ class _Plan:
     odd_alone: Floats
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def _plan(x: float, samples: int, block: int, count: int) -> _Plan:
     orders = np.arange(1, count + 1)
     waves = _powers(x, block, count)
@@ -164,8 +165,9 @@ def _powers(x: float, samples: int, count: int) -> Complexes:
     return waves
 
 
-def _fit_blocks(record: SineRecord, orders: np.ndarray, harmonics: int) -> SineFit:
-    block, blocks = _block_layout(record)
+def _fit_blocks(
+    record: SineRecord, orders: np.ndarray, harmonics: int, block: int, blocks: int
+) -> SineFit:
     samples = record.time_s.size - record.start
     count = orders.size
     plan = _plan(record.omega * record.interval_s, samples, block, count)
@@ -239,7 +241,9 @@ def _gram(samples: int, x: float, orders: np.ndarray) -> tuple[Floats, Floats]:
     return even, odd
 
 
-def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> SineFit:
+def _fit_directly(
+    record: SineRecord, orders: np.ndarray, harmonics: int, block: int, blocks: int
+) -> SineFit:
     """Normal equations at the actual sample times, in chunks; two passes, the second for the noise."""
     used = record.time_s[record.start :]
     middle_s = float(used[0] + used[-1]) / 2
@@ -255,7 +259,6 @@ def _fit_directly(record: SineRecord, orders: np.ndarray, harmonics: int) -> Sin
     simple = [0, count, size - 2, size - 1]
     alone = np.linalg.lstsq(gram[np.ix_(simple, simple)], right[simple], rcond=None)[0]
 
-    block, blocks = _block_layout(record)
     blocks = max(blocks, 1)
     owner = np.minimum(np.arange(samples) // block, blocks - 1)
     deviations = np.zeros((blocks, count, 2 * record.n), complex)
