@@ -267,6 +267,51 @@ def test_the_keyboard_does_it_all(browse: Browse) -> None:
     browse(look)
 
 
+def test_the_keys_mean_the_same_wherever_the_focus_is(browse: Browse) -> None:
+    def look(page: Page) -> None:
+        playing(page)
+        button = page.locator(".cut-animation .play")
+        time_slider = page.get_by_role("slider", name="Time")
+        magnify = page.get_by_role("slider", name="Magnify errors")
+        speed = page.locator(".speed select")
+        for control in (button, time_slider, magnify, speed):
+            was = state(page)["playing"]
+            control.press("Space")
+            page.wait_for_timeout(50)
+            assert state(page)["playing"] != was
+        end = int(state(page)["frames"]) - 1
+        for control in (button, time_slider):
+            control.press("Home")
+            assert frame(page) == 0
+            control.press("ArrowUp")
+            assert frame(page) == pytest.approx(0.10 * end, abs=1)
+            control.press("ArrowRight")
+            assert frame(page) == pytest.approx(0.11 * end, abs=1)
+            control.press("ArrowDown")
+            assert frame(page) == pytest.approx(0.01 * end, abs=1)
+            control.press("End")
+            assert frame(page) == end
+        magnify.press("ArrowRight")
+        assert (state(page)["magnification"], frame(page)) == ("2", end)
+
+    browse(look)
+
+
+def test_a_path_magnified_beyond_recognition_is_not_drawn(browse: Browse) -> None:
+    def look(page: Page) -> None:
+        playing(page)
+        assert state(page)["drawn"] == "nominal identified"
+        slider = page.get_by_role("slider", name="Magnify errors")
+        slider.press("End")
+        now = state(page)
+        assert int(now["magnification"]) >= 5
+        assert now["drawn"] == "identified"
+        slider.press("Home")
+        assert state(page)["drawn"] == "nominal identified"
+
+    browse(look)
+
+
 def test_errors_are_magnified_about_the_wanted_path(browse: Browse) -> None:
     def look(page: Page) -> None:
         playing(page)

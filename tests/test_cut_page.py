@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -254,6 +255,29 @@ class TestWhatTheBrowserIsSent:
         assert x + width > outcome.before.tool_m[:, 0].max()
         assert (data["nominal"], data["identified"]) == (DARK.nominal, DARK.identified)
         assert "nominal (0.4 K): 3." in data["description"]
+
+    def test_errors_are_magnified_as_far_as_the_shape_stays_recognisable(self, outcome: Outcome) -> None:
+        data = animation_data(outcome, "nominal", dark=False)
+        assert data["magnifications"][:3] == [1, 2, 5]
+        far, near = data["reach_m"]
+        for run, reach in ((outcome.before, far), (outcome.after, near)):
+            apart = np.hypot(*(run.tool_m - run.wanted_m).T)
+            assert reach == pytest.approx(apart.max())
+        most = data["magnifications"][-1]
+        assert most * near <= data["room_m"] <= 0.0084 + 1e-9
+        x, y, width, height = data["window_m"]
+        for run, reach in ((outcome.before, far), (outcome.after, near)):
+            fits = [factor for factor in data["magnifications"] if factor * reach <= data["room_m"]]
+            drawn = run.wanted_m + max(fits, default=1) * (run.tool_m - run.wanted_m)
+            assert np.all(drawn > [x, y])
+            assert np.all(drawn < [x + width, y + height])
+
+    def test_large_errors_are_not_magnified_at_all(self) -> None:
+        robot = CutRobot("direct", PlanarArm.example(), PAPER, 1e6 * COVARIANCE, None, None)
+        soft = Elasticity(0.4 * PAPER.K, PAPER.D)
+        outcome = cut_outcome(robot, rectangle(), soft, samples=2)
+        same = dataclasses.replace(outcome, after=outcome.before)
+        assert animation_data(same, "nominal", dark=False)["magnifications"] == [1]
 
 
 class TestShapes:

@@ -6,7 +6,6 @@
 const running = new WeakMap();
 
 const HOLD_S = 0.8; // rest at the end before the next round, in seconds of the person watching
-const MAGNIFICATIONS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 export default function (component) {
   const { parentElement, data } = component;
@@ -28,7 +27,7 @@ class CutAnimation {
     const still = window.matchMedia("(prefers-reduced-motion: reduce)");
     this.playing = before ? before.playing : !still.matches;
     this.speed = before ? before.speed : 1;
-    this.step = before ? before.step : 0;
+    this.step = before ? Math.min(before.step, data.magnifications.length - 1) : 0;
     // A person who wants no motion sees the finished cut.
     this.time = before ? Math.min(before.time, this.end) : this.playing ? 0 : this.end;
     this.seen = true;
@@ -59,7 +58,14 @@ class CutAnimation {
   }
 
   get magnification() {
-    return MAGNIFICATIONS[this.step];
+    return this.data.magnifications[this.step];
+  }
+
+  // Tools that are drawn: magnified too far, a path is only stray lines.
+  get drawn() {
+    return ["nominal", "identified"].filter(
+      (_, k) => this.step === 0 || this.magnification * this.data.reach_m[k] <= this.data.room_m,
+    );
   }
 
   // ---- what a person does -------------------------------------------------------------------------
@@ -80,6 +86,8 @@ class CutAnimation {
       this.draw();
     });
     on(this.root, "keydown", (event) => this.key(event));
+    // A button or list that has the focus would act on the space bar once more.
+    on(this.root, "keyup", (event) => event.key === " " && event.preventDefault());
     on(still, "change", () => still.matches && this.pause());
     this.resized = new ResizeObserver(() => {
       this.fit();
@@ -98,12 +106,14 @@ class CutAnimation {
   }
 
   key(event) {
-    const inControl = event.composedPath()[0]?.matches?.("button, select, input");
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    // These two have values of their own, which a person without a mouse must be able to change.
+    const own = event.composedPath()[0]?.matches?.(".speed select, .magnify input");
     const moves = { ArrowRight: 1, ArrowLeft: -1, ArrowUp: 10, ArrowDown: -10 };
-    if (event.key === " " && !inControl) this.toggle();
-    else if (event.key in moves && !inControl) this.move(moves[event.key]);
-    else if (event.key === "Home" && !inControl) this.jump(0);
-    else if (event.key === "End" && !inControl) this.jump(this.end);
+    if (event.key === " ") event.repeat || this.toggle();
+    else if (event.key in moves && !own) this.move(moves[event.key]);
+    else if (event.key === "Home" && !own) this.jump(0);
+    else if (event.key === "End" && !own) this.jump(this.end);
     else return;
     event.preventDefault();
     event.stopPropagation();
@@ -144,7 +154,8 @@ class CutAnimation {
     this.find(".scrub input").max = this.end;
     this.find(".speed select").value = String(this.speed);
     const slider = this.find(".magnify input");
-    slider.max = MAGNIFICATIONS.length - 1;
+    slider.max = this.data.magnifications.length - 1;
+    slider.disabled = this.data.magnifications.length < 2;
     slider.value = this.step;
     slider.setAttribute("aria-valuetext", `${this.magnification} times`);
     this.find(".magnify output").textContent = `× ${this.magnification}`;
@@ -233,6 +244,7 @@ class CutAnimation {
       time: shown.toFixed(4),
       speed: String(this.speed),
       magnification: String(this.magnification),
+      drawn: this.drawn.join(" "),
       nominal: millimetre(now.nominal),
       identified: millimetre(now.identified),
     });
@@ -242,13 +254,13 @@ class CutAnimation {
     const view = this.view(this.cut, this.data.window_m);
     const { pen } = view;
     this.trace(view, this.wanted, this.frames - 1, { colour: this.ink.wanted, width: 6, alpha: 0.55 });
-    for (const name of ["nominal", "identified"]) {
+    for (const name of this.drawn) {
       const whole = { colour: this.ink[name], width: 1, alpha: 0.55 };
       this.trace(view, this[name], this.frames - 1, whole, true);
       const done = { colour: this.ink[name], width: 2.5, alpha: 1 };
       this.trace(view, this[name], now.k, done, true, now[name]);
     }
-    for (const name of ["nominal", "identified"]) {
+    for (const name of this.drawn) {
       pen.beginPath();
       pen.arc(view.x(now[name].x), view.y(now[name].y), name === "nominal" ? 6.5 : 5, 0, 2 * Math.PI);
       pen.fillStyle = name === "nominal" ? this.ink.paper : this.ink[name];
@@ -291,7 +303,9 @@ class CutAnimation {
     pen.stroke();
     pen.font = `13px ${getComputedStyle(this.root).fontFamily}`;
     pen.textBaseline = "bottom";
-    const errors = this.magnification > 1 ? `, errors × ${this.magnification}` : "";
+    const left = this.drawn.includes("nominal") ? "identified" : "nominal";
+    const out = this.drawn.length < 2 ? `, ${left} too far off to draw` : "";
+    const errors = this.magnification > 1 ? `, errors × ${this.magnification}${out}` : "";
     pen.fillText(`10 mm${errors}`, x + length + 8, y + 4);
   }
 
@@ -306,7 +320,7 @@ class CutAnimation {
     pen.fillRect(view.x(sx), view.y(sy + sh), sw * view.scale, sh * view.scale);
     pen.globalAlpha = 1;
     this.trace(view, this.wanted, this.frames - 1, { colour: this.ink.text, width: 1.2, alpha: 0.9 });
-    for (const name of ["nominal", "identified"]) {
+    for (const name of this.drawn) {
       const pose = reach(now[name], l1, l2);
       if (!pose) continue; // magnified out of reach
       if (name === "identified") this.body(view, pose, now[name], l2);

@@ -22,11 +22,16 @@ _SHEET_M = 0.16
 _CRANK_M = 0.18
 """Length of the crank by which motor 2 of a parallelogram drive turns link 2; drawn only."""
 
+_MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+_RECOGNISABLE = 0.3
+"""A magnified error may reach this share of the path's shorter side; beyond, the shape is lost."""
+
 _SPEEDS = {1.0: "true time", 0.5: "1/2", 0.2: "1/5", 0.1: "1/10", 0.05: "1/20"}
 
 _HTML = f"""
 <div class="cut-animation" tabindex="0" role="group"
-  aria-label="Animated cut. Space plays and pauses, arrow keys step."><div class="parts">
+  aria-label="Animated cut. Space plays and pauses, arrow keys step by 1 and 10 per cent.">
+  <div class="parts">
   <figure class="whole"><figcaption>The arm, seen from above</figcaption>
     <canvas class="arm" role="img" aria-label="The arm from above"></canvas></figure>
   <figure class="near"><figcaption>The cut</figcaption>
@@ -48,7 +53,8 @@ _HTML = f"""
     <label class="magnify">Magnify errors
       <input type="range" min="0" max="9" step="1" value="0"><output>× 1</output></label>
   </div>
-  <div class="keys">Keys: space plays and pauses, ← → step by 1 %, ↑ ↓ by 10 %, Home, End.</div>
+  <div class="keys">Keys: space plays and pauses, ← → step by 1 %, ↑ ↓ by 10 %, Home and End. On Speed
+    and Magnify errors the arrows, Home and End change these.</div>
 </div></div>
 """
 
@@ -86,6 +92,9 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
         "cell_m": _cell(arm, outcome),
         "sheet_m": _sheet(outcome.before),
         "window_m": _window(outcome.before),
+        "magnifications": magnifications(outcome),
+        "reach_m": [_reach(outcome.before), _reach(outcome.after)],
+        "room_m": _room(outcome.before),
         "nominal": ink.nominal,
         "identified": ink.identified,
         "nominal_name": nominal_name,
@@ -104,10 +113,31 @@ def tracks(before: TrackingRun, after: TrackingRun) -> Any:
     return np.stack(columns, axis=1).astype(np.float32)
 
 
+def magnifications(outcome: Outcome) -> list[int]:
+    """Factors by which errors may be magnified while the smaller one leaves its shape recognisable."""
+    smaller = min(_reach(outcome.before), _reach(outcome.after))
+    room = _room(outcome.before)
+    return [factor for factor in _MAGNIFICATIONS if factor == 1 or factor * smaller <= room]
+
+
+def _reach(run: TrackingRun) -> float:
+    """How far the tool is drawn from the wanted one, m; not only across the path."""
+    return run.max_tracking_error_m
+
+
+def _room(run: TrackingRun) -> float:
+    """Largest magnified error that is drawn, m: the shape stays recognisable and within the window."""
+    side = float(np.ptp(run.wanted_m, axis=0).min())
+    return min(_RECOGNISABLE * side, _margin(run))
+
+
+def _margin(run: TrackingRun) -> float:
+    return _MARGIN_M + 1.2 * min(run.max_contour_error_m, 0.03)
+
+
 def _window(run: TrackingRun) -> list[float]:
     """Window of the cut's view: the wanted path with room for the error; x, y, width, height in m."""
-    margin = _MARGIN_M + 1.2 * min(run.max_contour_error_m, 0.03)
-    return _box(run.wanted_m, margin)
+    return _box(run.wanted_m, _margin(run))
 
 
 def _sheet(run: TrackingRun) -> list[float]:
