@@ -149,6 +149,9 @@ class _Search:
         """Try friction in ever richer forms until the noise is all that is left."""
         models: list[Model] = []
         for reversal, curve in frictions:
+            if reversal is not None:
+                # From a linear start friction and delay together may end in a minimum that is none.
+                self.fit(Model(reversal, False, curve))
             models += [Model(reversal, lag, curve) for lag in lags]
             best = self.best(models)
             if self.explains(best) and (reversal is not None or len(frictions) == 1):

@@ -131,7 +131,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     timing = np.ones((len(records), count, 2 * n), complex)
     timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
-    covariance = np.array([fit.covariance for fit in fits]) + _rounding(fits)
+    covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
+    covariance += _rounding(fits)
     if count > 3:
         repeated = [_repeated_rounding(r, f) for r, f in zip(records, fits, strict=True)]
         covariance += np.array(repeated)[:, None]

@@ -45,13 +45,14 @@ def refit(
     if fit.method in _LINEAR:
         return _LINEAR[fit.method](spring_equations(phasors, inertia))
     waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
-    return maximum_likelihood(
-        phasors,
-        inertia,
-        np.concatenate([fit.K, fit.D]),
-        friction=waveforms,
-        delay=fit.delay is not None if delay is None else delay,
-    )
+    lags = fit.delay is not None if delay is None else delay
+    start = [fit.K, fit.D]
+    if fit.friction is not None and waveforms is not None:
+        parts = waveforms.curve.shape[2] * waveforms.curve.shape[3]
+        start += [fit.friction.coulomb, fit.friction.viscous, np.zeros(parts)]
+    if lags:
+        start.append(np.array([fit.delay or 0.0]))
+    return maximum_likelihood(phasors, inertia, np.concatenate(start), friction=waveforms, delay=lags)
 
 
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
