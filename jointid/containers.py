@@ -13,7 +13,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO, Protocol, TypeAlias
@@ -32,6 +32,9 @@ MAX_RATIO = 200
 """Unpacked over packed size of an archive member above 1 MiB; measured numbers stay below 20."""
 MAX_DIRECTORY_BYTES = 4 << 20
 """Size of an archive's directory: bounds the work of opening one that holds millions of names."""
+
+_ARCHIVE = "the archive"
+"""What messages call an archive without a name."""
 
 _CHUNK = 1 << 20
 _ZIP_FAULTS = (
@@ -64,6 +67,8 @@ class Container(Protocol):
 def open_container(source: Source, *, marker: str) -> Iterator[Container]:
     """Open a folder or a zip archive for reading.
 
+    Instead of a folder, the marker in it may be given.
+
     Parameters
     ----------
     source : path, bytes or binary file
@@ -77,21 +82,30 @@ def open_container(source: Source, *, marker: str) -> Iterator[Container]:
     JointIdError
         When there is nothing there, or it is not a folder or a safe, readable archive.
     """
-    if isinstance(source, str | os.PathLike):
-        path = Path(source)
-        if _is_folder(path):
-            yield _Folder(path)
-            return
-        with path.open("rb") as file:
-            yield _Zip(file, path.name, marker)
-    elif isinstance(source, bytes | bytearray | memoryview):
-        yield _Zip(io.BytesIO(source), "the archive", marker)
-    elif _is_binary_file(source):
-        yield _Zip(source, PurePosixPath(str(getattr(source, "name", ""))).name or "the archive", marker)
-    else:
-        raise JointIdError(
-            f"A study comes from a path, bytes or an open binary file, not from {type(source).__name__}."
-        )
+    try:
+        if isinstance(source, str | os.PathLike):
+            path = Path(source)
+            if _is_folder(path):
+                yield _Folder(path)
+                return
+            if path.name == marker:
+                yield _Folder(path.parent)
+                return
+            with path.open("rb") as file:
+                yield _Zip(file, path.name, marker)
+        elif isinstance(source, bytes | bytearray | memoryview):
+            yield _Zip(io.BytesIO(source), _ARCHIVE, marker)
+        elif _is_binary_file(source):
+            yield _Zip(source, PurePosixPath(str(getattr(source, "name", ""))).name or _ARCHIVE, marker)
+        else:
+            raise JointIdError(
+                "A study comes from a path, bytes or an open binary file, "
+                f"not from {type(source).__name__}."
+            )
+    except JointIdError as error:
+        if str(error).startswith(_ARCHIVE):  # a message is a sentence
+            raise JointIdError(_capital(str(error))) from error
+        raise
 
 
 def _is_binary_file(source: object) -> bool:
@@ -158,11 +172,15 @@ class _Budget:
             )
 
 
-def _missing(name: str, container: Container) -> JointIdError:
-    names = container.names()
-    return JointIdError(
-        f"{name} is missing in {container.name}.{nearest(name, names)} Files found: {listed(names)}."
-    )
+def missing(name: str, container: Container, taken: Iterable[str] = ()) -> JointIdError:
+    """Return the error for a file that is not there; suggest the most similar one that is not taken."""
+    names, used = container.names(), set(taken)
+    similar = nearest(name, [other for other in names if other not in used])
+    return JointIdError(f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.")
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 class _Folder:
@@ -198,7 +216,7 @@ class _Folder:
                 self._budget.spend(wanted, name)
                 return file.read(wanted)
         except (FileNotFoundError, NotADirectoryError):
-            raise _missing(name, self) from None
+            raise missing(name, self) from None
         except (OSError, RuntimeError) as error:
             raise JointIdError(f"{name} in {self.name} cannot be read: {error!s:.200}.") from error
 
@@ -234,7 +252,7 @@ class _Zip:
         name = safe_name(name)
         member = self._members.get(name)
         if member is None:
-            raise _missing(name, self)
+            raise missing(name, self)
         left = MAX_TOTAL_BYTES if at_most is None else at_most
         chunks = []
         try:

@@ -13,12 +13,15 @@ import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 MAX_LINE = 1 << 16
 """Longest line of a CSV file, bytes."""
 DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
 """What people use instead of commas."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+COMMENT = b"#"
+"""How lines begin that may stand before the column names."""
 _SOMETHING = re.compile(rb"[^\r\n]")
 ARROW_FAULTS = (
     pa.ArrowException,
@@ -46,7 +49,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
     Returns
     -------
     names : list of str
-        The cells of the first line that is not blank, without blanks around them.
+        The cells of the first line that is not blank nor a comment (#), without blanks around them.
     body : int
         Where the line after it begins.
 
@@ -55,9 +58,33 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
     JointIdError
         When it is not UTF-8 text, has no rows, or is not separated by commas.
     """
-    start = _SOMETHING.search(data, len(_BYTE_ORDER_MARK) if data.startswith(_BYTE_ORDER_MARK) else 0)
+    begin = len(_BYTE_ORDER_MARK) if data.startswith(_BYTE_ORDER_MARK) else 0
+    while True:
+        names, line, body, text = _names(file, data, begin)
+        if not line.startswith(COMMENT):
+            break
+        names = [name.lstrip("# ") for name in names]
+        if "time_s" in names:  # the header itself as a comment, as NumPy writes it
+            break
+        begin = body
+    if _SOMETHING.search(data, body) is None:
+        raise JointIdError(f"{file} has a header but no rows: export the record again.")
+    for delimiter, what in DELIMITERS.items():
+        if "time_s" not in names and text.count(delimiter) > text.count(","):
+            raise JointIdError(
+                f"{file} has {what} between its columns: expected commas. Save it with commas between "
+                "columns and points as decimal marks (0.25, not 0,25), or use Import a log, which reads "
+                "it as it is."
+            )
+    return names, body
+
+
+def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, str]:
+    """Cells of the first line from ``begin`` that is not blank, the line, its end, and its text."""
+    start = _SOMETHING.search(data, begin)
     if start is None:
-        raise JointIdError(f"{file} holds only blank lines: export the record again.")
+        what = "comments and blank lines" if COMMENT in data[:begin] else "blank lines"
+        raise JointIdError(f"{file} holds only {what}: export the record again.")
     line = data[start.start() : start.start() + MAX_LINE]
     end = re.search(rb"[\r\n]", line)
     if end is None and len(line) == MAX_LINE:
@@ -68,7 +95,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
             f"{file} is not UTF-8 text but binary or UTF-16. Export it as CSV with the encoding UTF-8."
         )
     try:
-        text = line.decode()
+        text = line.decode(errors="replace" if line.startswith(COMMENT) else "strict")
         names = [name.strip() for name in next(csv.reader([text]))]
     except UnicodeDecodeError as error:
         raise JointIdError(
@@ -77,16 +104,7 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
         ) from None
     except csv.Error as error:
         raise unreadable(file, "CSV", error) from error
-    body = start.start() + len(line)
-    if _SOMETHING.search(data, body) is None:
-        raise JointIdError(f"{file} has a header but no rows: export the record again.")
-    for delimiter, what in DELIMITERS.items():
-        if "time_s" not in names and text.count(delimiter) > text.count(","):
-            raise JointIdError(
-                f"{file} has {what} between its columns: expected commas. Save it with commas between "
-                "columns and points as decimal marks (0.25, not 0,25)."
-            )
-    return names, body
+    return names, line, start.start() + len(line), text
 
 
 def read_columns(
@@ -122,25 +140,35 @@ def read_columns(
         )
         columns = [np.asarray(column.to_numpy()) for column in table.columns]
     except ARROW_FAULTS as error:
-        _explain_fault(file, data, header, positions)
+        _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", error) from error
     if not are_usable(columns):
-        _explain_fault(file, data, header, positions)
+        _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", "a value is not finite, or the times do not increase")
     return columns
 
 
-def text_lines(file: str, data: bytes, *, errors: str, at_most: int | None = None) -> Iterator[str]:
-    """Yield lines one by one, so that a file of any size costs the memory of one line."""
-    text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", errors=errors, newline="")
+def text_lines(
+    file: str, data: bytes, *, errors: str, at_most: int | None = None, begin: int = 0
+) -> Iterator[str]:
+    """Yield lines from an offset one by one, so that a file of any size costs the memory of one line."""
+    stream = io.BytesIO(data)
+    stream.seek(begin)
+    text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors=errors, newline="")
     number = 0
     while (line := text.readline(MAX_LINE)) and number != at_most:
         number += 1
         if len(line) == MAX_LINE:
             raise JointIdError(
-                f"{file}, line {number}: longer than {MAX_LINE} characters: not a CSV table."
+                f"{file}, line {lines_above(data, begin) + number}: longer than {MAX_LINE} characters: "
+                "not a CSV table."
             )
         yield line
+
+
+def lines_above(data: bytes, offset: int) -> int:
+    """Count the line ends before an offset."""
+    return len(re.findall(rb"\r\n|\r|\n", data[:offset]))
 
 
 def are_usable(columns: Sequence[Floats]) -> bool:
@@ -164,27 +192,30 @@ def unreadable(file: str, kind: str, error: object) -> JointIdError:
     return JointIdError(f"{file} cannot be read as {kind} ({message:.200}): export the record again.")
 
 
-def _explain_fault(file: str, data: bytes, header: Sequence[str], positions: Sequence[int]) -> None:
+def _explain_fault(
+    file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
+) -> None:
     """Raise for the first row that a record cannot hold, in the order of the file."""
-    rows = csv.reader(text_lines(file, data, errors="backslashreplace"))
+    above = lines_above(data, body)
+    rows = csv.reader(text_lines(file, data, errors="backslashreplace", begin=body))
     previous, previous_line = -np.inf, 0
     try:
-        for index, row in enumerate(filter(None, rows)):
-            if index == 0:
-                continue
-            where = f"{file}, line {rows.line_num}"
+        for row in filter(None, rows):
+            line = above + rows.line_num
+            where = f"{file}, line {line}"
             if len(row) != len(header):
                 hint = " It has semicolons: expected commas." if ";" in "".join(row) else ""
                 raise JointIdError(
-                    f"{where}: {len(row)} value(s), but the header names {len(header)} columns.{hint} "
+                    f"{where}: {counted(len(row), 'value')}, but the header names "
+                    f"{counted(len(header), 'column')}.{hint} "
                     "Repair or remove the line."
                 )
             values = [_number(f"{where}, column {header[k]}", row[k]) for k in positions]
             if values[0] <= previous:
                 raise time_fault(where, values[0], previous, f"line {previous_line}")
-            previous, previous_line = values[0], rows.line_num
+            previous, previous_line = values[0], line
     except csv.Error as error:
-        raise unreadable(f"{file}, line {rows.line_num}", "CSV", error) from error
+        raise unreadable(f"{file}, line {above + rows.line_num}", "CSV", error) from error
 
 
 def _number(where: str, cell: str) -> float:

@@ -28,7 +28,7 @@ from jointid.csv_tables import (
 )
 from jointid.errors import JointIdError
 from jointid.records import SineRecord
-from jointid.wording import listed, nearest
+from jointid.wording import counted, listed, nearest
 
 _JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
 
@@ -157,7 +157,8 @@ def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
         number = int(match[1] or match[2]) if match else 0
         if number > joints:
             raise JointIdError(
-                f"{file} has the column {name}, but the inertia in study.toml has {joints} joint(s). "
+                f"{file} has the column {name}, but the inertia in study.toml has "
+                f"{counted(joints, 'joint')}. "
                 f"Give M and M2 of all {number} joints, or remove the columns of joint {number}."
             )
     positions = []

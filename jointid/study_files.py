@@ -14,7 +14,7 @@ frequency_hz = 3.0
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -22,7 +22,7 @@ import pandas as pd
 
 from jointid.arrays import Floats
 from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.containers import Container, Source, open_container, safe_name
+from jointid.containers import Container, Source, missing, open_container, safe_name
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.record_tables import peek_table, read_record_table
@@ -81,9 +81,9 @@ def load_study(path_or_file: Source) -> Study:
     Parameters
     ----------
     path_or_file : path, bytes or binary file
-        The folder or .zip by its path, or the zip as bytes or as an open binary file. In a zip,
-        study.toml stands at the root or in the one folder that holds everything. Nothing is
-        unpacked to disk.
+        The folder, the study.toml in it or a .zip by its path, or the zip as bytes or as an open
+        binary file. In a zip, study.toml stands at the root or in the one folder that holds
+        everything. Nothing is unpacked to disk.
 
     Returns
     -------
@@ -108,6 +108,7 @@ def load_study(path_or_file: Source) -> Study:
         timing = top.table("timing", _TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", _RECORD_KEYS)
         _require_different_files(tables)
+        _require_files(tables, container)
         records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
     with _named(STUDY_FILE):
         return Study(tuple(records), inertia, nominal, name, origin, description, poses)
@@ -148,7 +149,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
 
 
 def _require_format_1(top: CheckedTable) -> None:
-    if (version := top.integer("format")) != 1:
+    with suppress(JointIdError):  # what it is instead is said below
+        if top.number("format") == 1:
+            return
+    version = top.integer("format")
+    if version != 1:
         raise JointIdError(
             f"{STUDY_FILE}: format = {shown(version)}, but this version reads format 1. "
             "Update jointid, or write format = 1 if the file follows it."
@@ -177,6 +182,20 @@ def _require_different_files(tables: Sequence[CheckedTable]) -> None:
                 f"{table.where}: {file} is also the file of {seen[file]}. Give each record its own file."
             )
         seen[file] = table.where
+
+
+def _require_files(tables: Sequence[CheckedTable], container: Container) -> None:
+    """Refuse a file that is not there, with the most similar that no record has."""
+    files = [_record_file(table) for table in tables]
+    there = set(container.names())
+    for file in files:
+        if file not in there:
+            try:
+                container.read(file, at_most=1)  # its spelling may be another of a name that is there
+            except JointIdError as error:
+                if "is missing in" not in str(error):
+                    raise
+                raise missing(file, container, taken=[STUDY_FILE, *files]) from None
 
 
 def _record_file(table: CheckedTable) -> str:

@@ -40,8 +40,7 @@ def test_a_difference_within_the_uncertainty_is_none() -> None:
 
 def test_without_a_nominal_stiffness() -> None:
     assert answer_sentence(fit([43.0, 7.5])) == (
-        "Joint 1 and joint 2 have stiffnesses of 43.0 N·m/rad and 7.50 newton metres "
-        "per radian, seen from the motor."
+        "Joint 1 and joint 2 have stiffnesses of 43.0 N·m/rad and 7.50 N·m/rad, seen from the motor."
     )
 
 

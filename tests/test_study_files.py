@@ -473,7 +473,7 @@ def test_study_toml_without_records_or_of_another_kind() -> None:
         (csv_text().replace("theta_m1_rad", "theta_m1_deg"), ["Motor angle of joint 1", "π/180"]),
         (csv_text().replace("tau_m1_Nm", "tau_m1_NM"), ['Did you mean "tau_m1_NM"']),
         (csv_text().replace("tau_m2_Nm", "tau_m1_Nm"), ["01.csv", "2 columns tau_m1_Nm"]),
-        (csv_text().replace("tau_m2_Nm", "tau_m2_Nm,tau_m3_Nm"), ["tau_m3_Nm", "2 joint(s)"]),
+        (csv_text().replace("tau_m2_Nm", "tau_m2_Nm,tau_m3_Nm"), ["tau_m3_Nm", "2 joints"]),
         (csv_text().replace(",", ";"), ["01.csv", "semicolons", "commas"]),
         (csv_text().replace(",", "\t"), ["01.csv", "tabs", "commas"]),
         (csv_text().encode("utf-16"), ["01.csv", "UTF-16"]),
@@ -487,7 +487,7 @@ def test_study_toml_without_records_or_of_another_kind() -> None:
         (line_changed(7, "0.005,0,0,0,err"), ["line 7, column tau_m2_Nm", '"err"', "not a number"]),
         (line_changed(7, '0.005,0,0,0,"1,5"'), ['"1,5"', "with a point"]),
         (line_changed(7, "0.005,0,0,0,1_0"), ["line 7", '"1_0"']),
-        (line_changed(7, "0.005,0,0,0"), ["line 7", "4 value(s)", "5 columns"]),
+        (line_changed(7, "0.005,0,0,0"), ["line 7", "4 values", "5 columns"]),
         (line_changed(7, "0.005;0;0;0;0"), ["line 7", "semicolons"]),
         (line_changed(7, "0.004,0,0,0,0"), ["line 7, column time_s", "0.004 s repeats", "line 6"]),
         (line_changed(7, "0.001,0,0,0,0"), ["line 7, column time_s", "goes back from 0.004 s"]),
@@ -681,6 +681,58 @@ def test_paths_that_are_no_study(tmp_path: Path) -> None:
     assert "opened" in failure("x" * 5000)
     assert "not from int" in failure(3)
     assert "not from StringIO" in failure(io.StringIO("text"))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "# logged by hand\n#,;\n\n# 2026\n" + text,
+        lambda text: "# exported\n# " + text,
+        lambda text: "\ufeff#\n" + text,
+        lambda text: ("# Gerät: Zürich\n" + text).encode("latin-1"),
+    ],
+)
+def test_comments_above_the_column_names_are_skipped(change) -> None:
+    check_hand_written(load_study(zipped(files(first=change(csv_text())))))
+
+
+def test_lines_are_counted_from_the_top_below_comments() -> None:
+    message = failure(zipped(files(first="# one\r\n# two\r\n" + line_changed(7, "0.005,0,0,0,x"))))
+    assert "line 9, column tau_m2_Nm" in message
+    assert "comments" in failure(zipped(files(first="# only\n# words\n")))
+
+
+def test_format_1_may_be_written_as_a_decimal() -> None:
+    check_hand_written(load_study(zipped(files(toml=edited("format = 1", "format = 1.0")))))
+    assert "whole number" in failure(zipped(files(toml=edited("format = 1", "format = 1.5"))))
+
+
+def test_study_toml_stands_for_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "cell", files())
+    check_hand_written(load_study(folder / "study.toml"))
+    monkeypatch.chdir(folder)
+    check_hand_written(load_study("study.toml"))
+    assert "nothing is there" in failure(tmp_path / "study.toml")
+
+
+def test_only_files_of_no_record_are_suggested() -> None:
+    content = files(toml=edited("records/02.csv", "records/03.csv"), second=None)
+    content["records/030.csv"] = csv_text(10.0).encode()
+    assert 'Did you mean "records/030.csv"' in failure(zipped(content))
+    del content["records/030.csv"]
+    message = failure(zipped(content))
+    assert "records/03.csv is missing in the archive" in message
+    assert "Did you mean" not in message
+
+
+def test_messages_begin_with_a_capital_or_a_name() -> None:
+    assert failure(b"no zip").startswith("The archive is not")
+    assert failure(zipped({})).startswith("study.toml is missing in the archive")
+
+
+def test_semicolons_are_sent_to_the_import_of_a_log() -> None:
+    text = csv_text().replace(",", ";").replace(".", ",")
+    assert "Import a log" in failure(zipped(files(first=text)))
 
 
 # --- what stays visible -------------------------------------------------------------------------------
