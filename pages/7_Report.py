@@ -28,8 +28,10 @@ st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
 place = st.empty()
 made = downloads.made_report(page.digest, page.method)
-if made is None and place.button("Make the report", type="primary", key="make_report"):
-    bar = place.progress(0.0, "Preparing")
+wanted = made is None and place.button("Make the report", type="primary", key="make_report")
+if wanted:
+    with place.container():
+        bar = st.progress(0.0, "Preparing")
     try:
         made = downloads.write_report(page.digest, page.method, analysis, bar.progress)
     except JointIdError as error:
