@@ -1,18 +1,23 @@
-"""One sine run from any controller's log."""
+"""Any controller's logs: columns mapped, sine runs found, opened as a study."""
 
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.figures import raw_columns
-from jointid.log_files import MAX_LOG_BYTES, read_log
-from jointid.ui.charts import is_dark, plot, table
-from jointid.ui.log_import import (
-    ask_rest,
-    choose_columns,
-    imported_study,
-    proposed_frequency_hz,
-    signals,
+from jointid.figures.log_spans import log_spans
+from jointid.importing import MappedLog, mapping_to_json, study_from_logs
+from jointid.ui.charts import is_dark, plot
+from jointid.ui.importing_files import drop_logs
+from jointid.ui.importing_mapping import (
+    choose_mapping,
+    mapped,
+    mapping_files,
+    mapping_of,
+    proposed_columns,
+    remember,
 )
+from jointid.ui.importing_pictures import choose_log, show_raw
+from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in
+from jointid.ui.importing_study import ask_robot
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
 from jointid.ui.workspace import keep
@@ -20,35 +25,76 @@ from jointid.ui.workspace import keep
 start("Import a log")
 st.title("Import a log", anchor=False)
 st.write(
-    "A CSV file in which every joint follows a sine of one frequency becomes a study of one record. "
-    "Separator, decimal mark and comment lines are found by themselves; say which column is what. "
-    "For many records, a study folder is the better way."
+    "Logs of any controller become a study: say what the columns are, check the sine runs that were "
+    "found, and give the inertias. One long log with many runs is as good as one log per run."
 )
-file = st.file_uploader(
-    "Log (.csv, .txt)",
-    type=["csv", "txt", "log", "dat", "tsv"],
-    max_upload_size=MAX_LOG_BYTES >> 20,
-    key="log_file",
-)
-if file is None:
-    st.caption("For instance: `time; position; torque`, a header line and one row per sample.")
-    st.stop()
-try:
-    columns = read_log(file.name, file.getvalue())
-except JointIdError as error:
-    st.error(str(error))
+logs = drop_logs()
+if not logs:
+    st.caption("For instance a CSV with `time; position; torque`, a header line and one row per sample.")
     st.stop()
 
-mapped = choose_columns(columns)
-shown = {name: columns[name] for name in (mapped.time, *mapped.positions, *mapped.torques)}
-plot(raw_columns(shown, dark=is_dark()), "The chosen columns over time")
+log = choose_log(logs)
+show_raw(log.table, proposed_columns(log.key, log.table))
+
+st.subheader("What the columns are", anchor=False)
+mapping = None
 try:
-    time, theta, tau = signals(columns, mapped)
-    experiment = ask_rest(file.name, len(mapped.positions), proposed_frequency_hz(time, theta))
-    if experiment is not None:
-        keep(imported_study(file.name, experiment, time, theta, tau), file.name)
+    mapping = choose_mapping(log.key, log.table)
+    remember(log.table, mapping)
+except JointIdError as error:
+    st.error(str(error))
+mapping_files(log.table, mapping)
+if mapping is None:
+    st.stop()
+
+st.subheader("Sine runs", anchor=False)
+ready: dict[str, MappedLog] = {}
+rules: dict[str, str] = {}
+for each in logs:
+    try:
+        said = mapping if each is log else mapping_of(each.key, each.table)
+        rules[each.key] = mapping_to_json(said)
+        ready[each.key] = mapped(each.key, rules[each.key], each.table, said)
+    except JointIdError as error:
+        st.error(str(error))
+if not ready:
+    st.stop()
+for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
+    st.caption(note)
+picture = st.container()
+found = {}
+for key, mapped_log in ready.items():
+    try:
+        found[key] = found_in(key, rules[key], mapped_log)
+    except JointIdError as error:
+        found[key] = ()
+        st.error(str(error))
+if not any(found.values()):
+    st.info(
+        "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
+        "choose other columns: the method needs steady sines of a few periods."
+    )
+rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
+st.caption(
+    "Untick a run to leave it out, correct its times, or add one in the empty last row: without a "
+    "frequency it is estimated. Motor angles and torques are drawn as the mapping makes them."
+)
+kept, dropped, problems = chosen_segments(rows, ready, rules)
+for problem in problems:
+    st.error(problem)
+if log.key in ready:
+    with picture:
+        figure = log_spans(ready[log.key], kept[log.key], dropped[log.key], dark=is_dark())
+        plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
+
+st.subheader("The robot", anchor=False)
+try:
+    robot = ask_robot(mapping.n, [mapped_log.name for mapped_log in ready.values()])
+    if robot is not None and not problems:
+        with st.spinner("Cutting the records out"):
+            parts = [kept[key] for key in ready]
+            study = study_from_logs(list(ready.values()), parts, robot.inertia, name=robot.name)
+            keep(study, robot.name)
         st.switch_page(OVERVIEW.path)
 except JointIdError as error:
     st.error(str(error))
-with st.expander("The first rows of the file"):
-    table({name: values[:50] for name, values in columns.items()}, height=300)

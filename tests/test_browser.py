@@ -235,7 +235,7 @@ def test_a_log_becomes_a_record(address: str, open_in: Callable[..., Page], jitt
     page.get_by_test_id("stMain").locator("input[type=file]").set_input_files(file)
     page.get_by_role("textbox", name="Rotor inertias").fill("0.001")
     page.get_by_role("textbox", name="Arm inertia").fill("0.002")
-    page.get_by_role("button", name="Make a study of it").click()
+    page.get_by_role("button", name="Open as study").click()
     finished(page, "actuator")
     page.get_by_test_id("stSidebar").get_by_role("link", name="Records").click()
     finished(page, "Records")

@@ -22,7 +22,7 @@ HOMES = {
     "pymunk": ["jointid/cut/arm_simulation.py"],
     "pandas": [
         "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py",
-        "jointid/log_files.py", "jointid/containers.py", "jointid/importing/*",
+        "jointid/containers.py", "jointid/importing/*",
     ],
     "pyarrow": [
         "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py", "jointid/importing/*",

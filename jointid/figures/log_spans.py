@@ -1,0 +1,102 @@
+"""A whole log with the sine runs that were found in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.figures.style import Trace, colours, figure, line, linear_axis
+from jointid.figures.waveforms import thinned
+from jointid.importing import MappedLog, Segment
+
+_ROW_PX = 104
+_LADDER_PX = 120
+
+
+def log_spans(
+    log: MappedLog, kept: Sequence[Segment], dropped: Sequence[Segment] = (), *, dark: bool = False
+) -> go.Figure:
+    """Draw angle and torque of every joint over time, with the segments as coloured spans.
+
+    Parameters
+    ----------
+    log : MappedLog
+        Long logs are drawn by the extremes of every stretch.
+    kept, dropped : sequence of Segment
+        Used ones are blue and solid, others grey and dashed; their frequencies stand in the top row.
+    dark : bool, default False
+        For a dark background.
+    """
+    ink = colours(dark)
+    rows = [
+        (f"{what} {j + 1} ({unit})", signals[:, j])
+        for j in range(log.n)
+        for what, unit, signals in (("Angle", "rad", log.theta_rad), ("Torque", "N·m", log.tau_Nm))
+    ]
+    height = 60 + _LADDER_PX + _ROW_PX * len(rows)
+    ladder = _LADDER_PX / (_LADDER_PX + _ROW_PX * len(rows))
+    axes: dict[str, Any] = {
+        "yaxis": linear_axis("Sine (Hz)", domain=[1 - 0.86 * ladder, 1.0], nticks=4, rangemode="tozero")
+    }
+    traces: list[Trace] = []
+    for chosen, name, colour, dash in (
+        (kept, "used", ink.identified, "solid"),
+        (dropped, "left out", ink.quiet, "dot"),
+    ):
+        if chosen:
+            traces.append(_ladder(chosen, name, colour, dash))
+    if not traces:  # an axis without a curve is not drawn
+        traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
+    for row, (title, values) in enumerate(rows):
+        top = (1 - ladder) * (1 - row / len(rows))
+        axes[f"yaxis{row + 2}"] = linear_axis(
+            title, domain=[top - 0.86 * (1 - ladder) / len(rows), top], nticks=4
+        )
+        x, y = thinned(log.time_s, values)
+        style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{row + 2}"}
+        traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))
+    shapes = [
+        _span(segment, colour, opacity)
+        for chosen, colour, opacity in ((kept, ink.identified, 0.28), (dropped, ink.quiet, 0.18))
+        for segment in chosen
+    ]
+    axes["xaxis"] = linear_axis(
+        "Time (s)", anchor=f"y{len(rows) + 1}", range=[float(log.time_s[0]), float(log.time_s[-1])]
+    )
+    return figure(traces, height=height, dark=dark, shapes=shapes, **axes)
+
+
+def _ladder(segments: Sequence[Segment], name: str, colour: str, dash: str) -> Trace:
+    """Every line of every segment as a bar at the height of its frequency."""
+    x: list[float | None] = []
+    y: list[float | None] = []
+    text: list[str] = []
+    for segment in segments:
+        for hertz in segment.lines_hz:
+            x += [segment.start_s, segment.stop_s, None]
+            y += [hertz, hertz, None]
+            periods = (segment.stop_s - segment.start_s) * hertz
+            said = f"{segment.start_s:.5g} to {segment.stop_s:.5g} s<br>{hertz:.6g} Hz"
+            text += [f"{said}, {periods:.3g} periods"] * 2 + [""]
+    hover = "%{text}<extra></extra>"
+    style: Trace = {"line": {"width": 5, "dash": dash}, "text": text, "hovertemplate": hover}
+    return line(np.array(x, float), np.array(y, float), name, colour, **style)
+
+
+def _span(segment: Segment, colour: str, opacity: float) -> dict[str, Any]:
+    return {
+        "type": "rect",
+        "xref": "x",
+        "yref": "paper",
+        "x0": segment.start_s,
+        "x1": segment.stop_s,
+        "y0": 0,
+        "y1": 1,
+        "layer": "below",
+        "fillcolor": colour,
+        "opacity": opacity,
+        "line": {"width": 0},
+    }

@@ -1,0 +1,91 @@
+"""Dropped logs, read once; they stay with the session when the page is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import blake2b
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.importing import LogTable, read_logs
+from jointid.importing.tables import MAX_LOG_BYTES
+
+_UPLOADER = "log_file"
+_FILES = "import_files"
+
+
+@dataclass(frozen=True, eq=False)
+class Dropped:
+    """A file as it was dropped."""
+
+    name: str
+    data: bytes
+    digest: str
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One table of a file."""
+
+    key: str
+    """For caches: digest of the file's bytes, and which table of it."""
+    table: LogTable
+
+
+def drop_logs() -> list[Log]:
+    """Ask for files, read them, say what could not be read, and ask which tables to use."""
+    st.file_uploader(
+        "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 .db3 or .mcap",
+        accept_multiple_files=True,
+        max_upload_size=MAX_LOG_BYTES >> 20,
+        key=_UPLOADER,
+        on_change=_take,
+    )
+    files: list[Dropped] = st.session_state.get(_FILES, [])
+    if files and not st.session_state.get(_UPLOADER):
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        left.caption("Still open: " + ", ".join(file.name for file in files))
+        right.button("Close these logs", on_click=st.session_state.pop, args=(_FILES, None))
+    first, all_logs = [], {}
+    for number, file in enumerate(files, start=1):
+        try:
+            with st.spinner(f"Reading {file.name}, file {number} of {len(files)}"):
+                tables = _read(file.digest, file.name, file.data)
+        except JointIdError as error:
+            st.error(str(error))
+            continue
+        logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
+        first.append(logs[0].key)
+        all_logs.update({log.key: log for log in logs})
+    if len(all_logs) < 2:
+        return list(all_logs.values())
+    chosen = st.multiselect(
+        "Tables to use",
+        list(all_logs),
+        default=list(dict.fromkeys(first)),
+        format_func=lambda key: all_logs[key].table.name,
+        key="import_tables " + "".join(all_logs),
+        persist_state="session",
+        help="A file may hold several tables; the one with the most numbers is proposed.",
+    )
+    return [all_logs[key] for key in chosen]
+
+
+def _take() -> None:
+    """Keep the bytes: the uploader forgets them when the page is left."""
+    uploaded = st.session_state.get(_UPLOADER) or []
+    files: dict[str, Dropped] = {}
+    for file in uploaded:
+        data = file.getvalue()
+        digest = blake2b(data, digest_size=16).hexdigest()
+        files[digest] = Dropped(file.name, data, digest)
+    st.session_state[_FILES] = list(files.values())
+
+
+@st.cache_resource(max_entries=16, show_spinner=False)
+def _read(digest: str, name: str, _data: bytes) -> tuple[LogTable, ...]:
+    (result,) = read_logs([(_data, name)])
+    if isinstance(result, JointIdError):
+        raise result
+    return result

@@ -1,0 +1,281 @@
+"""The mapping step: what each column is, guessed, with reasons, and every entry to be corrected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping as MappingType
+from typing import TypeVar
+
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid import JointIdError
+from jointid.importing import (
+    Channel,
+    Guess,
+    JointMapping,
+    LogTable,
+    MappedLog,
+    Mapping,
+    TimeColumn,
+    apply_mapping,
+    guess_mapping,
+    mapping_from_json,
+    mapping_to_json,
+)
+from jointid.importing.mapping import JOINT, MAX_JOINTS, MOTOR
+from jointid.importing.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    SAMPLES,
+    TIME_UNITS,
+    TORQUE_SCALES,
+    TORQUE_UNITS,
+)
+
+T = TypeVar("T")
+
+_NO_COLUMN = "no column: number the rows"
+_SIDES = {MOTOR: "motor", JOINT: "joint"}
+_SIGNS = {1: "as logged", -1: "reversed"}
+_SAVED = "import_mappings"
+_BASE = "import_base"
+_FIRST = "import_first_log"
+_VERSION = "import_version"
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def guessed(key: str, _table: LogTable) -> Guess:
+    """Guess once per log."""
+    return guess_mapping(_table)
+
+
+def mapping_of(key: str, table: LogTable) -> Mapping:
+    """Return the mapping that the session has for these columns, or the guess."""
+    saved: dict[str, Mapping] = st.session_state.get(_SAVED, {})
+    return saved.get(table.signature) or guessed(key, table).mapping
+
+
+def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
+    """Return time, positions and torques as far as they are known, for the first picture."""
+    try:
+        mapping = mapping_of(key, table)
+    except JointIdError:
+        return ()
+    pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
+    time = (mapping.time.column,) if mapping.time.column else ()
+    return (*time, *(name for pair in pairs for name in pair)) if time else ()
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def mapped(key: str, mapping_json: str, _table: LogTable, _mapping: Mapping) -> MappedLog:
+    """Return angles and torques of a log."""
+    return apply_mapping(_table, _mapping)
+
+
+def remember(table: LogTable, mapping: Mapping) -> None:
+    """Offer this mapping again for logs with the same columns."""
+    st.session_state.setdefault(_SAVED, {})[table.signature] = mapping
+
+
+def choose_mapping(key: str, table: LogTable) -> Mapping:
+    """Draw every entry of the mapping and return what they say.
+
+    Raises
+    ------
+    JointIdError
+        When nothing can be guessed, or the entries are no mapping.
+    """
+    guess = guessed(key, table)
+    bases: dict[str, Mapping] = st.session_state.setdefault(_BASE, {})
+    guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
+    if table.signature not in bases:
+        bases[table.signature] = guess.mapping
+    base = bases[table.signature]
+    version = st.session_state.get(_VERSION, 0)
+    entries = _Entries(table, guess, base, f"{table.signature} {version}")
+    if guessed_from.setdefault(table.signature, key) != key:
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        left.info("The mapping that was used for these columns before in this session is used again.")
+        if right.button("Guess afresh", key="import_afresh"):
+            guessed_from[table.signature] = key
+            _start_from(table, guess.mapping)
+            st.rerun()
+    return entries.ask()
+
+
+def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
+    """Save the mapping as JSON, or take one from a file."""
+    with st.expander("Keep this mapping as a file, or take one from a file"):
+        left, right = st.columns(2)
+        if mapping is not None:
+            left.download_button(
+                "Save the mapping (.json)",
+                mapping_to_json(mapping),
+                "mapping.json",
+                "application/json",
+                on_click="ignore",
+            )
+        version = st.session_state.get(_VERSION, 0)
+        file = right.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
+        if file is not None:
+            try:
+                taken = mapping_from_json(file.getvalue())
+                for name in taken.columns:
+                    table.column(name)
+            except JointIdError as error:
+                st.error(f"{file.name} was not taken: {error}")
+            else:
+                _start_from(table, taken)
+                st.rerun()
+
+
+def _start_from(table: LogTable, mapping: Mapping) -> None:
+    st.session_state.setdefault(_BASE, {})[table.signature] = mapping
+    st.session_state[_VERSION] = st.session_state.get(_VERSION, 0) + 1
+
+
+class _Entries:
+    """The widgets of one mapping; their keys carry the columns' signature."""
+
+    def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
+        self.table, self.guess, self.base, self.key = table, guess, base, key
+        self.reasons = {reason.what: reason for reason in guess.reasons}
+
+    def ask(self) -> Mapping:
+        with st.container(border=True):
+            time, joints = self._time()
+        asked = [self._joint(j) for j in range(joints)]
+        with st.container(border=True):
+            left, right = st.columns(2, vertical_alignment="bottom")
+            held = left.checkbox(
+                "The torque is held from sample to sample, as by a digital controller",
+                self.base.torque_hold,
+                key=self._id("held"),
+                persist_state="session",
+            )
+            delay = right.number_input(
+                "The torque acts this much after its sample (ms)",
+                value=1e3 * self.base.torque_delay_s,
+                format="%g",
+                key=self._id("delay"),
+                persist_state="session",
+            )
+            self._why(["torque hold"])
+        return Mapping(
+            TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
+        )
+
+    def _time(self) -> tuple[tuple[str, str, float | None], int]:
+        one, two, three, four = st.columns([3, 2, 2, 2])
+        base = self.base.time
+        column = self._select(
+            one, "Time", [*self.table.names, _NO_COLUMN], base.column or _NO_COLUMN, "time"
+        )
+        units = [SAMPLES] if column == _NO_COLUMN else [*TIME_UNITS, SAMPLES]
+        unit = self._select(
+            two, "Unit of time", units, base.unit if base.unit in units else units[0],
+            f"time unit {column == _NO_COLUMN}",
+        )  # fmt: skip
+        rate = None
+        if unit == SAMPLES:
+            rate = three.number_input(
+                "Samples per second (Hz)",
+                min_value=0.0,
+                value=base.rate_hz or 1000.0,
+                format="%g",
+                key=self._id("rate"),
+                persist_state="session",
+            )
+        joints = four.number_input(
+            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
+        )
+        self._why(["time", "unit of time"])
+        return ("" if column == _NO_COLUMN else column, unit, rate), int(joints)
+
+    def _joint(self, j: int) -> tuple[Channel, Channel, float]:
+        known = self.base.joints[j] if j < self.base.n else None
+        free = [name for name in self.table.names if name not in self.base.columns]
+        free = (free[2 * (j - self.base.n) :] + [*self.table.names] * 2)[:2]
+        with st.container(border=True):
+            left, right = st.columns([3, 2], vertical_alignment="center")
+            left.markdown(f"**Joint {j + 1}**")
+            ratio = right.number_input(
+                f"Gear ratio of joint {j + 1}",
+                value=known.gear_ratio if known else 1.0,
+                step=1.0,
+                format="%g",
+                key=self._id(f"ratio {j}"),
+                persist_state="session",
+                help="Motor turns over joint turns; negative when they turn against each other. "
+                "It counts for channels measured on the joint's side.",
+            )
+            position = self._channel(
+                "position", j, known.position if known else Channel(free[0], "rad"),
+                tuple(ANGLE_UNITS), POSITION_SCALES,
+            )  # fmt: skip
+            torque = self._channel(
+                "torque", j, known.torque if known else Channel(free[1], "N·m"),
+                tuple(TORQUE_UNITS), TORQUE_SCALES,
+            )  # fmt: skip
+            self._why(
+                f"{part}{role} of joint {j + 1}"
+                for role in ("position", "torque")
+                for part in ("", "unit of ", "scale of ", "side of ")
+            )
+            if ratio == 1:
+                self._why([f"gear ratio of joint {j + 1}"])
+        return position, torque, float(ratio)
+
+    def _channel(
+        self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
+    ) -> Channel:
+        one, two, three, four, five = st.columns([3, 1.5, 2.5, 1.5, 2])
+        name = f"{role} {j}"
+        column = self._select(
+            one, f"{role.capitalize()} of joint {j + 1}", self.table.names, base.column, name
+        )
+        unit = self._select(two, f"Unit of {role} {j + 1}", units, base.unit, f"{name} unit")
+        scale = None
+        if meaning := scales.get(unit):
+            scale = three.number_input(
+                f"{meaning[0].upper()}{meaning[1:]}",
+                value=base.scale if base.unit == unit and base.scale else 1.0,
+                format="%g",
+                key=self._id(f"{name} scale {meaning}"),
+                persist_state="session",
+            )
+        side = self._select(four, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
+        sign = self._select(five, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
+        return Channel(column, unit, scale, side, sign)
+
+    def _select(
+        self,
+        place: DeltaGenerator,
+        label: str,
+        options: Iterable[T],
+        value: T,
+        name: str,
+        words: MappingType[T, str] | None = None,
+    ) -> T:
+        choices = list(options)
+        return place.selectbox(
+            label,
+            choices,
+            index=choices.index(value) if value in choices else 0,
+            format_func=words.__getitem__ if words else str,
+            key=self._id(name),
+            persist_state="session",
+        )
+
+    def _why(self, whats: Iterable[str]) -> None:
+        found = [self.reasons[what] for what in whats if what in self.reasons]
+        to_check = [f"{r.what[0].upper()}{r.what[1:]}: {r.text}" for r in found if not r.sure]
+        known = [f"{r.what[0].upper()}{r.what[1:]}: {r.text}" for r in found if r.sure]
+        if to_check:
+            st.caption(":orange-badge[To check] " + " ".join(to_check))
+        if known:
+            st.caption(" ".join(known))
+
+    def _id(self, name: str) -> str:
+        return f"import {name} {self.key}"

@@ -1,0 +1,62 @@
+"""The logs as they are: first rows and curves, whatever else may fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import streamlit as st
+
+from jointid.figures import raw_columns
+from jointid.importing import LogTable
+from jointid.ui.charts import is_dark, plot, table
+from jointid.ui.importing_files import Log
+
+_FIRST_ROWS = 50
+_FEW_CURVES = 4
+
+
+def choose_log(logs: Sequence[Log]) -> Log:
+    """Ask which log to look at when there are several."""
+    if len(logs) == 1:
+        return logs[0]
+    by_key = {log.key: log for log in logs}
+    key = st.selectbox(
+        "Log to look at",
+        list(by_key),
+        format_func=lambda key: by_key[key].table.name,
+        key="import_look " + "".join(by_key),
+        persist_state="session",
+        help="Logs with the same columns share one mapping. All of them go into the study.",
+    )
+    return by_key[key]
+
+
+def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
+    """First rows, and curves of some columns over the time column or the row."""
+    for note in log.notes:
+        st.caption(note)
+    left, right = st.columns([2, 3])
+    with left:
+        st.caption(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
+        table(
+            {_heading(c.name, c.unit): c.values[:_FIRST_ROWS].tolist() for c in log.columns}, height=400
+        )
+    with right:
+        names = list(log.names)
+        time = proposed[0] if proposed else names[0]
+        curves = [name for name in proposed[1:] if name != time] or names[1:]
+        chosen = st.multiselect(
+            "Columns in the picture",
+            [name for name in names if name != time],
+            default=curves[:_FEW_CURVES],
+            key=f"import_curves {log.signature}",
+            persist_state="session",
+        )
+        headings = {c.name: _heading(c.name, c.unit) for c in log.columns}
+        if chosen:
+            shown = {headings[name]: log.column(name).values for name in (time, *chosen)}
+            plot(raw_columns(shown, dark=is_dark()), "Columns as they are in the file")
+
+
+def _heading(name: str, unit: str) -> str:
+    return f"{name} ({unit})" if unit else name

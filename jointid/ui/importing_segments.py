@@ -1,0 +1,225 @@
+"""The sine runs of the logs as a table that can be corrected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.importing import MappedLog, Segment, find_segments, measure_segment
+from jointid.rounding import significant
+
+_USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
+_LAST = "import_segments_last"
+_SHOWN = "import_segments_shown"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table."""
+
+    log: str
+    """Key of its log."""
+    start_s: float | None = None
+    stop_s: float | None = None
+    frequency_hz: float | None = None
+    """None: to be estimated."""
+    use: bool = True
+    found: Segment | None = None
+    """The segment itself as long as nothing of it was changed."""
+
+
+@st.cache_resource(max_entries=32, show_spinner="Looking for steady sines")
+def found_in(key: str, mapping_json: str, _log: MappedLog) -> tuple[Segment, ...]:
+    """Find the segments of a log."""
+    return find_segments(_log)
+
+
+@st.cache_resource(max_entries=256, show_spinner=False)
+def _measured(
+    key: str, mapping_json: str, start: float, stop: float, hertz: float | None, _log: MappedLog
+) -> Segment:
+    return measure_segment(_log, start, stop, hertz)
+
+
+def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, str]) -> list[Row]:
+    """Show all segments of all logs in one table; what was typed outlives the page and other logs.
+
+    Parameters
+    ----------
+    found : mapping of str to sequence of Segment
+        By the key of the log.
+    names : mapping of str to str
+        What each log is called.
+    """
+    key = "import segments " + _digest(found)
+    last: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
+    if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
+        rows = [
+            row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
+        ]
+        st.session_state[_SHOWN] = (key, rows)
+    rows = st.session_state[_SHOWN][1]
+    labels = _labels(names)
+    _table(rows, labels, key)
+    edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
+    for log, part in found.items():
+        last[_one(log, part)] = [row for row in edited if row.log == log]
+    return edited
+
+
+def apply_edits(rows: Sequence[Row], edits: Mapping[str, Any], logs: Mapping[str, str]) -> list[Row]:
+    """Return the rows as the user left them.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        As they were shown.
+    edits : mapping
+        What ``st.data_editor`` keeps in the session: edited_rows, added_rows, deleted_rows.
+    logs : mapping of str to str
+        Key of a log by its label; a new row without one belongs to the first.
+    """
+    gone = set(edits.get("deleted_rows", ()))
+    changed = {int(k): v for k, v in edits.get("edited_rows", {}).items()}
+    left = [_changed(row, changed.get(k, {}), logs) for k, row in enumerate(rows) if k not in gone]
+    first = next(iter(logs.values()))
+    return left + [_changed(Row(first), cells, logs) for cells in edits.get("added_rows", ())]
+
+
+def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
+    """Return the segment that a row means, measured again where it was corrected; None when unfinished.
+
+    Raises
+    ------
+    JointIdError
+        When it is no segment of the log.
+    """
+    if row.found is not None:
+        return row.found
+    if row.start_s is None or row.stop_s is None:
+        return None
+    if row.frequency_hz is not None and row.frequency_hz <= 0:
+        raise JointIdError(
+            f"{significant(row.start_s)} to {significant(row.stop_s)} s: a frequency of "
+            f"{row.frequency_hz:g} Hz. Give a positive one, or none to have it estimated."
+        )
+    return _measured(row.log, mapping_json, row.start_s, row.stop_s, row.frequency_hz, log)
+
+
+def chosen_segments(
+    rows: Sequence[Row], logs: Mapping[str, MappedLog], mapping_json: Mapping[str, str]
+) -> tuple[dict[str, list[Segment]], dict[str, list[Segment]], list[str]]:
+    """Return the segments to use and those left out, by log in order of time, and what is wrong."""
+    kept: dict[str, list[Segment]] = {key: [] for key in logs}
+    dropped: dict[str, list[Segment]] = {key: [] for key in logs}
+    problems = []
+    for row in rows:
+        try:
+            segment = segment_of(row, logs[row.log], mapping_json[row.log])
+        except JointIdError as error:
+            if row.use:
+                problems.append(str(error))
+            continue
+        if segment is not None:
+            (kept if row.use else dropped)[row.log].append(segment)
+    for part in (*kept.values(), *dropped.values()):
+        part.sort(key=lambda segment: segment.start_s)
+    return kept, dropped, problems
+
+
+def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row:
+    if not cells:
+        return row
+    use = cells.get(_USE, row.use)
+    values = {
+        "start_s": cells.get(_START, row.start_s),
+        "stop_s": cells.get(_STOP, row.stop_s),
+        "frequency_hz": cells.get(_HERTZ, row.frequency_hz),
+    }
+    log = logs.get(cells.get(_LOG, ""), row.log)
+    same = not {_START, _STOP, _HERTZ, _LOG} & set(cells)
+    return replace(row, log=log, use=bool(use), found=row.found if same else None, **values)
+
+
+def _rows(log: str, segments: Sequence[Segment]) -> list[Row]:
+    return [Row(log, s.start_s, s.stop_s, s.frequency_hz, found=s) for s in segments]
+
+
+def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
+    column = st.column_config
+    number = column.NumberColumn
+    columns: dict[str, Any] = {_USE: np.array([row.use for row in rows], bool)}
+    settings: dict[str, Any] = {
+        _USE: column.CheckboxColumn(default=True, width="small"),
+        _START: number(format="%.3f", required=True),
+        _STOP: number(format="%.3f", required=True),
+        _HERTZ: number(format="%.5g", help="Leave it empty to have it estimated."),
+    }
+    if len(labels) > 1:
+        columns[_LOG] = [labels[row.log] for row in rows]
+        options = list(labels.values())
+        settings[_LOG] = column.SelectboxColumn(options=options, default=options[0], required=True)
+    for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
+        columns[name] = np.array([_number(getattr(row, attribute)) for row in rows], float)
+    columns["Periods"] = [_periods(row) for row in rows]
+    columns["Explained"] = [
+        "" if row.found is None else f"{100 * row.found.share:.2f} %" for row in rows
+    ]
+    settings["Explained"] = column.TextColumn(
+        help="Share of the motors' motion that the sine explains, in the joint that it explains best."
+    )
+    if any(row.found is not None and row.found.is_multisine for row in rows):
+        columns["Lines (Hz)"] = [
+            ", ".join(significant(f) for f in row.found.lines_hz) if row.found else "" for row in rows
+        ]
+    st.data_editor(
+        columns,
+        column_config=settings,
+        disabled=["Periods", "Explained", "Lines (Hz)"],
+        num_rows="dynamic",
+        hide_index=True,
+        height=min(36 + 35 * (len(rows) + 1), 430),
+        key=key,
+    )
+
+
+def _periods(row: Row) -> str:
+    if row.start_s is None or row.stop_s is None or row.frequency_hz is None:
+        return ""
+    return f"{(row.stop_s - row.start_s) * row.frequency_hz:.1f}"
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _labels(names: Mapping[str, str]) -> dict[str, str]:
+    """Names that differ: two logs may be called the same."""
+    labels: dict[str, str] = {}
+    for key, name in names.items():
+        label, count = name, 1
+        while label in labels.values():
+            count += 1
+            label = f"{name} ({count})"
+        labels[key] = label
+    return labels
+
+
+def _one(log: str, segments: Sequence[Segment]) -> str:
+    return _digest({log: segments})
+
+
+def _digest(found: Mapping[str, Sequence[Segment]]) -> str:
+    """What tells two tables apart, rounded: another gear ratio changes the last bits only."""
+    rows = [
+        (log, [f"{s.start_s:.6g} {s.stop_s:.6g} {s.frequency_hz:.4g}" for s in part])
+        for log, part in found.items()
+    ]
+    return blake2b(repr(rows).encode(), digest_size=12).hexdigest()
