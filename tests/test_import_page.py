@@ -1,0 +1,247 @@
+"""Importing logs as a person clicks it: mapping, sine runs, study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from log_makers import cell_log, comma_log, mat_scope
+from streamlit.testing.v1 import AppTest
+
+from jointid import Inertia, JointIdError
+from jointid.arrays import Floats
+from jointid.figures.log_spans import log_spans
+from jointid.importing import MappedLog, Segment, find_segments
+from jointid.ui import workspace
+from jointid.ui.importing_segments import Row, apply_edits, chosen_segments
+
+APP = Path(__file__).parents[1] / "app.py"
+PAGE = "pages/9_Import_a_log.py"
+FREQUENCIES_HZ = (4.0, 6.5, 11.0)
+
+
+def runs(ratio: float = 1.0) -> tuple[Floats, Floats, Floats]:
+    """Time (s), joint angle (rad) and motor torque (N·m): three sine runs with rests, one joint."""
+    rng = np.random.default_rng(3)
+    time = np.arange(0, 9.0, 1e-3)
+    theta, tau = np.full(time.size, 0.2), np.zeros(time.size)
+    for k, hertz in enumerate(FREQUENCIES_HZ):
+        inside = (time >= 3 * k + 0.4) & (time < 3 * k + 2.6)
+        phase = 2 * np.pi * hertz * (time[inside] - 3 * k - 0.4)
+        theta[inside] += 0.05 * (np.cos(phase) - 1) / ratio
+        tau[inside] = -0.05 * 0.004 * (2 * np.pi * hertz) ** 2 * np.cos(phase)
+    theta += 2e-6 / ratio * rng.standard_normal(time.size)
+    return time, theta, tau + 1e-4 * rng.standard_normal(time.size)
+
+
+def long_log(ratio: float = 1.0) -> bytes:
+    rows = np.column_stack(runs(ratio))
+    lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+    return "\n".join(["time (s),joint position (rad),motor torque (Nm)", *lines, ""]).encode()
+
+
+@pytest.fixture
+def page(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    app = AppTest.from_file(str(APP), default_timeout=60).run()
+    return shown(app.switch_page(PAGE).run())
+
+
+def shown(at: AppTest) -> AppTest:
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def drop(at: AppTest, *files: tuple[str, bytes]) -> AppTest:
+    at.file_uploader(key="log_file").set_value([(*file, "application/octet-stream") for file in files])
+    return shown(at.run())
+
+
+def widget(at: AppTest, kind: str, label: str, nth: int = 0) -> Any:
+    return [w for w in getattr(at, kind) if w.label.startswith(label)][nth]
+
+
+def figures(at: AppTest) -> int:
+    return len(at.get("plotly_chart"))
+
+
+def send(at: AppTest, M: str, M2: str) -> AppTest:
+    at.text_input(key="import_M").set_value(M)
+    at.text_input(key="import_M2").set_value(M2)
+    widget(at, "button", "Open as study").click()
+    return shown(at.run())
+
+
+class TestMapping:
+    def test_columns_units_and_sides_are_proposed(self, page: AppTest, jittered_log: bytes) -> None:
+        at = drop(page, ("actuator.csv", jittered_log))
+        assert widget(at, "selectbox", "Time").value == "t"
+        assert widget(at, "selectbox", "Position of joint 1").value == "position"
+        assert widget(at, "selectbox", "Torque of joint 1").value == "effort"
+        assert figures(at) == 2
+        assert any("To check" in caption.value for caption in at.caption)
+
+    def test_a_unit_that_needs_a_scale_asks_for_it(self, page: AppTest) -> None:
+        at = drop(page, ("cell.csv", cell_log()))
+        assert widget(at, "selectbox", "Unit of torque 1").value == "%"
+        assert widget(at, "number_input", "Rated torque", 1).value == 1.0
+        widget(at, "selectbox", "Unit of torque 2").set_value("A")
+        at = shown(at.run())
+        assert widget(at, "number_input", "Torque constant").value == 1.0
+
+    def test_a_column_used_twice_is_said_and_the_file_stays_visible(self, page: AppTest) -> None:
+        at = drop(page, ("log.csv", comma_log()))
+        widget(at, "selectbox", "Torque of joint 1").set_value("position")
+        at = shown(at.run())
+        assert len(at.error) == 1
+        assert "both position of joint 1 and torque" in at.error[0].value
+        assert figures(at) == 1
+        assert widget(at, "selectbox", "Torque of joint 1").value == "position"
+
+    def test_the_mapping_is_offered_again_for_the_same_columns(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        widget(at, "number_input", "Gear ratio").set_value(101.0)
+        at = drop(shown(at.run()), ("two.csv", long_log(ratio=50.0)))
+        assert widget(at, "number_input", "Gear ratio").value == 101.0
+        assert any("again" in info.value for info in at.info)
+        widget(at, "button", "Guess afresh").click()
+        at = shown(at.run())
+        assert widget(at, "number_input", "Gear ratio").value == 1.0
+        assert not any("again" in info.value for info in at.info)
+
+    def test_entries_and_logs_outlive_a_visit_to_another_page(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        widget(at, "number_input", "Gear ratio").set_value(-93.5)
+        at.text_input(key="import_M").set_value("0.001")
+        at = shown(at.run())
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        at = shown(at.switch_page(PAGE).run())
+        assert widget(at, "number_input", "Gear ratio").value == -93.5
+        assert figures(at) == 2
+
+    def test_a_scope_of_simulink_shows_its_columns(self, page: AppTest) -> None:
+        at = drop(page, ("scope.mat", mat_scope()))
+        assert "signal 1" in widget(at, "selectbox", "Position of joint 1").options
+        assert figures(at) >= 1
+
+
+class TestStudy:
+    def test_a_jittered_log_becomes_a_study_of_one_record(
+        self, page: AppTest, jittered_log: bytes
+    ) -> None:
+        at = send(drop(page, ("actuator.csv", jittered_log)), "0.001", "0.002")
+        assert at.title[0].value == "actuator"
+        facts = " ".join(m.value for m in at.markdown)
+        assert "measured" in facts
+        assert "1 record" in facts
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        assert figures(at) == 3
+        at = shown(at.switch_page("pages/2_Phasors.py").run())
+        assert figures(at) == 2
+
+    def test_a_long_log_gives_a_record_per_run(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log(ratio=50.0)))
+        widget(at, "selectbox", "Measured at the").set_value("joint")
+        widget(at, "number_input", "Gear ratio").set_value(50.0)
+        at = send(shown(at.run()), "0.001", "0.003")
+        assert "3 records" in " ".join(m.value for m in at.markdown)
+
+    def test_two_logs_make_one_study(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()), ("two.csv", long_log(ratio=1.5)))
+        at = send(at, "0.001", "0.003")
+        assert "6 records" in " ".join(m.value for m in at.markdown)
+
+    @pytest.mark.parametrize(
+        ("M", "M2", "said"),
+        [
+            ("", "", "inertias are missing"),
+            ("0.001", "soft", '"soft" is not a number'),
+            ("0.001, 0.002", "0.01, 0; 0, 0.01", "the mapping has 1"),
+        ],
+    )
+    def test_what_is_no_inertia_is_said_and_stays(
+        self, page: AppTest, M: str, M2: str, said: str
+    ) -> None:
+        at = send(drop(page, ("one.csv", long_log())), M, M2)
+        assert len(at.error) == 1
+        assert said in at.error[0].value
+        assert at.text_input(key="import_M2").value == M2
+        assert figures(at) == 2
+
+    @pytest.mark.parametrize("data", [b"", b"\x00\x01\x02", b"hello", b"a,b\nx,y\n", b"PAR1"])
+    def test_what_is_no_log_is_said_and_the_others_open(self, page: AppTest, data: bytes) -> None:
+        at = drop(page, ("bad.csv", data), ("good.csv", comma_log()))
+        assert len(at.error) == 1
+        assert "bad.csv" in at.error[0].value
+        assert figures(at) == 2
+
+
+class TestCorrectedRuns:
+    @pytest.fixture
+    def log(self) -> MappedLog:
+        time, theta, tau = runs()
+        return MappedLog(time, theta[:, None], tau[:, None], name="one")
+
+    @pytest.fixture
+    def rows(self, log: MappedLog) -> list[Row]:
+        found = find_segments(log)
+        assert len(found) == 3
+        return [Row("k", s.start_s, s.stop_s, s.frequency_hz, found=s) for s in found]
+
+    def kept(self, rows: list[Row], log: MappedLog) -> list[Segment]:
+        kept, _, problems = chosen_segments(rows, {"k": log}, {"k": "{}"})
+        assert not problems
+        return kept["k"]
+
+    def test_untouched_rows_are_the_found_segments(self, rows: list[Row], log: MappedLog) -> None:
+        assert self.kept(apply_edits(rows, {}, {"one": "k"}), log) == [row.found for row in rows]
+
+    def test_rows_are_dropped_deleted_and_corrected(self, rows: list[Row], log: MappedLog) -> None:
+        edits = {
+            "edited_rows": {0: {"Use": False}, 2: {"Start (s)": 7.0, "Frequency (Hz)": None}},
+            "deleted_rows": [1],
+        }
+        (segment,) = self.kept(apply_edits(rows, edits, {"one": "k"}), log)
+        assert segment.start_s == pytest.approx(7.0, abs=1e-3)
+        assert segment.frequency_hz == pytest.approx(11.0, rel=1e-4)
+
+    def test_an_added_row_is_measured_and_stands_in_its_place(
+        self, rows: list[Row], log: MappedLog
+    ) -> None:
+        edits = {"added_rows": [{"Start (s)": 0.6, "Stop (s)": 2.4}], "deleted_rows": [0]}
+        kept = self.kept(apply_edits(rows, edits, {"one": "k"}), log)
+        assert [s.frequency_hz for s in kept] == pytest.approx(FREQUENCIES_HZ, rel=1e-4)
+
+    def test_an_unfinished_row_waits_and_a_wrong_one_is_said(
+        self, rows: list[Row], log: MappedLog
+    ) -> None:
+        edits = {"added_rows": [{"Start (s)": 0.6}, {"Start (s)": 50.0, "Stop (s)": 60.0}]}
+        _, _, problems = chosen_segments(apply_edits(rows, edits, {"one": "k"}), {"k": log}, {"k": "{}"})
+        assert len(problems) == 1
+        assert "holds 0 samples" in problems[0]
+
+    def test_the_picture_has_a_span_for_each_run(self, rows: list[Row], log: MappedLog) -> None:
+        kept = [row.found for row in rows if row.found]
+        spans = log_spans(log, kept[:2], kept[2:]).layout.shapes
+        assert [span.x0 for span in spans] == [s.start_s for s in kept]
+        assert spans[0].fillcolor == spans[1].fillcolor != spans[2].fillcolor
+
+
+def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Inertia] = []
+    monkeypatch.setattr(
+        "jointid.importing.study_from_logs",
+        lambda logs, parts, inertia, *, name: seen.append(inertia) or _refuse(),
+    )
+    at = drop(page, ("one.csv", long_log()))
+    at.selectbox(key="import_inertia_unit").set_value("kg·cm²")
+    at = send(at, "10", "30")
+    assert pytest.approx([1e-3]) == seen[0].M
+    assert pytest.approx(np.array([[3e-3]])) == seen[0].M2
+    assert "enough seen" in at.error[0].value
+
+
+def _refuse() -> None:
+    raise JointIdError("enough seen")
