@@ -99,7 +99,7 @@ with four:
 st.subheader("How well K must be known", anchor=False)
 st.write(
     "The largest path error when the servo assumes K̂ where the robot has the identified K, with this "
-    "path and controller. Lines join equal errors."
+    "path and controller. On the map, lines join equal errors."
 )
 try:
     show_tolerance(page, settings, outcome)

@@ -192,6 +192,7 @@ class TestPage:
         assert "does not fit" in at.get("html")[0].proto.body  # its zone of 10 mm
 
     def test_the_map_is_made_on_demand_and_kept(self, app: AppTest) -> None:
+        st.cache_resource.clear()
         at = shown(app.switch_page(PAGE).run())
         assert at.button(key="cut_map").label == "Compute the map (441 cuts)"
         at = shown(at.button(key="cut_map").click().run())
@@ -200,6 +201,26 @@ class TestPage:
         at = shown(at.switch_page(PAGE).run())
         assert len(at.get("plotly_chart")) == 5
         assert "Errors on this map" in words(at)
+
+    def test_what_an_error_of_k_costs_is_said_at_once(self, app: AppTest) -> None:
+        text = words(shown(app.switch_page(PAGE).run()))
+        assert "| exact | ± 1 % | ± 3 % | ± 10 % |" in text
+        row = re.search(r"\| costs [^|]*\|(.*)\|", text)
+        exact, one, three, ten = (float(cell.split()[-2]) for cell in row[1].split("|"))
+        assert exact < one < three < ten < 1
+        assert three == pytest.approx(3 * one, rel=0.1)  # in proportion, as long as it is small
+
+    def test_the_map_covers_the_range_that_was_chosen(self, app: AppTest) -> None:
+        st.cache_resource.clear()
+        at = shown(app.switch_page(PAGE).run())
+        assert control(at, "cut_map_range").value == "± 10 %"
+        widths = []
+        for name in ("± 10 %", "A factor of 3"):
+            at = shown(control(at, "cut_map_range").set_value(name).run())
+            at = shown(at.button(key="cut_map").click().run())
+            found = re.search(r"Errors on this map: .*to ([\d.]+) mm", words(at))
+            widths.append(float(found[1]))
+        assert widths[0] < 1 < 2 < widths[1]
 
     def test_says_what_is_assumed(self, app: AppTest) -> None:
         text = words(shown(app.switch_page(PAGE).run()))
@@ -366,6 +387,27 @@ class TestFigures:
         assert inside.mean() == pytest.approx(0.95, abs=0.005)
         assert found["nominal"].x[0] == pytest.approx(0.5)
         assert found["nominal"].marker.color == (DARK if dark else LIGHT).nominal
+
+    @pytest.mark.parametrize("steepness", [0.3, 3.0, 10.0])
+    def test_labels_of_contours_hide_no_point_and_no_label(self, steepness: float) -> None:
+        ratios = np.geomspace(1 / 3, 3, 21)
+        one, two = np.meshgrid(np.log(ratios), np.log(ratios), indexing="ij")
+        error = 1e-6 + 1e-3 * steepness * np.hypot(one, 2 * two)
+        assumed = Elasticity(0.5 * PAPER.K, PAPER.D)
+        tolerance = ToleranceMap(ratios, ratios, error, error)
+        figure = tolerance_heatmap(tolerance, PAPER, COVARIANCE, assumed)
+        width = 2 * np.log10(3)
+        notes = figure.layout.annotations
+        assert notes
+        places = [(note.x / width, note.y / width) for note in notes]
+        points = [(0.0, 0.0), (np.log10(0.5) / width,) * 2]
+        for k, (x, y) in enumerate(places):
+            for u, v in points + places[:k]:
+                assert abs(x - u) >= 0.13 or abs(y - v) >= 0.06
+            level = float(notes[k].text.removesuffix(" mm"))
+            log_x, log_y = (np.log(10) * width * share for share in (x, y))
+            here = 1e-3 + steepness * np.hypot(log_x, 2 * log_y)
+            assert here == pytest.approx(level, rel=0.15)  # it stands on its contour
 
     def test_a_nominal_outside_the_map_is_left_out(self) -> None:
         ratios = np.geomspace(0.99, 1.01, 5)

@@ -15,6 +15,10 @@ _CONFIDENT = 2.448
 _MOST_LEVELS = 5
 _LEAST_DECADES = 0.3
 """Errors that differ by less than this look alike: their differences hardly matter."""
+_RAYS = ((-1, 1), (1, -1), (-1, 0), (0, 1), (1, 0), (0, -1), (-1, -1), (1, 1))
+"""Directions in which a contour's label may stand, the preferred ones first."""
+_LABEL_SHARE = (0.13, 0.06)
+"""Room that a label needs, as shares of the map's width and height."""
 _LEVELS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 
 
@@ -91,14 +95,21 @@ def tolerance_heatmap(
                     hovertemplate="K̂1/K1 = %{x:.3g}<br>K̂2/K2 = %{y:.3g}<extra>nominal</extra>",
                 )
             )
-    notes = [_level_note(x, y, np.log10(error), level, ink.measured, shades[0]) for level in levels]
+    free = [(0.5, 0.5)]
+    if assumed is not None:
+        free.append(_place(x, y, assumed.K / elasticity.K))
+    notes = [_level_note(x, y, np.log10(error), level, free) for level in levels]
     return figure(
         traces,
         height=520,
         dark=dark,
         xaxis=_ratio_axis("K̂1 / K1", x),
         yaxis=_ratio_axis("K̂2 / K2", y),
-        annotations=[note for note in notes if note is not None],
+        annotations=[
+            note | {"font": {"size": 12, "color": ink.measured}, "bgcolor": shades[0]}
+            for note in notes
+            if note is not None
+        ],
     )
 
 
@@ -127,34 +138,44 @@ def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str) -> list[Tr
     ]
 
 
+def _place(x: Floats, y: Floats, ratios: Floats) -> tuple[float, float]:
+    """Where ratios lie on the map, as shares of its width and height."""
+    shares = [np.log(r / v[0]) / np.log(v[-1] / v[0]) for r, v in zip(ratios, (x, y), strict=True)]
+    return float(shares[0]), float(shares[1])
+
+
 def _level_note(
-    x: Floats, y: Floats, z: Floats, level: float, colour: str, paper: str
+    x: Floats, y: Floats, z: Floats, level: float, taken: list[tuple[float, float]]
 ) -> dict[str, object] | None:
-    """Label of a contour, where it crosses the diagonal from the middle towards small ratios."""
-    log_x, log_y = np.log(x), np.log(y)
-    share = np.linspace(0.5, 0.02, 200)
-    along_x = log_x[0] + share * (log_x[-1] - log_x[0])
-    along_y = log_y[0] + (1 - share) * (log_y[-1] - log_y[0])
-    from_x = np.interp(along_x, log_x, np.arange(x.size))
-    from_y = np.interp(along_y, log_y, np.arange(y.size))
-    i, j = from_x.astype(int).clip(0, x.size - 2), from_y.astype(int).clip(0, y.size - 2)
-    a, b = from_x - i, from_y - j
-    value = (1 - a) * ((1 - b) * z[j, i] + b * z[j + 1, i]) + a * (
-        (1 - b) * z[j, i + 1] + b * z[j + 1, i + 1]
-    )
-    above = np.flatnonzero(value >= np.log10(level))
-    if above.size == 0 or above[0] == 0:
-        return None
-    k = int(above[0])
-    return {
-        "x": float(along_x[k] / np.log(10)),
-        "y": float(along_y[k] / np.log(10)),
-        "text": f"{level:g} mm",
-        "showarrow": False,
-        "font": {"size": 12, "color": colour},
-        "bgcolor": paper,
-        "borderpad": 1,
-    }
+    """Label of a contour, where it crosses a ray from the middle and nothing else lies.
+
+    ``taken`` are the places of the points and of the other labels, as shares of the map; the new one
+    is added. A contour that is too small for a label has none: it would hide the identified point.
+    """
+    away = np.linspace(0.0, 0.48, 200)
+    for ray in _RAYS:
+        along = [0.5 + away * part for part in ray]
+        column, row = (s * (v.size - 1) for s, v in zip(along, (x, y), strict=True))
+        i, j = column.astype(int).clip(0, x.size - 2), row.astype(int).clip(0, y.size - 2)
+        a, b = column - i, row - j
+        value = (1 - a) * ((1 - b) * z[j, i] + b * z[j + 1, i]) + a * (
+            (1 - b) * z[j, i + 1] + b * z[j + 1, i + 1]
+        )
+        above = np.flatnonzero(value >= np.log10(level))
+        if above.size == 0 or above[0] == 0:
+            continue
+        place = tuple(float(share[above[0]]) for share in along)
+        if any(
+            abs(place[0] - u) < _LABEL_SHARE[0] and abs(place[1] - v) < _LABEL_SHARE[1] for u, v in taken
+        ):
+            continue
+        taken.append((place[0], place[1]))
+        at = [
+            float(np.log10(v[0]) + share * np.log10(v[-1] / v[0]))
+            for v, share in zip((x, y), place, strict=True)
+        ]
+        return {"x": at[0], "y": at[1], "text": f"{level:g} mm", "showarrow": False, "borderpad": 1}
+    return None
 
 
 def _ratio_axis(title: str, ratios: Floats) -> Axis:

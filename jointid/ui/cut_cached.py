@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import streamlit as st
 
 from jointid import Analysis
@@ -12,11 +13,13 @@ from jointid.cut.outcome import (
     cut_robot,
     study_outcome,
 )
-from jointid.cut.tolerance import ToleranceMap
+from jointid.cut.tolerance import ToleranceMap, tolerance_map
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut_settings import CutSettings
 
-MapKey = tuple[str, str, CutSettings, bool]
+MapKey = tuple[str, str, CutSettings, str]
+OFFSETS = (0.01, 0.03, 0.10)
+"""Errors of K̂ whose cost is said in figures."""
 _MOST_MAPS = 12
 
 
@@ -46,6 +49,23 @@ def pair(
         for true, assumed in ((robot.elasticity, _outcome.assumed), (_outcome.edge, robot.elasticity))
     )
     return before, after
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outcome) -> list[float]:
+    """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
+    ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
+    robot = _outcome.robot
+    tolerance = tolerance_map(
+        robot.arm,
+        _outcome.toolpath,
+        robot.elasticity,
+        ratios,
+        servo=settings.servo,
+        friction=settings.friction,
+    )
+    exact, *off = np.diag(tolerance.max_contour_error_m).tolist()
+    return [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]
 
 
 @st.cache_resource(max_entries=12, show_spinner="Cutting")

@@ -26,6 +26,7 @@ from jointid.ui.page import Page
 
 CUT_PAGE = "pages/5_Cut.py"
 _WIDE = 21
+_RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
 _RULES: dict[Rule, str] = {
     "direct": "The inertias of this study are those of the example arm where it cuts, with a {drive} "
@@ -183,20 +184,25 @@ def _three(values: Iterable[float]) -> str:
 
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    """The tolerance map, on demand: a few hundred cuts."""
-    ranges = ["A factor of 3", "This identification's uncertainty"]
+    """Cost of some errors of K̂, and on demand a map of a few hundred cuts."""
+    # Neither depends on the nominal controller.
+    cut = replace(settings, assumption="rigid", custom_K=(), custom_D=())
+    costs = cut_cached.offset_costs(page.digest, page.method, cut, outcome)
+    heads = ["exact", *(f"± {100 * offset:g} %" for offset in cut_cached.OFFSETS)]
+    st.markdown(
+        f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
+        f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
+    )
     chosen = st.segmented_control(
         "Range of K̂/K",
-        ranges,
-        default=ranges[0],
+        _RANGES,
+        default=_RANGES[0],
         required=True,
         key="cut_map_range",
         bind="query-params",
     )
-    near = chosen == ranges[1]
-    # The map does not depend on the nominal controller.
-    cut = replace(settings, assumption="rigid", custom_K=(), custom_D=())
-    key = (page.digest, page.method, cut, near)
+    span = chosen or _RANGES[0]
+    key = (page.digest, page.method, cut, span)
     tolerance = cut_cached.kept_map(key)
     if tolerance is None:
         place = st.empty()
@@ -214,7 +220,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             bar.progress(min(done, 1.0), f"Cutting: {done:.0%}")
 
         robot = outcome.robot
-        ratios = [_ratios(robot, joint, near) for joint in (0, 1)]
+        ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
         tolerance = tolerance_map(
             robot.arm,
             outcome.toolpath,
@@ -238,11 +244,14 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     st.caption(f"Errors on this map: {millimetres(error.min())} to {millimetres(error.max())}.")
 
 
-def _ratios(robot: CutRobot, joint: int, near: bool) -> Floats:
-    """K̂/K from 1/3 to 3, or as far as four standard errors."""
-    error = float(np.sqrt(robot.covariance[joint, joint]) / robot.elasticity.K[joint])
-    reach = float(np.clip(4 * error, 1e-5, 2.0))
-    return np.geomspace(1 / (1 + reach), 1 + reach, _WIDE) if near else np.geomspace(1 / 3, 3, _WIDE)
+def _ratios(robot: CutRobot, joint: int, span: str) -> Floats:
+    """K̂/K within 10 %, from 1/3 to 3, or as far as four standard errors."""
+    if span == _RANGES[2]:
+        error = float(np.sqrt(robot.covariance[joint, joint]) / robot.elasticity.K[joint])
+        most = 1 + float(np.clip(4 * error, 1e-5, 2.0))
+    else:
+        most = 3.0 if span == _RANGES[1] else 1 / 0.9
+    return np.geomspace(1 / most, most, _WIDE)
 
 
 def outcome_panel(page: Page, analysis: Analysis) -> None:
