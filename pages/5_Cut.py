@@ -91,8 +91,8 @@ with four:
         demonstrated = outcome.robot.rule == "demonstration"
         source = "the errors of this demonstration" if demonstrated else "the fit's covariance"
         st.caption(
-            f"{outcome.distribution.K.shape[0]} robots drawn from {source}, each cut by a servo with the "
-            "identified values."
+            f"{outcome.distribution.K.shape[0]} robots drawn from {source}, each cut by a servo with "
+            "the identified values."
         )
         plot(
             path_error_histogram(outcome.distribution, dark=page.dark), "Distribution of the path error"
