@@ -200,7 +200,7 @@ def test_bootstrap_with_friction() -> None:
     phasors = rubbing()
     fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True)
     result = bootstrap(phasors, PARALLELOGRAM, fit, draws=25)
-    ratio = result.standard_error / fit.standard_error
+    ratio = result.standard_error / fit.noise_error
     assert np.all((ratio > 0.55) & (ratio < 1.8)), ratio
 
 
