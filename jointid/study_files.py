@@ -13,6 +13,7 @@ frequency_hz = 3.0
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -70,9 +71,14 @@ class PeekedTable:
     name: str
     """File name inside the study."""
     frame: pd.DataFrame
-    """The first rows as they stand; empty when nothing could be read."""
+    """The first rows as they stand, or those around the one that is refused; the index is the line in
+    the file, or the row. Empty when nothing could be read."""
     error: str = ""
     """Why nothing could be read, else empty."""
+    refused: bool = False
+    """Whether this is the file for which the study is refused."""
+    refused_at: int | None = None
+    """Line, or row, for which it is refused, when it is a single one."""
 
 
 def load_study(path_or_file: Source) -> Study:
@@ -133,19 +139,38 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
         When the folder or archive itself cannot be read.
     """
     tables = []
+    culprit, place = _refused_for(path_or_file)
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         for name in container.names():
+            at = place if name == culprit else None
             is_csv = name.lower().endswith(".csv")
             if not (is_csv or name.lower().endswith(".parquet")):
                 continue
             try:
-                data = container.read(name, at_most=_PEEK_BYTES if is_csv else None)
+                data = container.read(name, at_most=_PEEK_BYTES if is_csv and at is None else None)
                 if is_csv and len(data) == _PEEK_BYTES:
                     data = data[: data.rfind(b"\n") + 1] or data  # the last line may be cut
-                tables.append(PeekedTable(name, peek_table(name, data, PEEK_ROWS)))
-            except JointIdError as error:
-                tables.append(PeekedTable(name, pd.DataFrame(), str(error)))
+                frame, error = peek_table(name, data, PEEK_ROWS, around=at or 0), ""
+            except JointIdError as fault:
+                frame, error = pd.DataFrame(), str(fault)
+            tables.append(PeekedTable(name, frame, error, name == culprit, at))
     return tuple(tables)
+
+
+def _refused_for(source: Source) -> tuple[str, int | None]:
+    """Name of the table for which a study is refused, and the line or row; "" when it is none."""
+    try:
+        load_study(source)
+    except JointIdError as error:
+        message = re.split(r" Files found:| Did you mean", str(error))[0]
+        with open_container(source, marker=STUDY_FILE) as container:
+            named = [name for name in container.names() if name in message and name != STUDY_FILE]
+        if not named:
+            return "", None
+        first = min(named, key=lambda name: (message.index(name), -len(name)))
+        place = re.match(r", (?:line|row) (\d{1,9})\b", message[message.index(first) + len(first) :])
+        return first, int(place[1]) if place else None
+    return "", None
 
 
 def _require_format_1(top: CheckedTable) -> None:

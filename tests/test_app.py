@@ -190,6 +190,20 @@ class TestOpeningAFile:
         assert not at.error
         assert figures(at) == 2
 
+    def test_the_refused_row_is_shown_where_it_stands(
+        self, app: AppTest, studies: dict[int, Study]
+    ) -> None:
+        study = studies[1]
+        data = zipfile.ZipFile(io.BytesIO(pack_study(study))).read("records/02.csv").decode()
+        lines = data.splitlines()
+        lines[99] = lines[99].rpartition(",")[0] + ",nan"
+        at = upload(shown(app.run()), repacked(study, {"records/02.csv": "\n".join(lines).encode()}))
+        assert "records/02.csv, line 100" in at.error[0].value
+        table = next(box for box in at.selectbox if box.label == "Table")
+        assert table.value == "records/02.csv"
+        assert "▶ 100" in list(at.dataframe[0].value.index)
+        assert any("gaps are cells" in caption.value for caption in at.caption)
+
     def test_the_refusal_follows_to_other_pages(self, app: AppTest, studies: dict[int, Study]) -> None:
         at = upload(shown(app.run()), repacked(studies[1], {"study.toml": b"format = 1\n"}))
         at = shown(at.switch_page("pages/2_Phasors.py").run())

@@ -751,7 +751,7 @@ def test_peek_shows_the_tables_of_a_broken_study() -> None:
     good = tables["records/01.csv"].frame
     assert list(good.columns) == HEADER.split(",")
     assert len(good) == PEEK_ROWS
-    assert good["theta_m1_rad"][50] == pytest.approx(0.1)
+    assert good["theta_m1_rad"].iloc[50] == pytest.approx(0.1)
     log = tables["records/02.CSV"].frame
     assert log.iloc[-1].tolist() == ["0", "-11,25"]
     assert "0 bytes" in tables["records/03.csv"].error
@@ -761,6 +761,51 @@ def test_peek_shows_the_tables_of_a_broken_study() -> None:
     for table in tables.values():
         assert (table.error == "") == (table.frame.size > 0)
         assert table.frame.columns.is_unique
+
+
+@pytest.mark.parametrize(
+    ("cells", "marked"), [("0.400,0,nan,0,0", 402), ("0.400,0,err,0,0", 402), ("0.1,0,0,0,0", 402)]
+)
+@pytest.mark.parametrize("comment", ["", "# exported\n# by hand\n"])
+def test_peek_goes_to_the_row_that_is_refused(cells: str, marked: int, comment: str) -> None:
+    lines = csv_text(10.0, rows=3000).splitlines()
+    lines[401] = cells
+    content = files(second=comment + "\n".join(lines) + "\n")
+    at = marked + comment.count("\n")
+    assert f"records/02.csv, line {at}" in failure(zipped(content))
+    first, second = peek_study(zipped(content))
+    assert (first.refused, first.refused_at) == (False, None)
+    assert (second.refused, second.refused_at) == (True, at)
+    assert second.frame.index.name == "Line"
+    assert second.frame.loc[at, "time_s"] == float(cells.split(",")[0])
+    assert second.frame.loc[at + 1, "time_s"] == pytest.approx(0.401)
+    assert len(second.frame) == PEEK_ROWS
+    column = record_tables.plottable(second.frame)["theta_m2_rad"]
+    assert np.isnan(column).sum() == ("0.400" in cells)
+
+
+def test_peek_goes_to_the_row_of_a_parquet_file() -> None:
+    frame = pd.read_csv(io.StringIO(csv_text(rows=2000)))
+    frame.loc[1500, "tau_m1_Nm"] = np.inf
+    (table, *_) = peek_study(parquet_study(frame))
+    assert table.refused
+    assert table.refused_at == 1501
+    assert np.isinf(table.frame.loc[1501, "tau_m1_Nm"])
+    assert table.frame.index.name == "Row"
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "|"])
+def test_peek_reads_decimal_commas(separator: str) -> None:
+    text = csv_text().replace(",", separator).replace(".", ",")
+    table = next(t for t in peek_study(zipped(files(first=text))) if t.name == "records/01.csv")
+    assert table.refused
+    assert list(table.frame.columns) == HEADER.split(",")
+    assert table.frame["theta_m1_rad"].iloc[50] == pytest.approx(0.1)
+
+
+def test_a_file_that_is_only_listed_is_not_the_one_refused() -> None:
+    content = files(toml=edited("records/02.csv", "records/07.csv"))
+    assert not any(table.refused for table in peek_study(zipped(content)))
 
 
 def test_peek_of_no_container(tmp_path: Path) -> None:

@@ -159,8 +159,17 @@ def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
     )
 
 
-def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figure:
+def raw_columns(
+    columns: Mapping[str, Floats], *, marked: int | None = None, dark: bool = False
+) -> go.Figure:
     """Every column against the first, or against the row when there is only one; whatever is in it.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray, shape (N,)
+        NaN leaves a gap.
+    marked : int, optional
+        Index of a row to mark.
 
     Raises
     ------
@@ -174,6 +183,9 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
     first = np.asarray(columns[names[0]], float)
     time = first if len(names) > 1 else np.arange(float(first.size))
     shown = names[1:] or names
+    known = np.isfinite(time)
+    if 0 < known.sum() < time.size:  # a row without a time has a place all the same
+        time = np.interp(np.arange(time.size), np.flatnonzero(known), time[known])
     count = len(shown)
     axes: dict[str, Any] = {}
     traces = []
@@ -188,6 +200,21 @@ def raw_columns(columns: Mapping[str, Floats], *, dark: bool = False) -> go.Figu
     axes["xaxis"] = linear_axis(
         names[0] if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
     )
+    if marked is not None and 0 <= marked < time.size:
+        at = float(time[marked])
+        axes["shapes"] = [
+            {
+                "type": "line",
+                "xref": "x",
+                "yref": "paper",
+                "x0": at,
+                "x1": at,
+                "y0": 0,
+                "y1": 1,
+                "line": {"color": ink.identified, "width": 1.5, "dash": "dash"},
+                "label": {"text": "refused here", "textposition": "start", "textangle": 0},
+            }
+        ]
     return figure(traces, height=60 + 110 * count, dark=dark, **axes)
 
 

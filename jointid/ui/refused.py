@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
 import streamlit as st
 
+from jointid.arrays import Floats
 from jointid.figures import raw_columns
+from jointid.record_tables import plottable
 from jointid.study_files import PeekedTable
 from jointid.ui.charts import is_dark, plot
 from jointid.ui.workspace import Refused
 
 _PLOTTED = 12
+
+
+_ABOVE, _BELOW = 6, 7
+"""Rows shown around the one that is refused."""
 
 
 def show_refused() -> None:
@@ -21,7 +28,13 @@ def show_refused() -> None:
     if refused.tables:
         with st.expander("What is in the file", expanded=True):
             names = [table.name for table in refused.tables]
-            name = st.selectbox("Table", names, key="peeked_table")
+            culprit = next((k for k, table in enumerate(refused.tables) if table.refused), 0)
+            name = st.selectbox(
+                "Table",
+                names,
+                index=culprit,
+                key=f"peeked_table_{refused.file}_{hash(refused.message)}",  # each refusal begins anew
+            )
             _show_table(refused.tables[names.index(name)])
     st.button("Put away", key="put_away", on_click=lambda: st.session_state.pop("refused", None))
     st.divider()
@@ -31,9 +44,25 @@ def _show_table(table: PeekedTable) -> None:
     if table.error or table.frame.empty:
         st.write(table.error or f"{table.name} has no rows.")
         return
-    st.dataframe(table.frame.head(50), height=230)
-    numbers = table.frame.select_dtypes("number")
-    columns = {str(name): numbers[name].to_numpy(float) for name in list(numbers)[:_PLOTTED]}
+    frame, at = table.frame, table.refused_at
+    place = str(frame.index.name or "Row").lower()
+    lines = [int(line) for line in frame.index]
+    marked = lines.index(at) if at in lines else None
+    part = slice(0, 50) if marked is None else slice(max(marked - _ABOVE, 0), marked + _BELOW)
+    shown = frame.iloc[part].copy()
+    shown.index = [f"▶ {line}" if line == at else str(line) for line in lines[part]]
+    shown.index.name = place.capitalize()
+    if marked is not None:
+        st.caption(f"Around {place} {at} of {table.name}, marked with ▶.")
+    st.dataframe(shown, height=230 if marked is None else "content")
+    columns = dict(list(plottable(frame).items())[:_PLOTTED])
     if columns:
-        st.caption(f"The first {len(table.frame)} rows of its columns of numbers.")
-        plot(raw_columns(columns, dark=is_dark()), f"Columns of {table.name}", key="peeked_plot")
+        first = f"{place.capitalize()}s {lines[0]} to {lines[-1]}"
+        gaps = "; gaps are cells that hold no number" if _gaps(columns) else ""
+        st.caption(f"{first}, columns of numbers{gaps}.")
+        figure = raw_columns(columns, marked=marked, dark=is_dark())
+        plot(figure, f"Columns of {table.name}", key="peeked_plot")
+
+
+def _gaps(columns: dict[str, Floats]) -> bool:
+    return any(bool(np.isnan(column).any()) for column in columns.values())
