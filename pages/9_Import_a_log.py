@@ -16,7 +16,7 @@ from jointid.ui.importing_mapping import (
     remember,
 )
 from jointid.ui.importing_pictures import choose_log, show_raw
-from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in
+from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
 from jointid.ui.importing_study import ask_robot
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
@@ -82,6 +82,8 @@ st.caption(
 kept, dropped, problems = chosen_segments(rows, ready, rules)
 for problem in problems:
     st.error(problem)
+if not problems and settle(rows, found, ready, rules):
+    st.rerun()
 if log.key in ready:
     with picture:
         figure = log_spans(ready[log.key], kept[log.key], dropped[log.key], dark=is_dark())

@@ -12,7 +12,7 @@ from jointid.figures.style import Trace, colours, figure, line, linear_axis
 from jointid.figures.waveforms import thinned
 from jointid.importing import MappedLog, Segment
 
-_ROW_PX = 104
+_ROW_PX = 112
 _LADDER_PX = 120
 
 
@@ -52,9 +52,9 @@ def log_spans(
         traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
     for row, (title, values) in enumerate(rows):
         top = (1 - ladder) * (1 - row / len(rows))
-        axes[f"yaxis{row + 2}"] = linear_axis(
-            title, domain=[top - 0.86 * (1 - ladder) / len(rows), top], nticks=4
-        )
+        gap = 0.12 if row + 1 < len(rows) else 0.0  # the last stands on the axis of time
+        bottom = max(top - (1 - gap) * (1 - ladder) / len(rows), 0.0)
+        axes[f"yaxis{row + 2}"] = linear_axis(title, domain=[bottom, top], nticks=4)
         x, y = thinned(log.time_s, values)
         style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{row + 2}"}
         traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))

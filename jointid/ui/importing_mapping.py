@@ -161,7 +161,7 @@ class _Entries:
                 key=self._id("delay"),
                 persist_state="session",
             )
-            self._why(["torque hold"])
+            self._why(("torque hold", not held))
         return Mapping(
             TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
         )
@@ -190,8 +190,13 @@ class _Entries:
         joints = four.number_input(
             "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
         )
-        self._why(["time", "unit of time"])
-        return ("" if column == _NO_COLUMN else column, unit, rate), int(joints)
+        time = "" if column == _NO_COLUMN else column
+        guess = self.guess.mapping.time
+        still = time == guess.column
+        self._why(
+            ("time", still), ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz))
+        )
+        return (time, unit, rate), int(joints)
 
     def _joint(self, j: int) -> tuple[Channel, Channel, float]:
         known = self.base.joints[j] if j < self.base.n else None
@@ -218,14 +223,25 @@ class _Entries:
                 "torque", j, known.torque if known else Channel(free[1], "N·m"),
                 tuple(TORQUE_UNITS), TORQUE_SCALES,
             )  # fmt: skip
-            self._why(
-                f"{part}{role} of joint {j + 1}"
-                for role in ("position", "torque")
-                for part in ("", "unit of ", "scale of ", "side of ")
-            )
-            if ratio == 1:
-                self._why([f"gear ratio of joint {j + 1}"])
+            if j < self.guess.mapping.n:
+                self._why_joint(j, position, torque, float(ratio))
         return position, torque, float(ratio)
+
+    def _why_joint(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
+        guess, end = self.guess.mapping.joints[j], f" of joint {j + 1}"
+        stands = []
+        for role, now, then in (
+            ("position", position, guess.position),
+            ("torque", torque, guess.torque),
+        ):
+            same = now.column == then.column
+            stands += [
+                (f"{role}{end}", same),
+                (f"unit of {role}{end}", same and now.unit == then.unit),
+                (f"scale of {role}{end}", same and (now.unit, now.scale) == (then.unit, then.scale)),
+                (f"side of {role}{end}", same and now.side == then.side),
+            ]
+        self._why(*stands, (f"gear ratio{end}", ratio == guess.gear_ratio), part_of=end)
 
     def _channel(
         self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
@@ -239,7 +255,7 @@ class _Entries:
         scale = None
         if meaning := scales.get(unit):
             scale = three.number_input(
-                f"{meaning[0].upper()}{meaning[1:]}",
+                _upper(meaning),
                 value=base.scale if base.unit == unit and base.scale else 1.0,
                 format="%g",
                 key=self._id(f"{name} scale {meaning}"),
@@ -268,14 +284,23 @@ class _Entries:
             persist_state="session",
         )
 
-    def _why(self, whats: Iterable[str]) -> None:
-        found = [self.reasons[what] for what in whats if what in self.reasons]
-        to_check = [f"{r.what[0].upper()}{r.what[1:]}: {r.text}" for r in found if not r.sure]
-        known = [f"{r.what[0].upper()}{r.what[1:]}: {r.text}" for r in found if r.sure]
-        if to_check:
-            st.caption(":orange-badge[To check] " + " ".join(to_check))
-        if known:
-            st.caption(" ".join(known))
+    def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
+        """Say why entries were guessed as they are, those that are not sure first; not once changed."""
+        found = [
+            self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
+        ]
+        for sure, mark in ((False, ":orange-badge[To check] "), (True, ":gray-badge[Why] ")):
+            said = [
+                f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
+                for reason in found
+                if reason.sure == sure
+            ]
+            if said:
+                st.caption(mark + " ".join(said))
 
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -18,6 +18,7 @@ from jointid.rounding import significant
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
 _LAST = "import_segments_last"
 _SHOWN = "import_segments_shown"
+_SETTLED = "import_segments_settled"
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,29 @@ def chosen_segments(
     return kept, dropped, problems
 
 
+def settle(
+    rows: Sequence[Row],
+    found: Mapping[str, Sequence[Segment]],
+    logs: Mapping[str, MappedLog],
+    mapping_json: Mapping[str, str],
+) -> bool:
+    """Put corrected rows back with what was measured of them; whether the table has to be drawn anew.
+
+    Nothing happens while a row is unfinished: a table that is drawn anew takes the cursor away.
+    """
+    if all(row.found for row in rows) or any(None in (row.start_s, row.stop_s) for row in rows):
+        return False
+    last = st.session_state[_LAST]
+    for key, part in found.items():
+        settled = []
+        for row in rows:
+            if row.log == key and (s := segment_of(row, logs[key], mapping_json[key])) is not None:
+                settled.append(Row(key, s.start_s, s.stop_s, s.frequency_hz, row.use, s))
+        last[_one(key, part)] = sorted(settled, key=lambda row: row.start_s or 0.0)
+    st.session_state[_SETTLED] = st.session_state.get(_SETTLED, 0) + 1
+    return True
+
+
 def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row:
     if not cells:
         return row
@@ -169,12 +193,11 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
         columns[name] = np.array([_number(getattr(row, attribute)) for row in rows], float)
     columns["Periods"] = [_periods(row) for row in rows]
-    columns["Explained"] = [
-        "" if row.found is None else f"{100 * row.found.share:.2f} %" for row in rows
-    ]
-    settings["Explained"] = column.TextColumn(
-        help="Share of the motors' motion that the sine explains, in the joint that it explains best."
-    )
+    for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
+        columns[name] = [_percent(getattr(row.found, share, math.nan)) for row in rows]
+        settings[name] = column.TextColumn(
+            help="Share of the signal that the sine explains, in the joint that it explains best."
+        )
     if any(row.found is not None and row.found.is_multisine for row in rows):
         columns["Lines (Hz)"] = [
             ", ".join(significant(f) for f in row.found.lines_hz) if row.found else "" for row in rows
@@ -182,7 +205,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     st.data_editor(
         columns,
         column_config=settings,
-        disabled=["Periods", "Explained", "Lines (Hz)"],
+        disabled=["Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
         num_rows="dynamic",
         hide_index=True,
         height=min(36 + 35 * (len(rows) + 1), 430),
@@ -194,6 +217,10 @@ def _periods(row: Row) -> str:
     if row.start_s is None or row.stop_s is None or row.frequency_hz is None:
         return ""
     return f"{(row.stop_s - row.start_s) * row.frequency_hz:.1f}"
+
+
+def _percent(share: float) -> str:
+    return "" if math.isnan(share) else f"{100 * share:.2f} %"
 
 
 def _number(value: float | None) -> float:
