@@ -43,7 +43,7 @@ with views[2]:
             what = f"Spectra of angle and torque of joint {joint + 1}"
             plot(spectra(record, joint, dark=page.dark), what)
 with views[2]:
-    st.caption("Blue: the excitation. Dotted: its harmonics 2, 3, 5 and 7, where friction shows.")
+    st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 
 st.subheader("Quality of every record", anchor=False)
 try:
@@ -53,10 +53,11 @@ except JointIdError as error:
 with st.expander("What the columns mean"):
     st.markdown(
         "These are the figures of the joint that moves most.\n"
+        "- **θ** is the motor's angle, **τ** its torque.\n"
         "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
-        "- **Distortion**: amplitude of the harmonics over that of the sine. Friction makes it.\n"
-        "- **Settling**: how much the sine of the first quarter differs from that of the second half. "
-        "Above 1 % the robot had not settled.\n"
-        "- **Frequency found**: what the motor's angle has; it should be the stated one.\n"
+        "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. Friction makes it.\n"
+        "- **Settl.**, settling: how much the sine of the first quarter differs from that of the second "
+        "half. Above 1 % the robot had not settled.\n"
+        "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
         "- **Jitter**: largest distance of a sample from its place on an even grid."
     )

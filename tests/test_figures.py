@@ -25,6 +25,7 @@ from jointid.figures import (
 )
 from jointid.figures.style import DARK, LIGHT, frequency_axis
 from jointid.figures.waveforms import thinned
+from jointid.ui.quality import phasor_table
 
 
 @pytest.fixture(scope="module")
@@ -196,6 +197,34 @@ def test_the_spectrum_peaks_at_the_marked_excitation(studies: dict[int, Study]) 
     peak = figure.data[0].x[np.argmax(figure.data[0].y)]
     assert peak == pytest.approx(record.frequency_hz, rel=0.1)
     assert figure.layout.shapes[0].x0 == record.frequency_hz
+    legend = {t.name: t for t in figure.data if t.showlegend is not False}
+    assert set(legend) == {"excitation", "harmonics 2, 3, 5, 7"}
+    for shape, t in zip(figure.layout.shapes, legend.values(), strict=False):
+        assert (shape.line.color, shape.line.dash) == (t.line.color, t.line.dash)
+
+
+@pytest.mark.parametrize("periods", [4.0, None])
+def test_the_fit_does_not_hide_the_samples(studies: dict[int, Study], periods: float | None) -> None:
+    record = studies[2].records[0]
+    fitted = np.column_stack([record.theta_rad, record.tau_Nm])
+    figure = waveforms(record, 0, fitted, periods=periods)
+    sine, logged = trace(figure, "fitted sine"), trace(figure, "logged")
+    assert sine.line.dash == "dash"
+    thickness = logged.marker.size if "markers" in logged.mode else logged.line.width
+    assert thickness > 2 * sine.line.width
+    assert logged.opacity < 1
+
+
+def test_phasors_are_told_with_their_error_in_readable_digits(analyses: dict[int, Analysis]) -> None:
+    phasors = analyses[2].phasors
+    for t in phasor_plane(phasors).data:
+        if t.customdata is not None:
+            assert all("±" in text and "e-" not in text for _, text in t.customdata)
+    columns = phasor_table(phasors)
+    assert "|θm1| (mrad)" in columns
+    cells = [str(cell) for name, column in columns.items() if name.startswith("|θ") for cell in column]
+    assert all(float(cell.split("± ")[1].lstrip("<")) > 0 for cell in cells)
+    assert float(cells[0].split(" ")[0]) == pytest.approx(1e3 * abs(phasors.q[0, 0]), rel=0.01)
 
 
 def test_thinning_loses_no_spike() -> None:

@@ -7,6 +7,7 @@ import plotly.graph_objects as go
 
 from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure
 from jointid.phasors import Phasors
+from jointid.rounding import with_error
 
 
 def phasor_plane(
@@ -36,7 +37,11 @@ def phasor_plane(
     for j in range(phasors.n):
         symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)] + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
-        about = np.column_stack([f, errors[:, j] / np.sqrt(2), size[:, j]])
+        told = [
+            with_error(float(a), float(e))
+            for a, e in zip(size[:, j], errors[:, j] / np.sqrt(2), strict=True)
+        ]
+        about = [[frequency, text] for frequency, text in zip(f.tolist(), told, strict=True)]
         traces.append(
             {
                 "type": "scatterpolar",
@@ -48,7 +53,7 @@ def phasor_plane(
                 "customdata": about,
                 "text": list(phasors.labels),
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
-                "%{customdata[2]:.4g} ± %{customdata[1]:.2g} "
+                "%{customdata[1]} "
                 f"{unit}, %{{theta:.1f}}°<extra>{quantity} of joint {j + 1}</extra>",
             }
         )

@@ -59,6 +59,7 @@ def waveforms(
     part = slice(first, last)
     time = record.time_s[part]
     traces: list[Trace] = []
+    faint: Trace = {"opacity": 0.45} if fitted is not None else {}  # the fit lies on top of the samples
     signals = (record.theta_rad[part, joint], record.tau_Nm[part, joint])
     for row, (signal, (quantity, unit)) in enumerate(zip(signals, _QUANTITIES, strict=True), start=1):
         hover = f"%{{x:.4f}} s<br>{quantity} %{{y:.5g}} {unit}"
@@ -70,14 +71,16 @@ def waveforms(
         }
         x, y = thinned(time, signal)
         if periods is None or x.size > 400:
-            width: Trace = {"line": {"width": 1.2}}
+            width: Trace = {"line": {"width": 3 if fitted is not None else 1.2}, **faint}
             traces.append(line(x, y, "logged", ink.measured, **width, **shared))
         else:
-            small: Trace = {"marker": {"size": 4}}
+            small: Trace = {"marker": {"size": 5}, **faint}
             traces.append(points(x, y, "logged", ink.measured, **small, **shared))
         if fitted is not None:
             curve = fitted[part, joint + (row - 1) * record.n]
-            traces.append(line(*thinned(time, curve), "fitted sine", ink.identified, **shared))
+            thin: Trace = {"line": {"width": 1.2, "dash": "dash"}}
+            x, y = thinned(time, curve)
+            traces.append(line(x, y, "fitted sine", ink.identified, **thin, **shared))
     shapes = []
     if periods is None and record.start > 0:
         shapes.append(
@@ -128,6 +131,11 @@ def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
         hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
         style: Trace = {"line": {"width": 1.2}, "showlegend": False, "hovertemplate": hover}
         traces.append(line(x, y, quantity, ink.measured, xaxis="x", yaxis=f"y{row}", **style))
+    told = (("excitation", ink.identified, "solid"), ("harmonics 2, 3, 5, 7", ink.quiet, "dot"))
+    nowhere = np.array([np.nan])
+    for name, colour, dash in told:  # the marks are shapes, which have no place in the legend
+        mark: Trace = {"line": {"width": 2, "dash": dash}, "hoverinfo": "skip"}
+        traces.append(line(nowhere, nowhere, name, colour, xaxis="x", yaxis="y1", **mark))
     marks = [
         {
             "type": "line",

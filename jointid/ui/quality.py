@@ -18,15 +18,15 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
     ratio, distortion = phasors.signal_to_noise, phasors.total_harmonic_distortion
     return {
         "Record": [r.label or f"record {i}" for i, r in enumerate(records, start=1)],
-        "Frequency (Hz)": [r.frequency_hz for r in records],
+        "Hz": [r.frequency_hz for r in records],
         "Periods": [round(r.periods, 1) for r in records],
         "Samples": [r.time_s.size - r.start for r in records],
-        "S/N angle": [_figure(x) for x in ratio[rows, mover]],
-        "S/N torque": [_figure(x) for x in ratio[rows, n + mover]],
-        "Distortion angle (%)": [_figure(100 * x) for x in distortion[rows, mover]],
-        "Distortion torque (%)": [_figure(100 * x) for x in distortion[rows, n + mover]],
-        "Settling (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
-        "Frequency found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
+        "S/N θ": [_figure(x) for x in ratio[rows, mover]],
+        "S/N τ": [_figure(x) for x in ratio[rows, n + mover]],
+        "Dist. θ (%)": [_figure(100 * x) for x in distortion[rows, mover]],
+        "Dist. τ (%)": [_figure(100 * x) for x in distortion[rows, n + mover]],
+        "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
+        "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
         "Jitter (ms)": [_figure(1e3 * r.jitter_s) for r in records],
     }
 
@@ -37,13 +37,14 @@ def phasor_table(phasors: Phasors) -> Table:
     z, error = phasors.z, phasors.standard_deviation / np.sqrt(2)  # half of the variance lies along z
     columns: dict[str, list[object]] = {
         "Record": list(phasors.labels),
-        "Frequency (Hz)": [significant(f, 5) for f in phasors.omega / (2 * np.pi)],
+        "Hz": [significant(f, 5) for f in phasors.omega / (2 * np.pi)],
     }
     for k in range(2 * n):
-        name, unit = (f"θm{k + 1}", "rad") if k < n else (f"τm{k - n + 1}", "N·m")
+        # In mrad an angle and its error have fewer zeros, so that a narrow column holds both.
+        name, unit, times = (f"θm{k + 1}", "mrad", 1e3) if k < n else (f"τm{k - n + 1}", "N·m", 1.0)
         size = np.abs(z[:, k])
         columns[f"|{name}| ({unit})"] = [
-            with_error(a, e) for a, e in zip(size, error[:, k], strict=True)
+            with_error(times * a, times * e) for a, e in zip(size, error[:, k], strict=True)
         ]
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = np.degrees(np.where(size > 0, error[:, k] / size, np.inf))
