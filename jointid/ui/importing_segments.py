@@ -59,7 +59,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     names : mapping of str to str
         What each log is called.
     """
-    key = "import segments " + _digest(found)
+    key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
     if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
         rows = [
