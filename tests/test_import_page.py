@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,14 @@ from streamlit.testing.v1 import AppTest
 from jointid import Inertia, JointIdError
 from jointid.arrays import Floats
 from jointid.figures.log_spans import log_spans
-from jointid.importing import MappedLog, Segment, find_segments
+from jointid.importing import (
+    MappedLog,
+    Segment,
+    find_segments,
+    guess_mapping,
+    mapping_to_json,
+    read_log,
+)
 from jointid.ui import workspace
 from jointid.ui.importing_segments import Row, apply_edits, chosen_segments
 
@@ -120,6 +128,23 @@ class TestMapping:
         at = shown(at.switch_page(PAGE).run())
         assert widget(at, "number_input", "Gear ratio").value == -93.5
         assert figures(at) == 2
+
+    def test_a_mapping_is_taken_from_a_file_or_refused(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        (log,) = read_log(long_log(), "one.csv")
+        guess = guess_mapping(log).mapping
+        mine = replace(guess, joints=(replace(guess.joints[0], gear_ratio=-50.0),), torque_hold=True)
+        text = mapping_to_json(mine).encode()
+        uploader = at.file_uploader(key="import_mapping_file 0")
+        uploader.set_value(("m.json", text.replace(b"motor torque", b"effort"), "application/json"))
+        at = shown(at.run())
+        assert "m.json was not taken" in at.error[0].value
+        uploader = at.file_uploader(key="import_mapping_file 0")
+        uploader.set_value(("m.json", text, "application/json"))
+        at = shown(at.run())
+        assert not at.error
+        assert widget(at, "number_input", "Gear ratio").value == -50.0
+        assert widget(at, "checkbox", "Torque held").value is True
 
     def test_a_scope_of_simulink_shows_its_columns(self, page: AppTest) -> None:
         at = drop(page, ("scope.mat", mat_scope()))

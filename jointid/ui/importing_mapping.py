@@ -149,13 +149,14 @@ class _Entries:
         with st.container(border=True):
             left, right = st.columns(2, vertical_alignment="bottom")
             held = left.checkbox(
-                "The torque is held from sample to sample, as by a digital controller",
+                "Torque held from sample to sample",
                 self.base.torque_hold,
+                help="A digital controller's torque stays constant until its next sample.",
                 key=self._id("held"),
                 persist_state="session",
             )
             delay = right.number_input(
-                "The torque acts this much after its sample (ms)",
+                "Torque acts after its sample by (ms)",
                 value=1e3 * self.base.torque_delay_s,
                 format="%g",
                 key=self._id("delay"),
