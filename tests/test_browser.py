@@ -36,6 +36,9 @@ PAGES = {
     "Phasors": "Phasors",
     "Transfer_matrix": "Transfer matrix",
     "Elasticity": "Elasticity",
+    "Cut": "Cut",
+    "Plan": "Next experiment",
+    "Report": "Report and export",
     "Simulate": "Simulate a robot",
     "Import_a_log": "Import a log",
 }
