@@ -44,10 +44,11 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
     with right:
         names = list(log.names)
         time = proposed[0] if proposed else names[0]
-        curves = [name for name in proposed[1:] if name != time] or names[1:]
+        others = [name for name in names if name != time]
+        curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
         chosen = st.multiselect(
             "Columns in the picture",
-            [name for name in names if name != time],
+            others,
             default=curves[:_FEW_CURVES],
             key=f"import_curves {log.signature}",
             persist_state="session",
