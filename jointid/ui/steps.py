@@ -31,5 +31,5 @@ METHOD = (
 
 SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot whose springs are known.")
 IMPORT = Step(
-    "pages/9_Import_a_log.py", "Import a log", "One sine run from a CSV file of any controller."
+    "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
 )
