@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.elasticity import ElasticityFit
@@ -61,7 +61,7 @@ class PoseFits:
             return 1.0
         apart = (self.estimates - self.mean)[..., None]
         squares = float((apart.swapaxes(1, 2) @ np.linalg.solve(self.covariance, apart)).sum())
-        return float(chi2.sf(squares, freedom))
+        return float(chdtrc(freedom, squares))
 
 
 def fits_by_pose(

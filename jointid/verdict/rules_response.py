@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from jointid.arrays import Floats
 from jointid.joints import resonances
@@ -100,4 +99,6 @@ def _story(
 
 
 def _peaks(response: Floats) -> list[int]:
+    from scipy.signal import find_peaks  # slow to import, and few analyses come here
+
     return [int(p) for p in find_peaks(np.log(np.maximum(response, 1e-300)), prominence=_STANDS_OUT)[0]]
