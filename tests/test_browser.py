@@ -15,6 +15,7 @@ from typing import Literal
 from urllib.parse import urlsplit
 
 import pytest
+from clicks import choose
 from playwright.sync_api import BrowserContext, Page, Request, expect, sync_playwright
 
 from jointid import Study
@@ -189,8 +190,7 @@ def test_study_and_settings_survive_links_and_a_refresh(
 ) -> None:
     page = open_in(f"{address}/Elasticity?study=three+joints")
     finished(page, "Elasticity")
-    page.get_by_role("combobox", name="Estimator").click()
-    page.get_by_role("option", name="least-squares").click()
+    choose(page, "Estimator", "least-squares")
     expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
     sidebar = page.get_by_test_id("stSidebar")
     sidebar.get_by_role("link", name="Study", exact=True).click()

@@ -17,6 +17,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
+from clicks import choose
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from jointid import Study
@@ -146,8 +147,7 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
             assert workspace_of(page) == place
         expect(page.get_by_test_id("stMetric")).to_have_count(2)
         expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
-        page.get_by_role("combobox", name="Estimator").click()
-        page.get_by_role("option", name="least-squares").click()
+        choose(page, "Estimator", "least-squares")
         expect(page).to_have_url(re.compile("estimator=least-squares"), timeout=PATIENCE_MS)
         address = page.url
         server.kill()
