@@ -91,6 +91,12 @@ class Phasors:
         gaps = np.flatnonzero(np.diff(ordered) > 1e-9 * ordered[:-1]) + 1
         return [(float(self.omega[group[0]]), group) for group in np.split(order, gaps)]
 
+    def series(self) -> list[np.ndarray]:
+        """Indices of the first record of every frequency, then of the second ones, and so on."""
+        groups = [group for _, group in self.by_frequency()]
+        most = max(group.size for group in groups)
+        return [np.array([g[k] for g in groups if g.size > k]) for k in range(most)]
+
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]

@@ -81,6 +81,10 @@ class Study:
                     f"{what} has {joints.n} joint(s), the study's inertia has {self.inertia.n}."
                 )
 
+    def of_pose(self, pose: str) -> np.ndarray:
+        """Which records were measured in a pose, shape (r,); "" means those without one."""
+        return np.array([(record.pose or "") == pose for record in self.records])
+
     @property
     def inertias(self) -> Sequence[Inertia]:
         """The inertia that each record was measured with, by its pose."""
@@ -152,10 +156,9 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
 def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
     matrices, problem = {}, ""
-    pose_of = np.array([record.pose or "" for record in study.records])
-    for pose in dict.fromkeys(pose_of.tolist()):
+    for pose in dict.fromkeys(record.pose or "" for record in study.records):
         try:
-            matrices[pose] = estimate_transfer_matrix(phasors.select(pose_of == pose))
+            matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
         except JointIdError as error:  # K and D may well be found without H
             problem = str(error)
     return matrices, problem

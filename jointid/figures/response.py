@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import plotly.graph_objects as go
@@ -78,12 +77,12 @@ def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool 
 
     The other joints' controllers are in it; drawn to the scale of ``element_response``.
     """
-    rows = _of_pose(analysis, pose)
+    rows = analysis.study.of_pose(pose)
     omega = analysis.phasors.omega[rows]
     response = single_record_response(analysis.phasors)[rows, joint]
     ink = colours(dark)
     curves = []
-    for k, index in enumerate(_series(omega)):
+    for k, index in enumerate(analysis.phasors.select(rows).series()):
         f = omega[index] / (2 * np.pi)
         name = "each record alone" if k == 0 else f"record {k + 1} of each frequency"
         symbol = _OPEN_SYMBOLS[k % len(_OPEN_SYMBOLS)]
@@ -140,7 +139,7 @@ def _measured(matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, 
 def _models(analysis: Analysis, pose: str, i: int, j: int, dark: bool) -> list[_Curve]:
     """Identified over nominal; an estimate that is no spring has no model."""
     inertia = analysis.study.poses[pose] if pose else analysis.study.inertia
-    measured = analysis.phasors.omega[_of_pose(analysis, pose)] / (2 * np.pi)
+    measured = analysis.phasors.omega[analysis.study.of_pose(pose)] / (2 * np.pi)
     ink = colours(dark)
     curves = []
     if analysis.study.nominal is not None:
@@ -259,7 +258,7 @@ def _magnitudes(analysis: Analysis, pose: str, joint: int) -> tuple[float, float
     for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
         if pose in matrices:
             robot.append(np.abs(matrices[pose].H[:, joint, joint]))
-    single = np.abs(single_record_response(analysis.phasors)[_of_pose(analysis, pose), joint])
+    single = np.abs(single_record_response(analysis.phasors)[analysis.study.of_pose(pose), joint])
     every = np.concatenate(robot) if robot else single
     every = every[np.isfinite(every) & (every > 0)]
     if not every.size:
@@ -276,20 +275,6 @@ def _log_range(limits: tuple[float, float]) -> list[float]:
 def _frequencies(curves: Iterable[_Curve]) -> Floats:
     measured = [c.frequency_hz for c in curves if c.symbol]
     return np.concatenate(measured)
-
-
-def _of_pose(analysis: Analysis, pose: str) -> np.ndarray:
-    return np.array([(record.pose or "") == pose for record in analysis.study.records])
-
-
-def _series(omega: Floats) -> list[np.ndarray]:
-    """First records of every frequency, then the second ones, and so on."""
-    order = np.argsort(omega, kind="stable")
-    place = np.zeros(omega.size, int)
-    for before, after in pairwise(order):
-        same = abs(omega[after] - omega[before]) <= 1e-9 * omega[after]
-        place[after] = place[before] + 1 if same else 0
-    return [order[place[order] == k] for k in range(int(place.max(initial=0)) + 1)]
 
 
 def _renamed(curve: _Curve, name: str) -> _Curve:

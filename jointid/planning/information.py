@@ -15,7 +15,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.elasticity import ElasticityFit
 from jointid.friction import friction_waveforms
-from jointid.joints import Inertia
+from jointid.joints import Inertia, motor_impedance
 from jointid.phasors import MANY_HARMONICS, Phasors
 from jointid.uncertainty.chosen_model import free_reversal
 from jointid.uncertainty.validation import freed_phasors
@@ -92,14 +92,13 @@ def record_information(
     fit, n, r = now.fit, q.shape[1], omega.size
     rubs = fit.friction is not None
     orders = np.arange(1, (MANY_HARMONICS if rubs else 1) + 1)
-    s = 1j * np.multiply.outer(omega, orders)
+    s = np.asarray(1j * np.multiply.outer(omega, orders))
     C = now.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
     arm = np.linalg.inv(np.array([i.M2 for i in inertias]))[:, None]
-    M = np.array([i.M for i in inertias])[:, None, :, None]
+    M = np.array([i.M for i in inertias])[:, None]
     spring = fit.K + s[..., None] * fit.D
     s2 = (s * s)[..., None, None]
-    stiff = np.linalg.inv(arm + s2 * np.eye(n) / spring[..., None])
-    Z = s2 * (M * np.eye(n) + stiff)
+    Z, stiff = motor_impedance(s, M, arm, fit.K, fit.D)
     E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
     V = E @ C @ E.conj().swapaxes(2, 3)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -56,10 +55,10 @@ def element_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
 
 def single_record_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     """H_jj of the models, then acceleration over torque of one joint from each record alone."""
-    rows = _of_pose(analysis, pose)
+    rows = analysis.study.of_pose(pose)
     omega = analysis.phasors.omega[rows]
     response = single_record_response(analysis.phasors)[rows, joint]
-    series = _series(omega)
+    series = analysis.phasors.select(rows).series()
     curves = _models(analysis, pose, joint)
     for k, index in enumerate(series):
         name = "each record alone" if len(series) == 1 else f"record {k + 1} alone"
@@ -80,7 +79,7 @@ def _points(
 def _models(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     """Nominal and identified H_jj; an estimate that is no spring has no model."""
     inertia = analysis.study.poses[pose] if pose else analysis.study.inertia
-    band = band_of(analysis.phasors.omega[_of_pose(analysis, pose)] / (2 * np.pi))
+    band = band_of(analysis.phasors.omega[analysis.study.of_pose(pose)] / (2 * np.pi))
     curves = []
     if analysis.study.nominal is not None:
         f, H = _model(band, inertia, analysis.study.nominal)
@@ -115,7 +114,7 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
     for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
         if pose in matrices:
             sizes.append(np.abs(matrices[pose].H[:, joint, joint]))
-    single = np.abs(single_record_response(analysis.phasors)[_of_pose(analysis, pose), joint])
+    single = np.abs(single_record_response(analysis.phasors)[analysis.study.of_pose(pose), joint])
     every = np.concatenate(sizes) if sizes else single
     every = every[np.isfinite(every) & (every > 0)]
     if not every.size:
@@ -135,17 +134,3 @@ def phase_of(curve: Curve, curves: Sequence[Curve]) -> Floats:
         unwrapped -= 360 * np.round((np.median(unwrapped) - 90) / 360)
         centre = np.interp(np.log(curve.frequency_hz), np.log(reference.frequency_hz), unwrapped)
     return np.asarray(centre + (angle - centre + 180) % 360 - 180)
-
-
-def _of_pose(analysis: Analysis, pose: str) -> np.ndarray:
-    return np.array([(record.pose or "") == pose for record in analysis.study.records])
-
-
-def _series(omega: Floats) -> list[np.ndarray]:
-    """First records of every frequency, then the second ones, and so on."""
-    order = np.argsort(omega, kind="stable")
-    place = np.zeros(omega.size, int)
-    for before, after in pairwise(order):
-        same = abs(omega[after] - omega[before]) <= 1e-9 * omega[after]
-        place[after] = place[before] + 1 if same else 0
-    return [order[place[order] == k] for k in range(int(place.max(initial=0)) + 1)]
