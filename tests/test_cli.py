@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from jointid import Study, analyse, load_study, resonances
 from jointid.cli import app
-from jointid.cli_results import finite, inertia_from, write_file
+from jointid.cli.files import inertia_from, write_file
+from jointid.cli.output import finite
 from jointid.digest import study_digest
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
@@ -165,6 +166,16 @@ def test_cut_of_a_study(study: Path, here: Path) -> None:
     assert (here / "cut.svg").read_text("utf-8").startswith("<svg")
 
 
+def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
+    said = {
+        "Direct: the study's inertias are those of the example arm": ["cut", study],
+        "Springs: the study's K and D apply": ["cut", study, "--drive", "serial"],
+        "Demonstration: nothing here is of a study": ["cut", one_joint],
+    }
+    for text, command in said.items():
+        assert text in ok(*command, "--zones-mm", "5"), text
+
+
 def test_cut_without_a_study_shows_the_papers_values() -> None:
     document = json.loads(ok("cut", "--zones-mm", "10", "--assumed", "stiff", "--json"))
     assert document["K"] == [43.0, 7.5]
@@ -248,6 +259,24 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     np.testing.assert_allclose(K, analyse(known).fit.K, rtol=2e-3)
 
 
+def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study], here: Path) -> None:
+    (here / "log.csv").write_text(log_text(studies[1]), "utf-8")
+    noise = np.random.default_rng(3).standard_normal((2000, 2))
+    rows = [f"{t:d};{q:.6f};{u:.6f}" for t, (q, u) in enumerate(noise)]
+    head = "time [ms];position joint 1 [deg];torque motor 1 [Nm]"
+    (here / "noise.csv").write_text("\n".join([head, *rows]), "utf-8")
+    (here / "robot.toml").write_text("M = [0.003]\nM2 = [[0.005]]\n", "utf-8")
+    ok("convert", "log.csv", "--guess", "mapping.json")
+    given = ["--mapping", "mapping.json", "--inertia", "robot.toml", "-o", "new.zip"]
+    message = refused(1, "convert", "noise.csv", *given)
+    assert "noise.csv: no steady sine run in 2.00 s of log." in message
+    assert "page Import a log" in message
+    assert not (here / "new.zip").exists()
+    document = json.loads(ok("convert", "noise.csv", "log.csv", *given, "--json"))
+    assert document["notes"] == ["noise.csv: no steady sine run in 2.00 s of log."]
+    assert all("log.csv" in record["label"] for record in document["records"])
+
+
 # --- the program itself
 
 
@@ -299,7 +328,7 @@ def test_the_app_of_the_checkout_is_started(monkeypatch: pytest.MonkeyPatch) -> 
         called.append((command, more["cwd"]))
         return subprocess.CompletedProcess(command, 0)
 
-    monkeypatch.setattr("jointid.cli.subprocess.run", started)
+    monkeypatch.setattr(subprocess, "run", started)
     ok("app", "--port", 8600)
     ((command, folder),) = called
     assert command[1:4] == ["-m", "streamlit", "run"]

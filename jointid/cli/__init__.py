@@ -1,0 +1,22 @@
+"""The command line: jointid identify, simulate, cut, report, export, convert, plan, batch, app.
+
+Exit codes: 0 done, 1 the input cannot be used, 2 the command was not understood, 130 interrupted.
+Messages and progress go to standard error; standard output holds the result, with --json nothing but
+JSON.
+"""
+
+from jointid.cli.convert import convert
+from jointid.cli.cut import cut
+from jointid.cli.export import export
+from jointid.cli.identify import identify
+from jointid.cli.plan import plan
+from jointid.cli.program import app
+from jointid.cli.report import report
+from jointid.cli.simulate import simulate
+from jointid.cli.start_app import start_app
+
+__all__ = ["app"]
+
+for _command in (identify, simulate, cut, report, export, plan, convert):
+    app.command()(_command)
+app.command(name="app")(start_app)

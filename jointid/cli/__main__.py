@@ -1,0 +1,5 @@
+"""python -m jointid.cli."""
+
+from jointid.cli import app
+
+app()

@@ -1,0 +1,107 @@
+"""jointid convert."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from jointid.cli.documents import study_document
+from jointid.cli.files import inertia_from, require_free, write_file
+from jointid.cli.options import JSON, numbers
+from jointid.cli.output import made, print_json, print_table, status
+from jointid.cli.program import reported
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.rounding import significant
+from jointid.study import Study
+
+
+@reported
+def convert(
+    logs: Annotated[list[Path], typer.Argument(help="Logs with the same columns.", show_default=False)],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="New study: a folder or a .zip.")
+    ] = None,
+    mapping: Annotated[
+        Path | None, typer.Option(help="JSON that says which column is what, as --guess writes it.")
+    ] = None,
+    guess: Annotated[
+        Path | None, typer.Option(help="Write the guessed mapping to this file and stop.")
+    ] = None,
+    inertia: Annotated[
+        Path | None, typer.Option(help="TOML with M and M2 (motor side, kg·m²), or a study.")
+    ] = None,
+    nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
+    nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
+    name: Annotated[str, typer.Option(help="Name of the study.")] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Make a study of the sine runs in any controller's logs."""
+    if (guess is None) == (mapping is None):
+        raise typer.BadParameter(
+            "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
+        )
+    from jointid import Elasticity, save_study
+    from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
+
+    with status("Reading", quiet=as_json):
+        tables = [read_log(log)[0] for log in logs]
+    if guess is not None:
+        guessed = guess_mapping(tables[0])
+        write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
+        if as_json:
+            print_json(
+                {
+                    "mapping": json.loads(mapping_to_json(guessed.mapping)),
+                    "reasons": [
+                        {"what": r.what, "text": r.text, "sure": r.sure} for r in guessed.reasons
+                    ],
+                }
+            )
+            return
+        rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
+        print_table(["entry", "", "reason"], rows)
+        print(f"\n{guess} is written. Correct it, then: jointid convert … --mapping {guess}")
+        return
+    if mapping is None or output is None or inertia is None:
+        raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
+    nominal = None
+    if nominal_K or nominal_D:
+        nominal = Elasticity(K=numbers(nominal_K), D=numbers(nominal_D))
+    known = inertia_from(inertia)
+    chosen = mapping_from_json(mapping.read_bytes())
+    require_free(output, overwrite)
+    with status("Looking for sine runs", quiet=as_json):
+        study, notes = mapped_study(tables, chosen, known, nominal, name)
+    save_study(study, output, overwrite=overwrite)
+    made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
+    for note in notes:
+        typer.echo(note, err=True)
+
+
+def mapped_study(
+    tables: Sequence[Any], mapping: Any, inertia: Inertia, nominal: Elasticity | None, name: str
+) -> tuple[Study, tuple[str, ...]]:
+    """Study of the sine segments of several logs with the same columns, and what was left out."""
+    from jointid.importing import apply_mapping, find_segments, study_from_logs
+
+    logs = [apply_mapping(table, mapping) for table in tables]
+    segments = [find_segments(log) for log in logs]
+    without = [
+        f"{log.name}: no steady sine run in {significant(log.time_s[-1] - log.time_s[0], 3)} s of log."
+        for log, found in zip(logs, segments, strict=True)
+        if not found
+    ]
+    if len(without) == len(logs):
+        raise JointIdError(
+            f"{' '.join(without)} The method needs steady sines of a few periods. Check in the mapping "
+            "which columns are position and torque, and the unit of time; a run that is there all the "
+            "same can be marked by its start and stop in the app, page Import a log."
+        )
+    study = study_from_logs(logs, segments, inertia, nominal=nominal, name=name)
+    return study, (*without, *(f"{log.name}: {note}" for log in logs for note in log.notes))

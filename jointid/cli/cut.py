@@ -1,0 +1,142 @@
+"""jointid cut."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from jointid.cli.files import analysed, write_file
+from jointid.cli.options import JSON, METHOD, numbers
+from jointid.cli.output import print_json, print_table, progress
+from jointid.cli.program import reported
+
+DEMONSTRATED_ERRORS = (0.005, 0.005, 0.025, 0.025)
+"""Relative standard errors of K1, K2, D1, D2 of a cut without a study."""
+
+_MEANING = {
+    "direct": "the study's inertias are those of the example arm where it cuts, with a {drive} drive: "
+    "its K and D apply as they are.",
+    "springs": "the study's K and D apply as they are, but its inertias are those of the other drive: "
+    "the arm that cuts is not the study's robot.",
+    "relative": "the study's robot has other inertias than the example arm, and its geometry is not "
+    "known. The example arm cuts with the paper's stiffnesses; the ratios of nominal to identified "
+    "values, D/K and the relative errors are the study's.",
+    "demonstration": "nothing here is of a study of two joints. The example arm cuts with the paper's K "
+    "and D, as if they were known within 1 % and 5 %.",
+}
+"""What each rule of ``jointid.cut.outcome`` means, by its name."""
+
+
+@reported
+def cut(
+    study: Annotated[Path | None, typer.Argument(help="Study; else the paper's K and D.")] = None,
+    zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
+    assumed: Annotated[
+        str, typer.Option(help="Servo before: study (its nominal values), rigid, soft, stiff.")
+    ] = "",
+    drive: Annotated[str, typer.Option(help="parallelogram, serial; by default the study's.")] = "",
+    svg: Annotated[Path | None, typer.Option(help="Write the picture (Figure 7).")] = None,
+    method: Annotated[str, METHOD] = "auto",
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Cut the paper's rectangle before and after the identification, simulated."""
+    from jointid.cut.outcome import cut_robot, millimetres
+
+    zones = numbers(zones_mm)
+    if drive not in ("", "parallelogram", "serial"):
+        raise typer.BadParameter(f'--drive "{drive}": expected parallelogram or serial.')
+    if assumed not in ("", "study", "rigid", "soft", "stiff"):
+        raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
+    if study is None:
+        robot = demonstration_robot(drive or None)
+    else:
+        analysis = analysed(study, method, quiet=as_json)
+        robot = cut_robot(analysis, drive or None)  # type: ignore[arg-type]
+    choice = assumed or ("study" if robot.nominal else "soft" if study is None else "rigid")
+    with progress("Cutting", quiet=as_json) as tell:
+        document, outcomes = cut_results(robot, choice, zones, tell)
+    document["assumption"] = choice
+    document["meaning"] = meaning = _MEANING[robot.rule].format(drive=robot.arm.drive)
+    if svg is not None:
+        from jointid.reporting.curves import IDENTIFIED, NOMINAL
+        from jointid.reporting.drawing import to_svg
+        from jointid.reporting.figures import cut_figure
+
+        labels = [f"corner zone {zone:g} mm" for zone in zones]
+        rows = [
+            (f"Before: {choice}", NOMINAL, [*zip(labels, (o.before for o in outcomes), strict=True)]),
+            ("After", IDENTIFIED, [*zip(labels, (o.after for o in outcomes), strict=True)]),
+        ]
+        write_file(svg, to_svg(cut_figure(rows)).encode())
+    if as_json:
+        print_json(document)
+        return
+    robots = "study" if study is not None else "no study: the paper's K and D on the example arm"
+    print(f"Largest path error, simulated ({robots}; rule: {robot.rule}, servo before: {choice})")
+    print(f"{robot.rule.capitalize()}: {meaning}\n")
+    columns = ["corner zone", "before", "after (95 % stay below)"]
+    cells = [
+        [f"{zone:g} mm", millimetres(o.before_m), millimetres(o.after_m)]
+        for zone, o in zip(zones, outcomes, strict=True)
+    ]
+    print_table(columns, cells, right=(0, 1, 2))
+    for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
+        print(f"\nThe promise after is not known: {problem}")
+
+
+def demonstration_robot(drive: str | None) -> Any:
+    """The paper's K and D on the example arm, as if known within 1 % and 5 %."""
+    from jointid.cut.arm import PlanarArm
+    from jointid.cut.outcome import PAPER, CutRobot
+
+    value = np.concatenate([PAPER.K, PAPER.D])
+    covariance = np.diag((np.array(DEMONSTRATED_ERRORS) * value) ** 2)
+    arm = PlanarArm.example("serial" if drive == "serial" else "parallelogram")
+    return CutRobot("demonstration", arm, PAPER, covariance, None, None)
+
+
+def cut_results(
+    robot: Any, assumption: str, zones_mm: Sequence[float], progress: Callable[[float], None]
+) -> tuple[dict[str, Any], list[Any]]:
+    """Cut the paper's rectangle with several corner zones, before and after.
+
+    Returns
+    -------
+    document : dict
+        Path errors in mm, zone by zone.
+    outcomes : list of Outcome
+        One per zone.
+    """
+    from jointid.cut.outcome import CUTTING_POINT_M, assumed_elasticity, cut_outcome
+    from jointid.cut.toolpath import rectangle
+
+    assumed = assumed_elasticity(robot, assumption)  # type: ignore[arg-type]  # checked there
+    rows, outcomes = [], []
+    for k, zone in enumerate(zones_mm):
+        path = rectangle(zone_m=1e-3 * zone, centre_m=CUTTING_POINT_M)
+        outcome = cut_outcome(robot, path, assumed, friction=robot.friction)
+        outcomes.append(outcome)
+        rows.append(
+            {
+                "zone_mm": zone,
+                "before_mm": 1e3 * outcome.before_m,
+                "after_mm": 1e3 * outcome.after_m,
+                "before_tracking_mm": 1e3 * outcome.before.max_tracking_error_m,
+                "after_tracking_mm": 1e3 * outcome.after.max_tracking_error_m,
+                "problem": outcome.problem,
+            }
+        )
+        progress((k + 1) / len(zones_mm))
+    document = {
+        "rule": robot.rule,
+        "drive": robot.arm.drive,
+        "K": robot.elasticity.K.tolist(),
+        "D": robot.elasticity.D.tolist(),
+        "assumed": None if assumed is None else {"K": assumed.K.tolist(), "D": assumed.D.tolist()},
+        "cuts": rows,
+    }
+    return document, outcomes

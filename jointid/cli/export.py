@@ -1,0 +1,84 @@
+"""jointid export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from jointid.cli.files import analysed, write_file
+from jointid.cli.options import JSON, METHOD, STUDY, numbers
+from jointid.cli.output import written
+from jointid.cli.program import reported
+from jointid.study import Analysis
+
+if TYPE_CHECKING:
+    from jointid.exporting import Identification
+
+_ENDINGS = (".phasors.csv", ".h.csv", ".json", ".toml", ".mat", ".zip", ".xml", ".urdf", ".sdf")
+
+
+@reported
+def export(
+    study: Annotated[Path, STUDY],
+    output: Annotated[
+        list[Path],
+        typer.Option(
+            "--output",
+            "-o",
+            help="Files; the ending says what: .json, .toml (K, D and how they were obtained), .mat, "
+            ".phasors.csv, .H.csv, .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
+        ),
+    ],
+    gear_ratio: Annotated[
+        str, typer.Option(help="Motor turns per joint turn, for .xml, .urdf and .sdf.")
+    ] = "",
+    method: Annotated[str, METHOD] = "auto",
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Write results for other tools."""
+
+    ratio = numbers(gear_ratio) if gear_ratio else None
+    for file in output:
+        ending = _ending(file)
+        if ending in (".xml", ".urdf", ".sdf") and ratio is None:
+            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+    analysis = analysed(study, method, quiet=as_json)
+    from jointid.exporting import identification
+
+    result = identification(analysis)
+    for file in output:
+        write_file(file, _exported(_ending(file), analysis, result, ratio))
+    written(output, as_json)
+
+
+def _ending(file: Path) -> str:
+    for ending in _ENDINGS:
+        if file.name.lower().endswith(ending):
+            return ending
+    raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {', '.join(_ENDINGS)}.")
+
+
+def _exported(
+    ending: str, analysis: Analysis, result: Identification, ratio: list[float] | None
+) -> bytes:
+    from jointid import exporting
+
+    if ending == ".mat":
+        return exporting.to_mat(analysis)
+    if ending == ".zip":
+        from jointid.study_files import pack_study
+
+        return pack_study(analysis.study)
+    if ending in (".phasors.csv", ".h.csv"):
+        table = exporting.phasor_table if ending == ".phasors.csv" else exporting.transfer_matrix_table
+        return table(analysis).encode()
+    if ending in (".json", ".toml"):
+        return (exporting.to_json if ending == ".json" else exporting.to_toml)(result).encode()
+    snippets = {
+        ".xml": exporting.mujoco_snippet,
+        ".urdf": exporting.urdf_snippet,
+        ".sdf": exporting.sdf_snippet,
+    }
+    return snippets[ending](result, ratio or []).encode()

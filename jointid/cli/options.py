@@ -1,0 +1,29 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+import typer
+
+from jointid.elasticity import METHODS
+
+
+def known_method(value: str) -> str:
+    """Name of an estimator."""
+    if value not in METHODS:
+        raise typer.BadParameter(f'"{value}" is not known. Methods: {", ".join(METHODS)}.')
+    return value
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers with commas between them."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(
+            f'"{text}": expected numbers with commas between, as in 43,7.5'
+        ) from None
+
+
+STUDY = typer.Argument(help="Study: a folder or a .zip.", show_default=False)
+METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
+JSON = typer.Option("--json", help="Print JSON and nothing else.")

@@ -1,0 +1,88 @@
+"""What is printed: tables for people, JSON for machines, progress on standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from jointid.study import Study
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """Print a document, and nothing else, on standard output."""
+    print(json.dumps(finite(document), indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def finite(value: Any) -> Any:
+    """The same document with null in place of numbers that JSON cannot hold."""
+    if isinstance(value, Mapping):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, ...] = ()) -> None:
+    """Print rows under a header; the columns ``right`` hold numbers."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for k, title in enumerate(header):
+        table.add_column(Text(title), justify="right" if k in right else "left")
+    for row in rows:
+        table.add_row(*(Text(cell) for cell in row))
+    Console(width=None if sys.stdout.isatty() else 200).print(table)
+
+
+@contextmanager
+def status(what: str, *, quiet: bool) -> Iterator[None]:
+    """Say what is being done, to a person at a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+@contextmanager
+def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
+    """A bar with the time that is left, to a person at a terminal."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda fraction: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def made(document: dict[str, Any], study: Study, as_json: bool) -> None:
+    """Say what a new study holds."""
+    if as_json:
+        print_json(document)
+        return
+    count, n = len(study.records), study.inertia.n
+    print(f"{document['study']}: {count} records of {n} joint(s), digest {document['digest']}")
+
+
+def written(files: list[Path], as_json: bool) -> None:
+    """Say which files were written."""
+    if as_json:
+        print_json({"written": [str(file) for file in files]})
+        return
+    for file in files:
+        print(f"{file}: {file.stat().st_size} bytes")

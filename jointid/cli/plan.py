@@ -1,0 +1,100 @@
+"""jointid plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from jointid.cli.files import loaded
+from jointid.cli.options import JSON, METHOD, STUDY, numbers
+from jointid.cli.output import print_json, print_table, status
+from jointid.cli.program import reported
+from jointid.elasticity import identify_elasticity
+from jointid.study import Study
+
+
+@reported
+def plan(
+    study: Annotated[Path, STUDY],
+    count: Annotated[int, typer.Option(min=1, max=50, help="How many records.")] = 3,
+    duration_s: Annotated[float, typer.Option(help="Length of each.")] = 4.0,
+    torque_limit: Annotated[str, typer.Option(help="Largest amplitudes, N·m; else as so far.")] = "",
+    velocity_limit: Annotated[str, typer.Option(help="Largest amplitudes, rad/s; else as so far.")] = "",
+    method: Annotated[str, METHOD] = "auto",
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Say which records to make next, and what they would bring."""
+
+    torque = numbers(torque_limit) if torque_limit else None
+    velocity = numbers(velocity_limit) if velocity_limit else None
+    known = loaded(study)
+    with status("Planning", quiet=as_json):
+        document = plan_document(
+            known,
+            method=method,
+            count=count,
+            duration_s=duration_s,
+            torque_limit=torque,
+            velocity_limit=velocity,
+        )
+    if as_json:
+        print_json(document)
+        return
+    names = document["parameters"]
+    rows = [["today", "", "", *(f"{100 * e:.2g} %" for e in document["relative_error_today"])]]
+    for k, record in enumerate(document["records"], start=1):
+        pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
+        torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
+        errors = (f"{100 * e:.2g} %" for e in record["relative_error_after"])
+        rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
+    print("Records to make next, and the relative standard errors after each\n")
+    print_table(
+        ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
+    )
+
+
+def plan_document(
+    study: Study,
+    *,
+    method: str,
+    count: int,
+    duration_s: float,
+    torque_limit: Sequence[float] | None,
+    velocity_limit: Sequence[float] | None,
+) -> dict[str, Any]:
+    """Records to make next, and how well K and D would be known after each."""
+    from jointid.phasors import extract_phasors
+    from jointid.planning.plan import suggest_records
+
+    phasors = extract_phasors(study.records)
+    fit = identify_elasticity(phasors, study.inertias, method=method)
+    suggestion = suggest_records(
+        phasors,
+        study.inertias,
+        fit,
+        count=count,
+        duration_s=duration_s,
+        torque_limit_Nm=torque_limit,
+        velocity_limit_rad_s=velocity_limit,
+    )
+    records, errors = suggestion.records, suggestion.relative_error
+    return {
+        "parameters": list(suggestion.names),
+        "relative_error_today": errors[0].tolist(),
+        "records": [
+            {
+                "frequency_hz": float(records.frequency_hz[k]),
+                "duration_s": float(records.duration_s[k]),
+                "torque_Nm": np.abs(records.torque_Nm[k]).tolist(),
+                "torque_phase_deg": np.degrees(np.angle(records.torque_Nm[k])).tolist(),
+                "angle_rad": np.abs(records.angle_rad[k]).tolist(),
+                "angle_phase_deg": np.degrees(np.angle(records.angle_rad[k])).tolist(),
+                "relative_error_after": errors[k + 1].tolist(),
+            }
+            for k in range(records.frequency_hz.size)
+        ],
+    }

@@ -1,0 +1,71 @@
+"""The program itself: its help, its version, one clear message instead of a traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, ParamSpec, TypeVar
+
+import typer
+
+from jointid.errors import JointIdError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+app = typer.Typer(
+    name="jointid",
+    help="Stiffness and damping of elastic robot joints, and what knowing them is worth on the path.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from jointid.exporting.identification import software_version
+
+        print(f"jointid {software_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Say which version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def reported(command: Callable[P, R]) -> Callable[P, R]:
+    """One clear message instead of a traceback."""
+
+    @wraps(command)
+    def reported(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            return command(*args, **kwargs)
+        except JointIdError as error:
+            message = str(error)
+        except BrokenPipeError:  # whoever read the output has seen enough
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit from None
+        except OSError as error:
+            message = f"{error.filename or 'File'}: {error.strerror or error}."
+        except (typer.Exit, typer.Abort, typer.BadParameter):
+            raise
+        except Exception as error:
+            if os.environ.get("JOINTID_DEBUG"):
+                raise
+            message = (
+                f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid; "
+                "with JOINTID_DEBUG=1 it shows where."
+            )
+        typer.echo(f"Error: {message}", err=True)
+        raise typer.Exit(1)
+
+    return reported

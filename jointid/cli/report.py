@@ -1,0 +1,40 @@
+"""jointid report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jointid.cli.files import analysed, write_file
+from jointid.cli.options import JSON, METHOD, STUDY
+from jointid.cli.output import status, written
+from jointid.cli.program import reported
+
+
+@reported
+def report(
+    study: Annotated[Path, STUDY],
+    output: Annotated[
+        list[Path] | None, typer.Option("--output", "-o", help="Files that end in .html or .pdf.")
+    ] = None,
+    with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Simulate Figure 7.")] = True,
+    method: Annotated[str, METHOD] = "auto",
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Write a report to hand on, as one HTML file or as PDF."""
+
+    files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
+    for file in files:
+        if file.suffix.lower() not in (".html", ".htm", ".pdf"):
+            raise typer.BadParameter(f"--output {file}: expected a name that ends in .html or .pdf.")
+    analysis = analysed(study, method, quiet=as_json)
+    from jointid.reporting.report import make_report, to_html, to_pdf
+
+    with status("Writing the report", quiet=as_json):
+        made = make_report(analysis, cut=with_cut)
+        for file in files:
+            pdf = file.suffix.lower() == ".pdf"
+            write_file(file, to_pdf(made) if pdf else to_html(made).encode())
+    written(files, as_json)

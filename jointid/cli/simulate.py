@@ -1,0 +1,90 @@
+"""jointid simulate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jointid.cli.documents import study_document
+from jointid.cli.files import inertia_from, require_free
+from jointid.cli.options import JSON, numbers
+from jointid.cli.output import made, progress
+from jointid.cli.program import reported
+from jointid.errors import JointIdError
+
+
+@reported
+def simulate(
+    output: Annotated[Path, typer.Argument(help="New study: a folder or a .zip.", show_default=False)],
+    inertia: Annotated[
+        Path | None,
+        typer.Option(help="TOML with M and M2 (motor side, kg·m²), or a study; else the example arm."),
+    ] = None,
+    drive: Annotated[str, typer.Option(help="Drive of the example arm: parallelogram, serial.")] = (
+        "parallelogram"
+    ),
+    stiffness: Annotated[str, typer.Option("--K", help="True stiffness, N·m/rad.")] = "43,7.5",
+    damping: Annotated[str, typer.Option("--D", help="True damping, N·m·s/rad.")] = "0.10,0.015",
+    nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
+    nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
+    from_hz: Annotated[float, typer.Option(help="Lowest frequency.")] = 3.0,
+    to_hz: Annotated[float, typer.Option(help="Highest frequency.")] = 30.0,
+    count: Annotated[int, typer.Option(min=1, max=500, help="Frequencies between them.")] = 18,
+    periods: Annotated[float, typer.Option(help="Length of each record in periods.")] = 12.5,
+    coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
+    viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
+    encoder_counts: Annotated[int, typer.Option(help="Per motor turn; 0 is ideal.")] = 65536,
+    torque_noise: Annotated[str, typer.Option(help="Standard deviation, N·m.")] = "0.01",
+    delay_ms: Annotated[float, typer.Option(help="Torque delay.")] = 0.0,
+    sample_rate_hz: Annotated[float, typer.Option(help="Of control and log.")] = 2000.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Make a study from the simulated robot under joint control."""
+    import numpy as np
+
+    from jointid import (
+        Controller,
+        Elasticity,
+        Excitation,
+        Measurement,
+        MotorFriction,
+        PlanarArm,
+        Study,
+        save_study,
+        simulate_records,
+    )
+
+    lists = {k: numbers(v) for k, v in {"K": stiffness, "D": damping}.items()}
+    friction = MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
+    noise = numbers(torque_noise)
+    nominal = None
+    if nominal_K or nominal_D:
+        nominal = Elasticity(K=numbers(nominal_K), D=numbers(nominal_D))
+    if inertia is None:
+        arm = PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
+        known = arm.inertia(arm.inverse((1.15, 0.0)))
+    else:
+        known = inertia_from(inertia)
+    require_free(output, overwrite)
+    if not 0 < from_hz <= to_hz:
+        raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
+    with progress("Simulating", quiet=as_json) as tell:
+        records = simulate_records(
+            known,
+            Elasticity(**lists),
+            np.unique(np.geomspace(from_hz, to_hz, count).round(6)),
+            excitation=Excitation(periods=periods),
+            controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
+            friction=friction,
+            measurement=Measurement(encoder_counts=encoder_counts or None, torque_noise_Nm=noise),
+            seed=seed,
+            progress=tell,
+        )
+    study = Study(records=records, inertia=known, nominal=nominal, name=name, origin="simulated")
+    save_study(study, output, overwrite=overwrite)
+    made(study_document(study, output), study, as_json)
