@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 import re
 import tomllib
@@ -70,6 +71,14 @@ class CheckedTable:
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""
         return self._number(key, self._get(key, default))
+
+    def date(self, key: str) -> datetime.date | datetime.datetime:
+        """Return a date, or a date with its time of day."""
+        value = self._get(key)
+        if not isinstance(value, datetime.date):  # a datetime is one, too; a time of day alone is none
+            found = str(value) if isinstance(value, datetime.time) else value
+            raise self._wrong_type(key, found, "a date without quotes")
+        return value
 
     def numbers(self, key: str) -> list[float]:
         """Return a list of finite numbers; a single number counts as a list of one."""

@@ -21,7 +21,8 @@ class _Hash(Protocol):
 def study_digest(study: Study) -> str:
     """Return a key under which results of a study may be cached.
 
-    Every value counts to its last bit: samples, frequencies, timing, inertias, nominal values, names.
+    Every value counts to its last bit: samples, frequencies, timing, inertias, nominal values, names,
+    robot and date.
 
     Parameters
     ----------
@@ -34,6 +35,8 @@ def study_digest(study: Study) -> str:
     """
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))
+    if study.robot or study.date is not None:  # a study without them keeps the digest it always had
+        _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
     _inertias(state, [study.inertia, *study.poses.values()])
     _texts(state, study.poses)
     _elasticity(state, study.nominal)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -36,11 +37,16 @@ class Study:
         A sentence or two for the reader.
     poses : mapping of str to Inertia, optional
         Inertia of each named pose.
+    robot : str, default ""
+        Which robot it is, to tell robots of a fleet apart and to follow one over time.
+    date : date or datetime, optional
+        When it was measured; a datetime's offset from UTC, if it has one, in whole minutes.
 
     Raises
     ------
     JointIdError
-        When a record's joints or pose do not fit, or there is no record.
+        When a record's joints or pose do not fit, there is no record, or the robot is no text or the
+        date no date.
     """
 
     records: tuple[SineRecord, ...]
@@ -50,6 +56,8 @@ class Study:
     origin: str = ""
     description: str = ""
     poses: Mapping[str, Inertia] = field(default_factory=dict)
+    robot: str = ""
+    date: datetime.date | datetime.datetime | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -64,6 +72,9 @@ class Study:
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'
             )
+        if not isinstance(self.robot, str):
+            raise JointIdError(f"robot = {self.robot!r:.60}: expected a text such as cell 7, robot A.")
+        _require_date(self.date)
         for number, record in enumerate(self.records, start=1):
             where = record.label or f"record {number}"
             if record.n != self.inertia.n:
@@ -89,6 +100,16 @@ class Study:
     def inertias(self) -> Sequence[Inertia]:
         """The inertia that each record was measured with, by its pose."""
         return [self.inertia if r.pose is None else self.poses[r.pose] for r in self.records]
+
+
+def _require_date(date: object) -> None:
+    if date is None:
+        return
+    if not isinstance(date, datetime.date):  # a datetime is one, too
+        raise JointIdError(f"date = {date!r:.60}: expected a datetime.date or datetime.datetime.")
+    offset = date.utcoffset() if isinstance(date, datetime.datetime) else None
+    if offset is not None and offset % datetime.timedelta(minutes=1):
+        raise JointIdError(f"date = {date}: its offset from UTC must be of whole minutes.")
 
 
 @dataclass(frozen=True, eq=False)

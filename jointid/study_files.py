@@ -56,6 +56,8 @@ _STUDY_KEYS = {
     "name": 'name = "Waterjet cell, axes 1 and 2"',
     "origin": 'origin = "measured"',
     "description": 'description = "Cold robot, no tool"',
+    "robot": 'robot = "cell 7, robot A"',
+    "date": "date = 2026-11-20",
     "inertia": f"[inertia], {_INERTIA_KEYS['M']}, {_INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
     "timing": "[timing], torque_hold = true",
@@ -104,7 +106,10 @@ def load_study(path_or_file: Source) -> Study:
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), _STUDY_KEYS)
         _require_format_1(top)
-        name, origin, description = (top.text(key, "") for key in ("name", "origin", "description"))
+        name, origin, description, robot = (
+            top.text(key, "") for key in ("name", "origin", "description", "robot")
+        )
+        date = top.date("date") if "date" in top else None
         inertia = _inertia(top.table("inertia", _INERTIA_KEYS))
         poses = {
             name: _inertia(table, inertia)
@@ -117,7 +122,7 @@ def load_study(path_or_file: Source) -> Study:
         _require_files(tables, container)
         records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
     with _named(STUDY_FILE):
-        return Study(tuple(records), inertia, nominal, name, origin, description, poses)
+        return Study(tuple(records), inertia, nominal, name, origin, description, poses, robot, date)
 
 
 def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:

@@ -117,6 +117,10 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         head["origin"] = study.origin
     if study.description:
         head["description"] = study.description
+    if study.robot:
+        head["robot"] = study.robot
+    if study.date is not None:
+        head["date"] = study.date
     head["inertia"] = {"M": study.inertia.M.tolist(), "M2": study.inertia.M2.tolist()}
     if study.nominal is not None:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}
