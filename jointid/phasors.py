@@ -12,8 +12,9 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.fitted_sine import SineFit
 from jointid.records import SineRecord
-from jointid.sine_fit import SineFit, fit_sines
+from jointid.sine_fit import fit_sines
 
 MANY_HARMONICS = 31
 """Harmonics of Coulomb friction fall as 1/h; so many resolve a stick of a thirtieth of a period."""
@@ -146,7 +147,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
     plain = covariance[:, 0] + leakage[:, :, None] * leakage[:, None].conj()
-    settling, noise = _settling(fits)
+    local = _local(fits)
+    settling, noise = _settling(fits, *local)
     return Phasors(
         omega=omega,
         q=z[:, :n],
@@ -159,7 +161,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         drift=np.array([fit.drift[:n] for fit in fits]),
         settling=settling,
         settling_noise=noise,
-        frequency_found_hz=_frequency_found(records, fits),
+        frequency_found_hz=_frequency_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
     )
 
@@ -196,7 +198,7 @@ def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
     motion: it does not scatter, and does not average out beyond the m samples that differ. Its variance
     is Δ²/12 per sample, less by exp(−4π²σ²/Δ²) where other noise of σ per sample dithers it.
     """
-    samples = record.time_s.size - record.start
+    samples = record.samples
     period = 1 / (record.frequency_hz * record.interval_s)
     cycles = period * np.arange(1, int(record.periods) + 1)
     repeats = np.abs(cycles - np.round(cycles)) < 0.02
@@ -248,9 +250,10 @@ def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
     return local, np.arange(local.shape[1]), count
 
 
-def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
+def _settling(
+    fits: Sequence[SineFit], local: Complexes, block: np.ndarray, count: np.ndarray
+) -> tuple[Floats, Floats]:
     """Change of the local phasor from the first quarter of the blocks to the second half."""
-    local, block, count = _local(fits)
     early = (block < count // 4)[..., None]
     late = ((block >= count // 2) & (block < count))[..., None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -264,14 +267,19 @@ def _settling(fits: Sequence[SineFit]) -> tuple[Floats, Floats]:
     return np.where(enough, change, np.nan), np.where(enough, noise, np.nan)
 
 
-def _frequency_found(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> Floats:
+def _frequency_found(
+    records: Sequence[SineRecord],
+    fits: Sequence[SineFit],
+    local: Complexes,
+    block: np.ndarray,
+    count: np.ndarray,
+) -> Floats:
     """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
     n, rows = records[0].n, np.arange(len(records))
     strength = np.abs([fit.harmonics[:, :n] for fit in fits])
     order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
     phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
     offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
-    local, block, count = _local(fits)
     local = local[rows, :, largest]
     scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
     place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)

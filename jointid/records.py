@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ class SineRecord:
         tau = _channels("tau_Nm", self.tau_Nm, time.size)
         if theta.shape != tau.shape:
             raise JointIdError(
-                f"theta_rad has {theta.shape[1]} joint(s) and tau_Nm {tau.shape[1]}: "
+                f"theta_rad has {counted(theta.shape[1], 'joint')} and tau_Nm {tau.shape[1]}: "
                 "give position and torque of the same joints."
             )
         if frequency <= 0:
@@ -126,6 +127,11 @@ class SineRecord:
         return int(self.theta_rad.shape[1])
 
     @property
+    def samples(self) -> int:
+        """Number of samples used, those from ``start`` on."""
+        return self.time_s.size - self.start
+
+    @property
     def omega(self) -> float:
         """Excitation frequency, rad/s."""
         return 2 * np.pi * self.frequency_hz
@@ -133,7 +139,7 @@ class SineRecord:
     @property
     def periods(self) -> float:
         """How many periods the used samples span; need not be whole."""
-        return (self.time_s.size - self.start) * self.interval_s * self.frequency_hz
+        return self.samples * self.interval_s * self.frequency_hz
 
 
 def _channels(name: str, value: ArrayLike, samples: int) -> Floats:
@@ -152,7 +158,9 @@ def _channels(name: str, value: ArrayLike, samples: int) -> Floats:
 
 def _require_increasing(time: Floats) -> None:
     if time.size < 2:
-        raise JointIdError(f"time_s has {time.size} sample(s): a record needs at least one period.")
+        raise JointIdError(
+            f"time_s has {counted(time.size, 'sample')}: a record needs at least one period."
+        )
     steps = np.diff(time)
     if steps.min() <= 0:
         row = int(np.argmax(steps <= 0)) + 1

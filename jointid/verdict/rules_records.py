@@ -145,7 +145,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     phasors, n = evidence.phasors, evidence.fit.n
     variance = phasors.standard_deviation[:, :n] ** 2
     step = np.array([_encoder_steps(record.theta_rad[record.start :]) for record in evidence.records])
-    samples = np.array([record.time_s.size - record.start for record in evidence.records])
+    samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
     for j in range(n):
         stepped = step[:, j] > 0
