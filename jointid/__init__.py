@@ -3,36 +3,35 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from jointid.elasticity import ElasticityFit, Friction, identify_elasticity
-from jointid.errors import JointIdError
-from jointid.joints import (
-    Elasticity,
-    Inertia,
-    diagonal_zeros,
-    locked_motor_response,
-    locked_resonances,
-    motor_response,
-    resonances,
-)
-from jointid.phasors import Phasors, extract_phasors
-from jointid.records import SineRecord
-from jointid.spring_equations import spring_equations
-from jointid.study import Analysis, Study, analyse
-from jointid.transfer_matrix import (
-    TransferMatrix,
-    estimate_transfer_matrix,
-    single_record_response,
-)
-from jointid.verdict.findings import Finding
-
 if TYPE_CHECKING:
     from jointid.closed_loop import simulate_records
     from jointid.cut.arm import PlanarArm
     from jointid.cut.toolpath import rectangle
     from jointid.cut.tracking import TrackingRun, track
+    from jointid.elasticity import ElasticityFit, Friction, identify_elasticity
+    from jointid.errors import JointIdError
     from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
+    from jointid.joints import (
+        Elasticity,
+        Inertia,
+        diagonal_zeros,
+        locked_motor_response,
+        locked_resonances,
+        motor_response,
+        resonances,
+    )
+    from jointid.phasors import Phasors, extract_phasors
+    from jointid.records import SineRecord
+    from jointid.springs import spring_equations
+    from jointid.study import Analysis, Study, analyse
     from jointid.study_files import load_study
     from jointid.study_saving import save_study
+    from jointid.transfer_matrix import (
+        TransferMatrix,
+        estimate_transfer_matrix,
+        single_record_response,
+    )
+    from jointid.verdict.findings import Finding
 
 __all__ = [
     "Analysis",
@@ -70,18 +69,41 @@ __all__ = [
     "track",
 ]
 
-# What needs pandas, pymunk or more of SciPy is imported when it is first asked for.
+# Each name is imported when it is first asked for: who wants the phasors need not load the optimiser,
+# pandas or pymunk.
 _HOMES = {
+    "Analysis": "study",
     "Controller": "experiment",
+    "Elasticity": "joints",
+    "ElasticityFit": "elasticity",
     "Excitation": "experiment",
+    "Finding": "verdict.findings",
+    "Friction": "elasticity",
+    "Inertia": "joints",
+    "JointIdError": "errors",
     "Measurement": "experiment",
     "MotorFriction": "experiment",
+    "Phasors": "phasors",
     "PlanarArm": "cut.arm",
+    "SineRecord": "records",
+    "Study": "study",
     "TrackingRun": "cut.tracking",
+    "TransferMatrix": "transfer_matrix",
+    "analyse": "study",
+    "diagonal_zeros": "joints",
+    "estimate_transfer_matrix": "transfer_matrix",
+    "extract_phasors": "phasors",
+    "identify_elasticity": "elasticity",
     "load_study": "study_files",
+    "locked_motor_response": "joints",
+    "locked_resonances": "joints",
+    "motor_response": "joints",
     "rectangle": "cut.toolpath",
+    "resonances": "joints",
     "save_study": "study_saving",
     "simulate_records": "closed_loop",
+    "single_record_response": "transfer_matrix",
+    "spring_equations": "springs",
     "track": "cut.tracking",
 }
 
@@ -89,7 +111,9 @@ _HOMES = {
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'jointid' has no attribute {name!r}")
-    return getattr(import_module(f"jointid.{_HOMES[name]}"), name)
+    value = getattr(import_module(f"jointid.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:

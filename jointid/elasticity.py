@@ -14,7 +14,7 @@ from jointid.likelihood import LikelihoodEstimate
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
 from jointid.model_choice import Candidate, Choice, choose_model, fit_model
 from jointid.phasors import Phasors
-from jointid.spring_equations import SpringEquations, spring_equations
+from jointid.springs import SpringEquations, spring_equations
 from jointid.threads import one_thread
 
 METHODS = {

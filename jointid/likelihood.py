@@ -23,7 +23,7 @@ from jointid.joints import Inertia, motor_impedance
 from jointid.linear_fit import Estimate
 from jointid.noise import Noise
 from jointid.phasors import Phasors
-from jointid.spring_equations import inertia_arrays, spring_equations
+from jointid.springs import inertia_arrays, spring_equations
 
 _PASSES = 50
 _RIDGE = 1e-11

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.spring_equations import SpringEquations
+from jointid.springs import SpringEquations
 
 
 @dataclass(frozen=True, eq=False)

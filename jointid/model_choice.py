@@ -13,7 +13,7 @@ from jointid.friction import friction_waveforms
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.phasors import Phasors
-from jointid.spring_equations import spring_equations
+from jointid.springs import spring_equations
 
 NO_FRICTION = (None, False)
 FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))

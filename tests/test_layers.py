@@ -51,7 +51,7 @@ STOREYS = [
     ["sine_fit"],
     ["phasors"],
     ["transfer_matrix", "noise", "friction"],
-    ["spring_equations"],
+    ["springs"],
     ["linear_fit"],
     ["likelihood"],
     ["model_choice"],
@@ -183,3 +183,16 @@ def test_everything_public_is_there_and_named_once() -> None:
     assert sorted(jointid.__all__) == list(jointid.__all__)
     assert len(set(jointid.__all__)) == len(jointid.__all__)
     assert all(hasattr(jointid, name) for name in jointid.__all__)
+
+
+def test_importing_the_library_does_no_work() -> None:
+    """What is asked for is imported then; and a name is never hidden by the module it lives in."""
+    program = (
+        "import sys, jointid; print('numpy' in sys.modules); import jointid.study;"
+        "from types import ModuleType;"
+        "print([n for n in jointid.__all__ if isinstance(getattr(jointid, n), ModuleType)])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    assert run.stdout.split("\n")[:2] == ["False", "[]"]

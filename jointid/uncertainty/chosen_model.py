@@ -12,7 +12,7 @@ from jointid.joints import Inertia
 from jointid.likelihood import maximum_likelihood
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
 from jointid.phasors import Phasors
-from jointid.spring_equations import spring_equations
+from jointid.springs import spring_equations
 
 _LINEAR = {"least-squares": least_squares, "explicit": explicit, "weighted": weighted}
 

@@ -17,7 +17,7 @@ from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
-from jointid.spring_equations import spring_equations
+from jointid.springs import spring_equations
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 _EXACT_FREEDOM = 200  # a covariance of so many degrees of freedom is not worth drawing

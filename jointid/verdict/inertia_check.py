@@ -14,7 +14,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
-from jointid.spring_equations import spring_equations
+from jointid.springs import spring_equations
 
 _PRIOR = 0.3
 """Relative standard deviation within which inertias are looked for; holds what no record tells."""

@@ -16,7 +16,7 @@ from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors import Phasors
-from jointid.spring_equations import spring_equations
+from jointid.springs import spring_equations
 from jointid.verdict.evidence import Evidence, Finding, number, problem
 
 _SUSPECTS = 8

@@ -20,6 +20,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.noise import Noise, moderated_noise
 from jointid.phasors import Phasors
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +153,6 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
         raise JointIdError(f"{len(inertias)} inertias for {r} records: give one, or one per record.")
     for each in inertias:
         if each.n != n:
-            raise JointIdError(f"The records have {n} joint(s), the inertia has {each.n}.")
+            raise JointIdError(f"The records have {counted(n, 'joint')}, the inertia has {each.n}.")
     arm = np.linalg.inv(np.array([each.M2 for each in inertias]))
     return np.array([each.M for each in inertias]), np.asarray(arm, float)
