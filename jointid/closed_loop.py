@@ -21,6 +21,7 @@ from jointid.errors import JointIdError
 from jointid.experiment import Controller, Excitation, Measurement, MotorFriction, per_joint
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
+from jointid.wording import counted
 
 _CHUNKS = 64
 _LARGEST_LOG_BYTES = 2e9
@@ -144,7 +145,8 @@ class _Robot:
     ) -> None:
         if inertia.n != elasticity.n:
             raise JointIdError(
-                f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
+                f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
+                "they must agree."
             )
         n = self.n = inertia.n
         self.T = 1 / controller.sample_rate_hz

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 PerJoint: TypeAlias = float | Sequence[float] | Floats
 """One number for all joints, or one per joint."""
@@ -145,7 +146,7 @@ class Excitation:
         if table.shape[1] != n or count not in (None, table.shape[0]):
             raise JointIdError(
                 f"pattern has shape {table.shape}; expected {count or 'R'} rows, one per record, "
-                f"and {n} column(s), one per joint."
+                f"and {counted(n, 'column')}, one per joint."
             )
         return table
 
@@ -165,7 +166,7 @@ class Excitation:
         if table.shape[0] not in (1, omega.size) or table.shape[1] not in (1, n) or np.any(table <= 0):
             raise JointIdError(
                 f"{name}: expected positive values, one for each of the {omega.size} frequencies, or "
-                f"one row per frequency and one column for each of the {n} joint(s); "
+                f"one row per frequency and one column per joint ({n}); "
                 f"got shape {given.shape} and smallest value {table.min(initial=np.inf):g} rad."
             )
         return np.array(np.broadcast_to(table, (omega.size, n)))
@@ -236,9 +237,7 @@ def per_joint(name: str, value: object, n: int) -> Floats:
     """A checked setting as (n,)."""
     array = np.atleast_1d(np.asarray(value, dtype=np.float64))
     if array.size not in (1, n):
-        raise JointIdError(
-            f"{name} has {array.size} values: give one, or one for each of the {n} joint(s)."
-        )
+        raise JointIdError(f"{name} has {array.size} values: give one, or one per joint ({n}).")
     return np.array(np.broadcast_to(array, (n,)))
 
 

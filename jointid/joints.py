@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Inertia:
             raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")
         if arm.shape != (n, n):
             raise JointIdError(
-                f"M2 has shape {arm.shape}; {n} rotor inertia(s) in M need M2 of shape ({n}, {n})."
+                f"M2 has shape {arm.shape}: expected ({n}, {n}), since M has {counted(n, 'value')}."
             )
         _require_positive("M", rotor, "kg·m²")
         scale = np.sqrt(np.outer(np.abs(np.diag(arm)), np.abs(np.diag(arm))))
@@ -102,7 +103,8 @@ class Elasticity:
         damping = finite_array("D (damping, N·m·s/rad)", D, ndim=1)
         if stiffness.shape != damping.shape or stiffness.size == 0:
             raise JointIdError(
-                f"K has {stiffness.size} value(s) and D has {damping.size}: give one of each per joint."
+                f"K has {counted(stiffness.size, 'value')} and D has {damping.size}: "
+                "give one of each per joint."
             )
         _require_positive("K", stiffness, "N·m/rad")
         if np.any(damping < 0):
@@ -249,7 +251,8 @@ def _require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
         raise JointIdError("Expected an Inertia and an Elasticity, in this order.")
     if inertia.n != elasticity.n:
         raise JointIdError(
-            f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
+            f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
+            "they must agree."
         )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.phasors import Phasors
+from jointid.wording import counted
 
 _SINGULAR = 1e-8  # relative to the largest singular value: no two records are more alike by chance
 _NOISE_MARGIN = 3.0  # the smallest independent part of the torques must stand this far above noise
@@ -65,7 +66,8 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
             rejected.append(str(error))
     if not kept:
         raise JointIdError(
-            f"The transfer matrix of {n} joint(s) cannot be found at any frequency. {rejected[0]}"
+            f"The transfer matrix of {counted(n, 'joint')} cannot be found at any frequency. "
+            f"{rejected[0]}"
         )
     omegas, matrices, covariances, conditions = zip(*kept, strict=True)
     H = np.array(matrices)
@@ -102,8 +104,8 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
     at = f"At {omega / (2 * np.pi):.4g} Hz"
     if group.size < n:
         raise JointIdError(
-            f"{at} there are {group.size} record(s) ({names}), {n} joints need {n}: measure another "
-            "in which the joints move with other relative amplitudes or phases."
+            f"{at} the study has {counted(group.size, 'record')} ({names}), {n} joints need {n}: "
+            "measure another in which the joints move with other relative amplitudes or phases."
         )
     T, Y = phasors.tau[group].T, -(omega**2) * phasors.q[group].T  # records as columns
     scale = np.linalg.norm(T, axis=1)

@@ -17,6 +17,7 @@ from jointid.ui.plan_form import (
     suggested_table,
     suggestion,
 )
+from jointid.wording import counted
 
 page = open_page("Next experiment")
 st.title("Next experiment", anchor=False)
@@ -36,7 +37,7 @@ except JointIdError as error:
 count = settings.count
 before, after = (significant(100 * float(found.worst[k]), 2) for k in (0, -1))
 st.subheader(
-    f"{count} record{'s' if count > 1 else ''} more: worst error {before} % → {after} %", anchor=False
+    f"{counted(count, 'record')} more: worst error {before} % → {after} %", anchor=False
 )
 table(suggested_table(found))
 st.caption(

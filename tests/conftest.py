@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,6 +14,10 @@ from plants import PAPER, PARALLELOGRAM, ROBOTS
 
 from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
 from jointid.study_files import save_study
+
+if TYPE_CHECKING:
+    from browsing import Server
+    from playwright.sync_api import Browser
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 
@@ -92,3 +97,51 @@ def chromium() -> str:
             pytest.fail("JOINTID_BROWSER=required, but there is no chromium on the PATH.")
         pytest.skip("There is no chromium on the PATH.")
     return found
+
+
+@pytest.fixture(scope="session")
+def tree(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The app as it stands, with the tests' sample studies beside it."""
+    from browsing import ROOT
+
+    tree = tmp_path_factory.mktemp("app")
+    for name in ("app.py", "pages", "jointid", ".streamlit"):
+        (tree / name).symlink_to(ROOT / name)
+    (tree / "sample_data").symlink_to(sample_folder)
+    return tree
+
+
+@pytest.fixture(scope="session")
+def new_server(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[], Server]:
+    """Start a server with a store of its own; who starts it ends it."""
+    from browsing import Server
+
+    return lambda: Server(tree, tmp_path_factory.mktemp("store"))
+
+
+@pytest.fixture
+def server(new_server: Callable[[], Server]) -> Iterator[Server]:
+    """A server that nobody has used, for one test."""
+    server = new_server()
+    yield server
+    server.kill()
+
+
+@pytest.fixture(scope="module")
+def address(new_server: Callable[[], Server]) -> Iterator[str]:
+    """Where a server stands that the tests of a file share."""
+    server = new_server()
+    yield server.address
+    server.kill()
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> Iterator[Browser]:
+    """A browser for the tests of a file; those who make contexts close them."""
+    from browsing import FLAGS
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+        yield browser
+        browser.close()

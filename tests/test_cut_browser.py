@@ -3,34 +3,17 @@
 from __future__ import annotations
 
 import re
-import socket
-import subprocess
-import sys
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from browsing import PATIENCE_MS, Watch, rested, too_wide
+from playwright.sync_api import Browser, Page, expect
 
 pytestmark = pytest.mark.browser
 
-ROOT = Path(__file__).parents[1]
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--no-first-run",
-]
-PATIENCE_MS = 30_000
-PROBE = re.compile(r"http://127\.0\.0\.1:\d+/\w+/_stcore/(health|host-config)")
 WHOLE_PAGE = {"width": 1280, "height": 900}
 PHONE = {"width": 390, "height": 844}
 
@@ -39,98 +22,39 @@ Browse = Callable[..., None]
 
 
 @pytest.fixture(scope="module")
-def address(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A server of the app as it stands, with the tests' sample studies beside it."""
-    tree = tmp_path_factory.mktemp("app")
-    for name in ("app.py", "pages", "jointid", ".streamlit"):
-        (tree / name).symlink_to(ROOT / name)
-    (tree / "sample_data").symlink_to(sample_folder)
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-m", "streamlit", "run", "app.py", "--server.port", str(port)]
-    command += ["--server.fileWatcherType", "none"]
-    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    server = subprocess.Popen(command, cwd=tree, **silent)
-    try:
-        for _ in range(300):
-            try:
-                with urllib.request.urlopen(f"http://127.0.0.1:{port}/_stcore/health", timeout=5):
-                    break
-            except (urllib.error.URLError, ConnectionError):
-                time.sleep(0.1)
-        else:
-            raise AssertionError("The server did not come up.")
-        yield f"http://127.0.0.1:{port}"
-    finally:
-        server.terminate()
-        server.wait(timeout=20)
+def browse(address: str, browser: Browser) -> Iterator[Browse]:
+    """Look at a page; nothing may go wrong in it, and no request may leave the machine."""
+    windows: dict[str, Window] = {}
 
+    def look_at(look: Look, **options: Any) -> None:
+        kind = repr(options)
+        if kind not in windows:
+            context = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
+            windows[kind] = Window(context.new_page(), f"{address}/Cut")
+        windows[kind].look(look)
 
-@pytest.fixture(scope="module")
-def browse(address: str, chromium: str) -> Iterator[Browse]:
-    """Look at a page; nothing may go wrong in it, and no request may leave the machine.
-
-    Playwright runs once per thread, and other tests hold it in theirs: so this one has its own.
-    """
-    with ThreadPoolExecutor(1) as aside:
-        playwright = aside.submit(lambda: sync_playwright().start()).result()
-        browser = aside.submit(
-            lambda: playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-        ).result()
-        windows: dict[str, Window] = {}
-
-        def look_at(look: Look, **options: Any) -> None:
-            kind = repr(options)
-            if kind not in windows:
-                context = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
-                windows[kind] = Window(context.new_page(), f"{address}/Cut")
-            windows[kind].look(look)
-
-        yield lambda look, **options: aside.submit(look_at, look, **options).result()
-        aside.submit(browser.close).result()
-        aside.submit(playwright.stop).result()
+    yield look_at
+    for window in windows.values():
+        window.page.context.close()
 
 
 class Window:
     """A page about the cut that stays open from test to test."""
 
     def __init__(self, page: Page, url: str) -> None:
-        self.page = page
-        self.errors: list[str] = []
-        self.abroad: list[str] = []
+        self.page, self.watch = page, Watch(page)
         page.set_default_timeout(PATIENCE_MS)
-        page.on("console", self._console)
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("request", self._request)
         page.goto(url, wait_until="commit")
         expect(canvas(page)).to_have_attribute("data-frame", re.compile(r"\d+"), timeout=PATIENCE_MS)
-        finished(page)
+        rested(page)
 
     def look(self, look: Look) -> None:
         look(self.page)
-        assert self.errors == []
-        assert self.abroad == []
-
-    def _console(self, message: Any) -> None:
-        if message.type == "error" and not PROBE.fullmatch(str(message.location.get("url", ""))):
-            self.errors.append(message.text)
-
-    def _request(self, request: Any) -> None:
-        parts = urlsplit(request.url)
-        if parts.scheme not in ("data", "blob") and parts.hostname != "127.0.0.1":
-            self.abroad.append(request.url)
+        self.watch.check()
 
 
 def canvas(page: Page) -> Any:
     return page.locator("canvas.cut")
-
-
-def finished(page: Page) -> None:
-    expect(page.get_by_test_id("stApp")).to_have_attribute(
-        "data-test-script-state", "notRunning", timeout=PATIENCE_MS
-    )
-    expect(page.get_by_test_id("stException")).to_have_count(0)
 
 
 def state(page: Page) -> dict[str, str]:
@@ -342,7 +266,7 @@ def test_another_setting_shows_another_path_and_keeps_the_moment(browse: Browse)
         before, picture = point(page, "nominal"), pixels(page)
         page.get_by_test_id("stMain").get_by_text("3 K", exact=True).click()
         expect(page.locator(".nominal-name")).to_have_text("nominal (3 K)")
-        finished(page)
+        rested(page)
         after = point(page, "nominal")
         assert abs(after[0] - before[0]) + abs(after[1] - before[1]) > 0.5
         assert pixels(page) != picture
@@ -369,8 +293,7 @@ def test_who_wants_no_motion_sees_the_finished_cut(browse: Browse) -> None:
 
 def test_on_a_phone_in_either_theme(browse: Browse) -> None:
     def look(page: Page) -> None:
-        main = "(() => { const m = document.querySelector('[data-testid=stMain]');"
-        assert page.evaluate(main + " return m.scrollWidth - m.clientWidth; })()") <= 0
+        assert too_wide(page) <= 0
         near, whole = canvas(page).bounding_box(), page.locator("canvas.arm").bounding_box()
         assert 300 < near["width"] <= 390
         assert whole["y"] > near["y"] + near["height"]  # one below the other

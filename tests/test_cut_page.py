@@ -102,7 +102,7 @@ class TestPage:
     ) -> None:
         app.query_params["study"] = key
         at = shown(app.switch_page(PAGE).run())
-        assert f"This study has {joints} joint(s)" in at.info[0].value
+        assert f"This study has {joints} joint{'s' if joints > 1 else ''}," in at.info[0].value
         assert "says nothing about this study" in at.info[0].value
         assert "Study's own" not in control(at, "cut_nominal").options
         assert "mm" not in at.subheader[0].value
@@ -142,7 +142,7 @@ class TestPage:
         assert at.text_input(key="cut_K").value == "21.5, 3.75"
         for typed, count in (("43", 1), ("43, 7, 5", 3)):
             at = shown(at.text_input(key="cut_K").set_value(typed).run())
-            assert f"{count} value(s) for 2 joints" in at.error[0].value
+            assert f"{count} value{'s' if count > 1 else ''} for 2 joints" in at.error[0].value
             assert at.text_input(key="cut_K").value == typed
         at = shown(at.text_input(key="cut_K").set_value("40, 7").run())
         assert not at.error

@@ -2,114 +2,39 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import socket
-import subprocess
-import sys
-import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
+from browsing import PATIENCE_MS, Server, finished
 from clicks import choose
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from jointid import Study
 from jointid.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 
-ROOT = Path(__file__).parents[1]
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--no-first-run",
-]
-PATIENCE_MS = 40_000
-
-
-class Server:
-    """The app, which can be killed and started again at the same address."""
-
-    def __init__(self, folder: Path, data: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
-        self.folder, self.data = folder, data
-        self.address = f"http://127.0.0.1:{self.port}"
-        self.start()
-
-    def start(self) -> None:
-        command = [sys.executable, "-m", "streamlit", "run", "app.py", "--server.port", str(self.port)]
-        command += ["--server.fileWatcherType", "none"]
-        environment = os.environ | {"JOINTID_DATA_DIR": str(self.data)}
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **silent)
-        for _ in range(300):
-            try:
-                with urllib.request.urlopen(f"{self.address}/_stcore/health", timeout=5):
-                    return
-            except (urllib.error.URLError, ConnectionError):
-                time.sleep(0.1)
-        raise AssertionError("The server did not come up.")
-
-    def kill(self) -> None:
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait(timeout=20)
+Visit = Callable[[str, str], Page]
 
 
 @pytest.fixture
-def server(sample_folder: Path, tmp_path: Path) -> Iterator[Server]:
-    for name in ("app.py", "pages", "jointid", ".streamlit"):
-        (tmp_path / name).symlink_to(ROOT / name)
-    (tmp_path / "sample_data").symlink_to(sample_folder)
-    server = Server(tmp_path, tmp_path / "data")
-    yield server
-    server.kill()
+def visit(browser: Browser) -> Iterator[Visit]:
+    """Open an address as somebody who was never here, and wait for the title."""
+    contexts = []
 
+    def open_address(address: str, title: str) -> Page:
+        contexts.append(browser.new_context())
+        page = contexts[-1].new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(address, wait_until="commit")
+        finished(page, title)
+        return page
 
-@pytest.fixture
-def in_browser(chromium: str) -> Callable[[Callable[[Browser], None]], None]:
-    """Run a test's clicks in a thread of their own: playwright runs once per thread."""
-
-    def run(clicks: Callable[[Browser], None]) -> None:
-        def work() -> None:
-            with sync_playwright() as playwright:
-                browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-                try:
-                    clicks(browser)
-                finally:
-                    browser.close()
-
-        with ThreadPoolExecutor(1) as aside:
-            aside.submit(work).result()
-
-    return run
-
-
-def visit(browser: Browser, address: str, title: str) -> Page:
-    """Open an address as somebody who was never here."""
-    page = browser.new_context().new_page()
-    page.set_default_timeout(PATIENCE_MS)
-    page.goto(address, wait_until="commit")
-    finished(page, title)
-    return page
-
-
-def finished(page: Page, title: str) -> None:
-    expect(page.get_by_role("heading", level=1)).to_have_text(title, timeout=PATIENCE_MS)
-    expect(page.get_by_test_id("stApp")).to_have_attribute(
-        "data-test-script-state", "notRunning", timeout=PATIENCE_MS
-    )
-    expect(page.get_by_test_id("stException")).to_have_count(0)
+    yield open_address
+    for context in contexts:
+        context.close()
 
 
 def upload(page: Page, study: Study, name: str) -> None:
@@ -130,121 +55,109 @@ def workspace_of(page: Page) -> str:
 
 
 def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
-    server: Server, studies: dict[int, Study], in_browser: Callable[..., None]
+    server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    def clicks(browser: Browser) -> None:
-        page = visit(browser, server.address, studies[2].name)
-        assert "w=" not in page.url
-        upload(page, studies[1], "mine.zip")
-        place = workspace_of(page)
-        page.reload(wait_until="commit")
-        finished(page, studies[1].name)
+    page = visit(server.address, studies[2].name)
+    assert "w=" not in page.url
+    upload(page, studies[1], "mine.zip")
+    place = workspace_of(page)
+    page.reload(wait_until="commit")
+    finished(page, studies[1].name)
+    chosen(page, "mine.zip")
+    for name in ("Records", "Simulate a robot", "Elasticity"):
+        page.get_by_test_id("stSidebar").get_by_role("link", name=name, exact=True).click()
+        finished(page, name)
         chosen(page, "mine.zip")
-        for name in ("Records", "Simulate a robot", "Elasticity"):
-            page.get_by_test_id("stSidebar").get_by_role("link", name=name, exact=True).click()
-            finished(page, name)
-            chosen(page, "mine.zip")
-            assert workspace_of(page) == place
-        expect(page.get_by_test_id("stMetric")).to_have_count(2)
-        expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
-        choose(page, "Estimator", "least-squares")
-        expect(page).to_have_url(re.compile("estimator=least-squares"), timeout=PATIENCE_MS)
-        address = page.url
-        server.kill()
-        server.start()
-        page.reload(wait_until="commit")
-        finished(page, "Elasticity")
-        chosen(page, "mine.zip")
-        page.context.close()
-        again = visit(browser, address, "Elasticity")
-        chosen(again, "mine.zip")
-        expect(again.get_by_test_id("stMetric")).to_have_count(2)
-        expect(again.get_by_role("combobox", name="Estimator")).to_have_value("least-squares")
-
-    in_browser(clicks)
+        assert workspace_of(page) == place
+    expect(page.get_by_test_id("stMetric")).to_have_count(2)
+    expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
+    choose(page, "Estimator", "least-squares")
+    expect(page).to_have_url(re.compile("estimator=least-squares"), timeout=PATIENCE_MS)
+    address = page.url
+    server.kill()
+    server.start()
+    page.reload(wait_until="commit")
+    finished(page, "Elasticity")
+    chosen(page, "mine.zip")
+    page.context.close()
+    again = visit(address, "Elasticity")
+    chosen(again, "mine.zip")
+    expect(again.get_by_test_id("stMetric")).to_have_count(2)
+    expect(again.get_by_role("combobox", name="Estimator")).to_have_value("least-squares")
 
 
 def test_who_lacks_the_address_sees_nothing(
-    server: Server, studies: dict[int, Study], in_browser: Callable[..., None]
+    server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    def clicks(browser: Browser) -> None:
-        mine = visit(browser, server.address, studies[2].name)
-        upload(mine, studies[1], "mine.zip")
-        theirs = visit(browser, server.address, studies[2].name)
-        expect(theirs.get_by_text("Recent studies")).to_have_count(0)
-        upload(theirs, studies[3], "theirs.zip")
-        assert workspace_of(mine) != workspace_of(theirs)
-        for page, seen, hidden in ((mine, "mine.zip", "theirs.zip"), (theirs, "theirs.zip", "mine.zip")):
-            page.reload(wait_until="commit")
-            chosen(page, seen)
-            page.get_by_role("combobox", name="Study").click()
-            expect(page.get_by_role("option", name=seen)).to_be_visible()
-            expect(page.get_by_role("option", name=hidden)).to_have_count(0)
-            page.keyboard.press("Escape")
-        entry = parse_qs(urlsplit(mine.url).query)["study"][0]
-        for address in (
-            f"{server.address}/?study={entry}",
-            f"{server.address}/?study={entry}&w={workspace_of(theirs)}",
-            f"{server.address}/?study={entry}&w=../../etc/passwd",
-        ):
-            stranger = visit(browser, address, studies[2].name)
-            expect(stranger.get_by_text("is not in this workspace")).to_be_visible()
-        shared = visit(browser, mine.url, studies[1].name)
-        chosen(shared, "mine.zip")
-
-    in_browser(clicks)
+    mine = visit(server.address, studies[2].name)
+    upload(mine, studies[1], "mine.zip")
+    theirs = visit(server.address, studies[2].name)
+    expect(theirs.get_by_text("Recent studies")).to_have_count(0)
+    upload(theirs, studies[3], "theirs.zip")
+    assert workspace_of(mine) != workspace_of(theirs)
+    for page, seen, hidden in ((mine, "mine.zip", "theirs.zip"), (theirs, "theirs.zip", "mine.zip")):
+        page.reload(wait_until="commit")
+        chosen(page, seen)
+        page.get_by_role("combobox", name="Study").click()
+        expect(page.get_by_role("option", name=seen)).to_be_visible()
+        expect(page.get_by_role("option", name=hidden)).to_have_count(0)
+        page.keyboard.press("Escape")
+    entry = parse_qs(urlsplit(mine.url).query)["study"][0]
+    for address in (
+        f"{server.address}/?study={entry}",
+        f"{server.address}/?study={entry}&w={workspace_of(theirs)}",
+        f"{server.address}/?study={entry}&w=../../etc/passwd",
+    ):
+        stranger = visit(address, studies[2].name)
+        expect(stranger.get_by_text("is not in this workspace")).to_be_visible()
+    shared = visit(mine.url, studies[1].name)
+    chosen(shared, "mine.zip")
 
 
 def test_recent_studies_are_renamed_and_deleted(
-    server: Server, studies: dict[int, Study], in_browser: Callable[..., None]
+    server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    def clicks(browser: Browser) -> None:
-        page = visit(browser, server.address, studies[2].name)
-        upload(page, studies[1], "one.zip")
-        upload(page, studies[3], "three.zip")
-        page.get_by_text("Recent studies (2)").click()
-        page.get_by_role("button", name="one.zip", exact=True).click()
-        finished(page, studies[1].name)
-        chosen(page, "one.zip")
-        page.get_by_role("button", name="Edit").last.click()
-        page.get_by_role("textbox", name="Name").fill("axis 1, worn *gear*")
-        page.keyboard.press("Enter")
-        chosen(page, "axis 1, worn *gear*")
-        page.reload(wait_until="commit")
-        finished(page, studies[1].name)
-        chosen(page, "axis 1, worn *gear*")
-        page.get_by_text("Recent studies (2)").click()
-        page.get_by_role("button", name="Edit").last.click()
-        page.get_by_role("button", name="Delete").click()
-        finished(page, studies[2].name)
-        chosen(page, "paper")
-        expect(page.get_by_text("Recent studies (1)")).to_be_visible()
-        page.reload(wait_until="commit")
-        finished(page, studies[2].name)
-        expect(page.get_by_text("Recent studies (1)")).to_be_visible()
-
-    in_browser(clicks)
+    page = visit(server.address, studies[2].name)
+    upload(page, studies[1], "one.zip")
+    upload(page, studies[3], "three.zip")
+    page.get_by_text("Recent studies (2)").click()
+    page.get_by_role("button", name="one.zip", exact=True).click()
+    finished(page, studies[1].name)
+    chosen(page, "one.zip")
+    page.get_by_role("button", name="Edit").last.click()
+    page.get_by_role("textbox", name="Name").fill("axis 1, worn *gear*")
+    page.keyboard.press("Enter")
+    chosen(page, "axis 1, worn *gear*")
+    page.reload(wait_until="commit")
+    finished(page, studies[1].name)
+    chosen(page, "axis 1, worn *gear*")
+    page.get_by_text("Recent studies (2)").click()
+    page.get_by_role("button", name="Edit").last.click()
+    page.get_by_role("button", name="Delete").click()
+    finished(page, studies[2].name)
+    chosen(page, "paper")
+    expect(page.get_by_text("Recent studies (1)")).to_be_visible()
+    page.reload(wait_until="commit")
+    finished(page, studies[2].name)
+    expect(page.get_by_text("Recent studies (1)")).to_be_visible()
 
 
 def test_a_damaged_study_is_told_and_the_app_goes_on(
-    server: Server, studies: dict[int, Study], in_browser: Callable[..., None]
+    server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    def clicks(browser: Browser) -> None:
-        page = visit(browser, server.address, studies[2].name)
-        upload(page, studies[1], "mine.zip")
-        server.kill()
-        (file,) = server.data.rglob("*.data")
-        data = bytearray(file.read_bytes())
-        data[len(data) // 2] ^= 1
-        file.write_bytes(data)
-        server.start()
-        page.reload(wait_until="commit")
-        expect(page.get_by_text('kept copy of "mine.zip" is damaged')).to_be_visible(timeout=PATIENCE_MS)
-        page.reload(wait_until="commit")
-        finished(page, studies[2].name)
-        expect(page.get_by_text("mine.zip was damaged")).to_be_visible()
-        page.get_by_role("button", name="Noted").click()
-        expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
-        assert (server.data / "damaged" / file.name).read_bytes() == data
-
-    in_browser(clicks)
+    page = visit(server.address, studies[2].name)
+    upload(page, studies[1], "mine.zip")
+    server.kill()
+    (file,) = server.data.rglob("*.data")
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    server.start()
+    page.reload(wait_until="commit")
+    expect(page.get_by_text('kept copy of "mine.zip" is damaged')).to_be_visible(timeout=PATIENCE_MS)
+    page.reload(wait_until="commit")
+    finished(page, studies[2].name)
+    expect(page.get_by_text("mine.zip was damaged")).to_be_visible()
+    page.get_by_role("button", name="Noted").click()
+    expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
+    assert (server.data / "damaged" / file.name).read_bytes() == data

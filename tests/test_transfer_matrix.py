@@ -157,7 +157,7 @@ def test_a_constant_torque_column_is_no_excitation(level: float) -> None:
 
 def test_too_few_records_are_named_with_the_remedy() -> None:
     phasors = plant_phasors(SERIAL, PAPER, np.array([5.0]), np.array([[1.0, 0.4]]))
-    with pytest.raises(JointIdError, match=r"At 5 Hz there are 1 record.*record 1.*2 joints need 2"):
+    with pytest.raises(JointIdError, match=r"At 5 Hz the study has 1 record .*2 joints need 2"):
         estimate_transfer_matrix(phasors)
 
 

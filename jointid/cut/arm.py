@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
+from jointid.wording import counted
 
 Drive = Literal["parallelogram", "serial"]
 Elbow = Literal["positive", "negative"]
@@ -79,7 +80,7 @@ class PlanarArm:
             value = finite_array(label, getattr(self, name), ndim=1)
             if value.shape != (2,):
                 raise JointIdError(
-                    f"{label} has {value.size} value(s): give one for each of the two links."
+                    f"{label} has {counted(value.size, 'value')}: give one for each of the two links."
                 )
             bad = value == 0 if name == "gear_ratio" else value < 0 if name == "centre_m" else value <= 0
             if bad.any():

@@ -17,6 +17,7 @@ from jointid.arrays import Floats, finite_array
 from jointid.cut.arm import PlanarArm
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
+from jointid.wording import counted
 
 LONGEST_STEP_S = 1e-3
 """Steps above 1 ms are refused: the error grows with the square of the step, then the arm diverges."""
@@ -77,7 +78,9 @@ class ArmSimulation:
         theta_rate = finite_array("motor_rate_rad_s", motor_rate_rad_s, ndim=1)
         require_step(dt)
         if elasticity.n != 2:
-            raise JointIdError(f"The elasticity has {elasticity.n} joint(s); the planar arm has 2.")
+            raise JointIdError(
+                f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2."
+            )
         require_resolved(arm, elasticity.K, elasticity.D, dt, q)
         n2 = arm.gear_ratio**2
         self._dt = float(dt)

@@ -37,6 +37,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.rounding import significant
 from jointid.study import Analysis
+from jointid.wording import counted
 
 Rule = Literal["direct", "springs", "relative", "demonstration"]
 Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]
@@ -218,7 +219,9 @@ def assumed_elasticity(
         what = "[nominal] of the study" if assumption == "study" else "custom"
         raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
     if chosen.n != 2:
-        raise JointIdError(f"The nominal values have {chosen.n} joint(s); the planar arm has 2.")
+        raise JointIdError(
+            f"The nominal values have {counted(chosen.n, 'joint')}; the planar arm has 2."
+        )
     return robot.on_this_arm(chosen) if assumption == "custom" else chosen
 
 

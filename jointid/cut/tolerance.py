@@ -22,6 +22,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
+from jointid.wording import counted
 
 _RUNS_AT_ONCE = 512
 """Keeps the arrays of a batch within some hundred megabytes."""
@@ -277,7 +278,7 @@ def _ratios(name: str, value: ArrayLike) -> Floats:
 
 def _require_two_joints(elasticity: Elasticity) -> None:
     if elasticity.n != 2:
-        raise JointIdError(f"The elasticity has {elasticity.n} joint(s); the planar arm has 2.")
+        raise JointIdError(f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
 
 
 def _share(

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 _STEP = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 _STEEPEST = 35 / 16
@@ -262,7 +263,7 @@ def rectangle(
     centre = finite_array("centre_m (m)", centre_m, ndim=1)
     angle = float(finite_array("angle_rad (rad)", angle_rad, ndim=0))
     if centre.shape != (2,):
-        raise JointIdError(f"centre_m has {centre.size} value(s): give x and y in m.")
+        raise JointIdError(f"centre_m has {counted(centre.size, 'value')}: give x and y in m.")
     if isinstance(repetitions, bool) or not isinstance(repetitions, int | np.integer) or repetitions < 1:
         raise JointIdError(f"repetitions = {repetitions!r}: give a whole number of rounds, at least 1.")
     if zone_m > min(width_m, height_m) / 2:

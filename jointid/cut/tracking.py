@@ -15,6 +15,7 @@ from jointid.cut.servo import MotorFrictionLike, Servo, friction_values, run_ser
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,9 @@ def track(
     servo = servo or Servo()
     substeps = substeps_per_sample(servo, dt)
     if assumed is not None and assumed.n != 2:
-        raise JointIdError(f"The assumed elasticity has {assumed.n} joint(s); the planar arm has 2.")
+        raise JointIdError(
+            f"The assumed elasticity has {counted(assumed.n, 'joint')}; the planar arm has 2."
+        )
     K, D = (None, None) if assumed is None else (assumed.K, assumed.D)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow)
     step = servo.interval_s / substeps

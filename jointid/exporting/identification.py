@@ -13,6 +13,7 @@ from jointid.elasticity import METHODS, Friction
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.study import Analysis
+from jointid.wording import counted
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,9 @@ class Identification:
                 finite_array(f"{name} (s)", getattr(self, name), ndim=0)
         for joints in [self.nominal, *self.poses.values()]:
             if joints is not None and joints.n != n:
-                raise JointIdError(f"The inertia has {n} joint(s), nominal or a pose has {joints.n}.")
+                raise JointIdError(
+                    f"The inertia has {counted(n, 'joint')}, nominal or a pose has {joints.n}."
+                )
         if self.obtained.method not in METHODS:
             raise JointIdError(
                 f'method = "{self.obtained.method:.60}" is not known. Methods: {", ".join(METHODS)}.'

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.exporting.identification import Identification
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
     ratio = finite_array("gear_ratio (motor turns per joint turn)", np.atleast_1d(gear_ratio), ndim=1)
     if ratio.size not in (1, i.n):
         raise JointIdError(
-            f"gear_ratio has {ratio.size} value(s): give one for each of the {i.n} joint(s)."
+            f"gear_ratio has {counted(ratio.size, 'value')}: give one, or one per joint ({i.n})."
         )
     N = np.array(np.broadcast_to(ratio, (i.n,)))
     if np.any(N == 0):
@@ -266,7 +267,9 @@ def _names(n: int, names: Sequence[str] | None) -> list[str]:
         return [f"joint{j + 1}" for j in range(n)]
     given = list(names)
     if len(given) != n or len(set(given)) != n or not all(isinstance(x, str) and x for x in given):
-        raise JointIdError(f"names = {given!r:.200}: give {n} different name(s), one per joint.")
+        raise JointIdError(
+            f"names = {given!r:.200}: give {counted(n, 'different name')}, one per joint."
+        )
     return given
 
 

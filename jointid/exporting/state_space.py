@@ -21,6 +21,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.transfer_matrix import TransferMatrix
+from jointid.wording import counted
 
 if TYPE_CHECKING:
     from scipy.signal import StateSpace
@@ -74,7 +75,8 @@ def state_space(
         raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
     if inertia.n != elasticity.n:
         raise JointIdError(
-            f"The inertia has {inertia.n} joint(s), the elasticity {elasticity.n}: they must agree."
+            f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
+            "they must agree."
         )
     n = inertia.n
     eye, none = np.eye(n), np.zeros((n, n))

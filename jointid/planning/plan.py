@@ -17,6 +17,7 @@ from jointid.planning.information import bound, measured_information, record_inf
 from jointid.planning.planned import PlannedRecords, planned_records
 from jointid.uncertainty.chosen_model import inertia_of_each, parameter_names
 from jointid.uncertainty.validation import freed_phasors
+from jointid.wording import counted
 
 __all__ = [
     "PlannedRecords",
@@ -70,7 +71,9 @@ def predict_standard_errors(
     now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
     if planned.torque_Nm.shape[1] != fit.n:
-        raise JointIdError(f"The plan has {planned.torque_Nm.shape[1]} joint(s), the fit {fit.n}.")
+        raise JointIdError(
+            f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
+        )
     old = measured_information(phasors, each, now).sum(axis=0)
     count = planned.frequency_hz.size
     new = record_information(

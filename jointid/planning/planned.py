@@ -71,7 +71,7 @@ def planned_records(
     if given.shape not in (shape, shape[1:]) or not np.isfinite(given).all():
         raise JointIdError(
             f"Amplitudes of shape {given.shape}: expected finite numbers, one row for each of the "
-            f"{shape[0]} records and one column for each of the {shape[1]} joint(s)."
+            f"{shape[0]} records and one column per joint ({shape[1]})."
         )
     given = np.array(np.broadcast_to(given, shape), np.complex128)
     H = motor_response(2 * np.pi * frequency, inertia, elasticity)

@@ -23,6 +23,7 @@ from jointid.ui.charts import plot
 from jointid.ui.cut_pictures import key_line, picture
 from jointid.ui.cut_settings import CutSettings
 from jointid.ui.page import Page
+from jointid.wording import counted
 
 CUT_PAGE = "pages/5_Cut.py"
 _WIDE = 21
@@ -36,7 +37,7 @@ _RULES: dict[Rule, str] = {
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
     "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
     "ratios of nominal to identified values, D/K, and the relative uncertainties are this study's.",
-    "demonstration": "This study has {n} joint(s), and a cut in the plane needs two, so it says nothing "
+    "demonstration": "This study has {joints}, and a cut in the plane needs two, so it says nothing "
     "about this study. It shows the paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on "
     "the example arm, as if they were known within 1 % and 5 %.",
 }
@@ -44,7 +45,7 @@ _RULES: dict[Rule, str] = {
 
 def show_rule(robot: CutRobot, joints: int) -> None:
     """Say whose robot cuts."""
-    text = _RULES[robot.rule].format(drive=robot.arm.drive, n=joints)
+    text = _RULES[robot.rule].format(drive=robot.arm.drive, joints=counted(joints, "joint"))
     if robot.rule == "direct":
         st.caption(text)
     else:

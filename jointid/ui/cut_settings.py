@@ -13,6 +13,7 @@ from jointid.cut.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, Cut
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath, rectangle
 from jointid.ui.numbers_in import numbers_in, numbers_out
+from jointid.wording import counted
 
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
@@ -234,7 +235,7 @@ def _rounded(values: Floats) -> list[float]:
 def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
     values = numbers_in(name, text)
     if len(values) != 2:
-        raise JointIdError(f"{name}: {len(values)} value(s) for 2 joints. Give one per joint.")
+        raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
     return values
 
 

@@ -10,6 +10,7 @@ from jointid import Elasticity, ElasticityFit, Finding, Study
 from jointid.rounding import plain, significant, with_error
 from jointid.study_files import pack_study
 from jointid.ui.steps import METHOD
+from jointid.wording import counted
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
@@ -26,12 +27,12 @@ def show_heading(study: Study) -> None:
         band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
     facts = [
         f":gray-badge[{_ORIGINS[study.origin]}]",
-        _counted(len(study.records), "record"),
-        _counted(study.inertia.n, "joint"),
+        counted(len(study.records), "record"),
+        counted(study.inertia.n, "joint"),
         band,
     ]
     if len(poses := {record.pose for record in study.records}) > 1:
-        facts.append(_counted(len(poses), "pose"))
+        facts.append(counted(len(poses), "pose"))
     st.markdown(" &nbsp;·&nbsp; ".join(facts))
     if study.description:
         st.caption(study.description)
@@ -86,7 +87,7 @@ def show_findings(findings: Sequence[Finding]) -> None:
     for finding in findings[:_MOST_FINDINGS]:
         _finding(finding)
     if rest := findings[_MOST_FINDINGS:]:
-        with st.expander(f"{len(rest)} more finding{'s' if len(rest) > 1 else ''}"):
+        with st.expander(counted(len(rest), "more finding")):
             for finding in rest:
                 _finding(finding)
 
@@ -124,7 +125,3 @@ def show_steps(study: Study) -> None:
 def _file_name(name: str) -> str:
     kept = "".join(c if c.isalnum() else "_" for c in name.lower())
     return "_".join(part for part in kept.split("_") if part)[:60] or "study"
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
