@@ -62,6 +62,9 @@ class Container(Protocol):
     def read(self, name: str, *, at_most: int | None = None) -> bytes:
         """Return a file's bytes, all of them or the first ``at_most``."""
 
+    def path(self, name: str) -> Path | None:
+        """Return where a file lies by itself, to be read in parts; None inside an archive."""
+
 
 @contextmanager
 def open_container(source: Source, *, marker: str) -> Iterator[Container]:
@@ -168,7 +171,8 @@ class _Budget:
         if self._left < 0:
             raise JointIdError(
                 f"{name} in {self._container}: the files unpack to more than the limit of "
-                f"{_mebibytes(MAX_TOTAL_BYTES)}. Split the study, or log less."
+                f"{_mebibytes(MAX_TOTAL_BYTES)}. Split the study, log less, or give its folder with "
+                "the records as Parquet: long ones are read in parts."
             )
 
 
@@ -201,6 +205,18 @@ class _Folder:
         return tuple(sorted(name for name in found if not _is_clutter(name)))
 
     def read(self, name: str, *, at_most: int | None = None) -> bytes:
+        with self._readable(name) as target, target.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            wanted = size if at_most is None else min(size, at_most)
+            self._budget.spend(wanted, name)
+            return file.read(wanted)
+
+    def path(self, name: str) -> Path:
+        with self._readable(name) as target:
+            return target
+
+    @contextmanager
+    def _readable(self, name: str) -> Iterator[Path]:
         name = safe_name(name)
         try:
             target = (self._root / name).resolve(strict=True)
@@ -210,11 +226,7 @@ class _Folder:
                 )
             if not target.is_file():  # a pipe or device could block forever
                 raise JointIdError(f"{name} in {self.name} is not a file.")
-            with target.open("rb") as file:
-                size = os.fstat(file.fileno()).st_size
-                wanted = size if at_most is None else min(size, at_most)
-                self._budget.spend(wanted, name)
-                return file.read(wanted)
+            yield target
         except (FileNotFoundError, NotADirectoryError):
             raise missing(name, self) from None
         except (OSError, RuntimeError) as error:
@@ -268,6 +280,9 @@ class _Zip:
                 f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again."
             ) from error
         return b"".join(chunks)
+
+    def path(self, name: str) -> None:
+        return None
 
     def _check_sizes(self, members: list[zipfile.ZipInfo]) -> None:
         if len(members) > MAX_MEMBERS:

@@ -11,6 +11,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.joints import Elasticity, Inertia
+from jointid.long_records import LongRecord
 from jointid.study import Study
 
 
@@ -45,6 +46,9 @@ def study_digest(study: Study) -> str:
         begins = float("nan") if record.start_s is None else record.start_s
         timing = (record.frequency_hz, float(record.torque_hold), record.torque_delay_s, begins)
         state.update(struct.pack("<4d", *timing))
+        if isinstance(record, LongRecord):
+            _texts(state, ("long", record.fingerprint()))
+            continue
         for array in (record.time_s, record.theta_rad, record.tau_Nm):
             _array(state, array)
     return state.hexdigest()

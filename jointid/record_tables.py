@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import NoReturn
 
 import numpy as np
 import pandas as pd
@@ -253,32 +255,43 @@ def _conversion(name: str, found: Sequence[str]) -> str:
     return nearest(name, found)
 
 
+def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
+    """Positions of a Parquet record's columns, time, motor angles, motor torques.
+
+    Raises
+    ------
+    JointIdError
+        When one is missing or holds no numbers.
+    """
+    positions = _find_columns(file, list(schema.names), joints)
+    for k in positions:
+        kind = schema.types[k]
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise JointIdError(
+                f"{file}, column {schema.names[k]}: holds {kind}; expected numbers (float64)."
+            )
+    return positions
+
+
 def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
     try:
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
-        names = list(source.schema_arrow.names)
-        types = list(source.schema_arrow.types)
-        rows = source.metadata.num_rows
+        schema, rows = source.schema_arrow, source.metadata.num_rows
     except ARROW_FAULTS as error:
         raise unreadable(file, "Parquet", error) from error
-    positions = _find_columns(file, names, joints)
-    for k in positions:
-        if not (pa.types.is_floating(types[k]) or pa.types.is_integer(types[k])):
-            raise JointIdError(
-                f"{file}, column {names[k]}: holds {types[k]}; expected numbers (float64)."
-            )
+    names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
     if rows == 0:
         raise JointIdError(f"{file} has columns but no rows: export the record again.")
     try:
-        _require_bounded(file, source.metadata, len(positions))
-        table = source.read(columns=[names[k] for k in positions])
+        _require_bounded(file, source.metadata, len(names))
+        table = source.read(columns=names)
         columns = []
-        for k in positions:
-            column = table.column(names[k])
+        for name in names:
+            column = table.column(name)
             if column.null_count:
                 row = int(np.argmax(column.is_null().to_numpy())) + 1
                 raise JointIdError(
-                    f"{file}, row {row}, column {names[k]}: the value is missing. "
+                    f"{file}, row {row}, column {name}: the value is missing. "
                     "Fill it in or remove the row."
                 )
             columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
@@ -287,7 +300,7 @@ def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
     except ARROW_FAULTS as error:
         raise unreadable(file, "Parquet", error) from error
     if not are_usable(columns):
-        _explain_fault(file, column_names(joints), columns)
+        explain_fault(file, column_names(joints), columns)
     return columns
 
 
@@ -303,17 +316,36 @@ def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int)
         )
 
 
-def _explain_fault(file: str, names: Sequence[str], columns: Sequence[Floats]) -> None:
+def explain_fault(
+    file: str,
+    names: Sequence[str],
+    columns: Sequence[Floats],
+    above: int = 0,
+    before: float = -math.inf,
+) -> NoReturn:
+    """Say where columns that ``are_usable`` refuses are at fault.
+
+    Parameters
+    ----------
+    file : str
+    names : sequence of str
+    columns : sequence of ndarray
+        The first is time.
+    above : int, default 0
+        Rows of the file above these.
+    before : float, optional
+        Time of the row above the first one.
+    """
     for name, column in zip(names, columns, strict=True):
         if not np.isfinite(column).all():
             row = int(np.argmin(np.isfinite(column)))
             raise JointIdError(
-                f"{file}, row {row + 1}, column {name}: {column[row]} is not a finite number. "
+                f"{file}, row {above + row + 1}, column {name}: {column[row]} is not a finite number. "
                 "Repair the value or remove the row."
             )
-    time = columns[0]
-    row = int(np.argmax(time[1:] <= time[:-1])) + 1
-    raise time_fault(f"{file}, row {row + 1}", time[row], time[row - 1], f"row {row}")
+    time = np.concatenate([[before], columns[0]])
+    row = int(np.argmax(time[1:] <= time[:-1]))
+    raise time_fault(f"{file}, row {above + row + 1}", time[row + 1], time[row], f"row {above + row}")
 
 
 def _numbers_or_text(cells: list[str], decimal: str) -> pd.Series:

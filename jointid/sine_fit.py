@@ -1,7 +1,8 @@
 """Least-squares fit of a sine with its harmonics, an offset and a drift to every channel of a record.
 
 Uniform records take the two-level transform (``uniform_fit``), which runs at the speed of memory;
-jittered or very short ones normal equations at their own sample times (``direct_fit``).
+jittered or very short ones normal equations at their own sample times (``direct_fit``); those larger than
+memory are fitted in parts (``long_records``).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import lru_cache
 from jointid.direct_fit import fit_directly
 from jointid.errors import JointIdError
 from jointid.fitted_sine import SineFit, Window
+from jointid.long_records import LongRecord, joined
 from jointid.records import SineRecord
 from jointid.uniform_fit import fit_side_by_side
 
@@ -49,6 +51,9 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     fits: dict[int, SineFit] = {}
     alike: dict[tuple[int, int, int], dict[int, Window]] = {}
     for number, record in enumerate(records):
+        if isinstance(record, LongRecord):
+            fits[number] = _fit_in_parts(record, harmonics)
+            continue
         window = _window(record, harmonics)
         if is_uniform(record) and window.blocks >= FEWEST_BLOCKS:
             # Side by side they are padded to the longest: within a factor of two that is little.
@@ -66,6 +71,11 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
 def is_uniform(record: SineRecord) -> bool:
     """Whether the jitter is too small to be seen in the record's phasors."""
     return record.jitter_s * record.omega < _NEGLIGIBLE_PHASE
+
+
+def _fit_in_parts(record: LongRecord, harmonics: int) -> SineFit:
+    parts = [(fit_sines([part], harmonics)[0], part.samples) for part in record.parts()]
+    return joined([fit for fit, _ in parts], [samples for _, samples in parts])
 
 
 def _window(record: SineRecord, harmonics: int) -> Window:

@@ -18,6 +18,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
+from typing import Any
 
 import pandas as pd
 
@@ -29,6 +30,7 @@ from jointid.joints import Elasticity, Inertia
 from jointid.record_tables import peek_table, read_record_table
 from jointid.records import SineRecord
 from jointid.study import Study
+from jointid.study_parts import is_long, read_long_record
 from jointid.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.wording import listed, nearest, shown
 
@@ -91,7 +93,8 @@ def load_study(path_or_file: Source) -> Study:
     path_or_file : path, bytes or binary file
         The folder, the study.toml in it or a .zip by its path, or the zip as bytes or as an open
         binary file. In a zip, study.toml stands at the root or in the one folder that holds
-        everything. Nothing is unpacked to disk.
+        everything. Nothing is unpacked to disk. A Parquet record of more than 256 MiB in a folder
+        is read in parts (``LongRecord``), whatever its size.
 
     Returns
     -------
@@ -254,18 +257,22 @@ def _record(
             f'{table.where} ({file}): pose "{pose:.60}" is not defined.{nearest(pose, poses)} '
             f"Known poses: {listed(poses)}."
         )
+    known: dict[str, Any] = {
+        "frequency_hz": frequency,
+        "torque_hold": hold,
+        "torque_delay_s": delay,
+        "start_s": start,
+        "pose": pose,
+        "label": label,
+    }
+    path = container.path(file)
+    if path is not None and is_long(file, path, joints):
+        with _named(file):
+            return read_long_record(file, path, joints, **known)
     columns = read_record_table(file, container.read(file), joints)
     try:
         return SineRecord(
-            frequency_hz=frequency,
-            time_s=columns.time_s,
-            theta_rad=columns.theta_rad,
-            tau_Nm=columns.tau_Nm,
-            torque_hold=hold,
-            torque_delay_s=delay,
-            start_s=start,
-            pose=pose,
-            label=label,
+            time_s=columns.time_s, theta_rad=columns.theta_rad, tau_Nm=columns.tau_Nm, **known
         )
     except JointIdError as error:
         raise JointIdError(f"{file}: {error}{_other_time_unit(frequency, columns.time_s)}") from error

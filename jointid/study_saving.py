@@ -17,6 +17,7 @@ import tomli_w
 from jointid.checked_toml import MAX_TOML_BYTES
 from jointid.containers import MAX_TOTAL_BYTES
 from jointid.errors import JointIdError
+from jointid.long_records import LongRecord
 from jointid.record_tables import write_record_table
 from jointid.records import SineRecord
 from jointid.study import Study
@@ -107,6 +108,10 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
         )
     yield STUDY_FILE, text
     for name, record in zip(names, study.records, strict=True):
+        if isinstance(record, LongRecord):
+            raise JointIdError(
+                f"{record.label} is read in parts and cannot be saved again: copy the study's folder."
+            )
         yield name, write_record_table(record, record_format)
 
 

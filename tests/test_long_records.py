@@ -1,0 +1,150 @@
+"""Records larger than memory: read in parts, the same answer as read at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import jointid.study_parts as study_parts
+from jointid import (
+    Controller,
+    Elasticity,
+    Inertia,
+    JointIdError,
+    MotorFriction,
+    SineRecord,
+    Study,
+    analyse,
+    extract_phasors,
+    load_study,
+    save_study,
+    simulate_records,
+)
+from jointid.digest import study_digest
+from jointid.experiment import Excitation
+from jointid.long_records import LongRecord
+
+INERTIA = Inertia(M=[0.0025, 0.0010], M2=[[0.0041, 0.0004], [0.0004, 0.0019]])
+TRUE = Elasticity(K=[43, 7.5], D=[0.1, 0.015])
+
+
+@pytest.fixture
+def short_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everything is long, and a part is a few thousand samples."""
+    monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 19)
+    monkeypatch.setattr(study_parts, "_PART_SAMPLES", 4000)
+    monkeypatch.setattr(study_parts, "_PART_PERIODS", 8)
+    monkeypatch.setattr(study_parts, "_BATCH", 1777)
+
+
+def noisy(frequency: float, samples: int, seed: int, jitter: float = 0.0) -> SineRecord:
+    rng = np.random.default_rng(seed)
+    time = np.arange(samples) / 1000 + jitter * rng.uniform(-1, 1, samples)
+    turn = np.exp(1j * 2 * np.pi * frequency * time)
+    q = np.outer(turn, [0.02 + 0.01j, -0.01j]).imag + 3e-5 * rng.standard_normal((samples, 2))
+    tau = np.outer(turn, [1.0, 0.5j]).imag + 1e-3 * rng.standard_normal((samples, 2))
+    return SineRecord(frequency, time, q + 0.3, tau)
+
+
+@pytest.mark.usefixtures("short_parts")
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_parts_give_the_phasors_of_the_whole(tmp_path: Path, jitter: float) -> None:
+    records = [noisy(f, 20_011, seed, jitter) for seed, f in enumerate((7.3, 11.9, 5.0))]
+    save_study(Study(records, INERTIA), tmp_path / "study", record_format="parquet")
+    long = load_study(tmp_path / "study").records
+    assert all(isinstance(record, LongRecord) for record in long)
+    assert [record.samples for record in long] == [20_011] * 3
+    whole, parts = extract_phasors(records), extract_phasors(long)
+    assert np.all(np.abs(parts.z - whole.z) < 0.5 * whole.standard_deviation)
+    assert np.allclose(parts.duration_s, whole.duration_s, rtol=1e-4)
+    assert np.allclose(parts.standard_deviation, whole.standard_deviation, rtol=0.5)
+    assert np.allclose(parts.frequency_found_hz, whole.frequency_found_hz, atol=1e-4)
+    assert np.allclose(parts.settling, whole.settling, atol=0.01)
+    assert np.allclose(parts.drift, whole.drift, atol=1e-5)
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_the_noise_of_parts_is_honest(tmp_path: Path) -> None:
+    """The standard deviation claimed is the one that the phasors of many records have."""
+    records = [noisy(9.1, 14_000, seed) for seed in range(60)]
+    save_study(Study(records, INERTIA), tmp_path / "study", record_format="parquet")
+    phasors = extract_phasors(load_study(tmp_path / "study").records)
+    claimed = np.sqrt((phasors.standard_deviation**2).mean(axis=0))
+    seen = np.sqrt((np.abs(phasors.z - phasors.z.mean(axis=0)) ** 2).sum(axis=0) / 59)
+    assert np.allclose(claimed, seen, rtol=0.25)
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_a_long_study_is_analysed_like_another(tmp_path: Path) -> None:
+    records = simulate_records(
+        INERTIA,
+        TRUE,
+        [5, 10, 15, 20, 25],
+        excitation=Excitation(periods=60),
+        controller=Controller(bandwidth_hz=8),
+        friction=MotorFriction(coulomb=[0.05, 0.012]),
+    )
+    study = Study(records, INERTIA, name="long", origin="simulated")
+    save_study(study, tmp_path / "study", record_format="parquet")
+    long = load_study(tmp_path / "study")
+    assert any(isinstance(record, LongRecord) for record in long.records)
+    fit, whole = analyse(long).fit, analyse(study).fit
+    assert fit.friction is not None
+    assert np.allclose(fit.K, whole.K, rtol=3e-4)
+    assert np.allclose(fit.D, whole.D, rtol=3e-3)
+    assert np.allclose(fit.K, TRUE.K, rtol=1e-3)
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_start_leaves_earlier_rows_out(tmp_path: Path) -> None:
+    record = noisy(7.3, 20_000, 1)
+    later = SineRecord(7.3, record.time_s, record.theta_rad, record.tau_Nm, start_s=6.0001)
+    save_study(Study([later], INERTIA), tmp_path / "study", record_format="parquet")
+    (long,) = load_study(tmp_path / "study").records
+    assert isinstance(long, LongRecord)
+    assert long.samples == later.samples
+    assert long.time_s[0] == later.time_s[later.start]
+    assert sum(part.samples for part in long.parts()) == later.samples
+    whole, parts = extract_phasors([later]), extract_phasors([long])
+    assert np.all(np.abs(parts.z - whole.z) < 0.5 * whole.standard_deviation)
+
+
+@pytest.mark.usefixtures("short_parts")
+@pytest.mark.parametrize(
+    ("column", "value", "said"),
+    [
+        ("tau_m2_Nm", np.nan, "row 15001, column tau_m2_Nm: nan is not a finite number"),
+        ("theta_m1_rad", None, "row 15001, column theta_m1_rad: the value is missing"),
+        ("time_s", 3.0, "row 15001, column time_s: 3 s goes back from 14.999 s of row 15000"),
+    ],
+)
+def test_faults_are_named_by_their_row(
+    tmp_path: Path, column: str, value: float | None, said: str
+) -> None:
+    save_study(Study([noisy(7.3, 20_000, 1)], INERTIA), tmp_path / "study", record_format="parquet")
+    file = tmp_path / "study" / "records" / "01.parquet"
+    table = pq.read_table(file)
+    values = table.column(column).to_pylist()
+    values[15_000] = value
+    table = table.set_column(
+        table.schema.get_field_index(column), column, pa.array(values, pa.float64())
+    )
+    pq.write_table(table, file)
+    long = load_study(tmp_path / "study")
+    with pytest.raises(JointIdError, match=r"records/01\.parquet") as caught:
+        extract_phasors(long.records)
+    assert said in str(caught.value)
+
+
+@pytest.mark.usefixtures("short_parts")
+def test_the_digest_is_that_of_the_file_and_a_long_study_is_not_saved_cut(tmp_path: Path) -> None:
+    save_study(Study([noisy(7.3, 20_000, 1)], INERTIA), tmp_path / "a", record_format="parquet")
+    save_study(Study([noisy(7.3, 20_000, 2)], INERTIA), tmp_path / "b", record_format="parquet")
+    a, again, b = (load_study(tmp_path / name) for name in ("a", "a", "b"))
+    assert study_digest(a) == study_digest(again) != study_digest(b)
+    with pytest.raises(JointIdError, match="copy the study's folder"):
+        save_study(a, tmp_path / "c")
