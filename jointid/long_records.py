@@ -14,9 +14,9 @@ from jointid.records import SineRecord
 
 @dataclass(frozen=True, eq=False)
 class LongRecord(SineRecord):
-    """A record of which only the first part stands in memory.
+    """A record of which only the beginning stands in memory.
 
-    What is plotted of it, and what is judged by eye, is that part; the fit reads all of them.
+    What is plotted of it, and what is judged by eye, is the beginning; the fit reads all of it.
 
     Parameters
     ----------

@@ -25,6 +25,7 @@ LONG_BYTES = 256 << 20
 
 _PART_SAMPLES = 1 << 20
 _PART_PERIODS = 32  # enough for the noise of a part, and for 31 harmonics not to look like its drift
+_SHOWN_SAMPLES = 1 << 17  # stay in memory, for plots
 _BATCH = 1 << 16
 _BUFFER_BYTES = 1 << 20  # of each column's packed pages; else all of a row group is read at once
 
@@ -78,7 +79,8 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
         )
     file = _LongFile(name, path, joints, first, size, known)
     beginning = next(file.parts())
-    arrays = {key: getattr(beginning, key) for key in ("time_s", "theta_rad", "tau_Nm")}
+    shown = max(_SHOWN_SAMPLES, math.ceil(4 / (beginning.frequency_hz * beginning.interval_s)))
+    arrays = {key: getattr(beginning, key)[:shown] for key in ("time_s", "theta_rad", "tau_Nm")}
     return LongRecord(
         **arrays,
         **known,
