@@ -29,33 +29,32 @@ from jointid.errors import JointIdError
 from jointid.store_files import (
     MAX_NAME,
     Entry,
+    Note,
     changed_s,
     checksum,
     latest_name,
     one_line,
+    part_of,
     read_entry,
     size_text,
     user_folder,
     write_whole,
 )
 
-__all__ = ["LIMIT_BYTES", "MAX_NAME", "Entry", "Note", "Store", "new_workspace", "user_folder"]
+__all__ = [
+    "LIMIT_BYTES", "MAX_NAME", "PARTS", "Entry", "Note", "Store", "new_workspace", "part_of",
+    "user_folder",
+]  # fmt: skip
 
 LIMIT_BYTES = 1 << 30
 """What a store holds unless told otherwise, 1 GiB."""
+PARTS = ("import", "mappings")
+"""What a workspace holds beside studies, each in a place of its own, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFT_OVER_S = 3600.0
 _UNOPENED_S = 60.0
-
-
-@dataclass(frozen=True)
-class Note:
-    """What became of an entry that is gone."""
-
-    id: str
-    text: str
 
 
 def new_workspace() -> str:
@@ -77,7 +76,10 @@ class Store:
 
     def known(self, workspace: str) -> bool:
         """Whether this is the id of a workspace; any text may be asked."""
-        return bool(_WORKSPACE.fullmatch(workspace)) and self._place(workspace).is_dir()
+        if not _WORKSPACE.fullmatch(workspace):
+            return False
+        places = (workspace, *(part_of(workspace, part) for part in PARTS))
+        return any(self._place(place).is_dir() for place in places)
 
     def entries(self, workspace: str) -> tuple[Entry, ...]:
         """Return what a workspace holds, newest first; a damaged entry is set aside with a note."""
@@ -149,14 +151,14 @@ class Store:
             data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
         except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
             self.entries(workspace)  # sets it aside, when it is damaged
-            raise JointIdError("This study is not in the store any more: open its file again.") from None
+            raise JointIdError("This is not in the store any more: open its file again.") from None
         except OSError as error:
             raise self._error("read", error) from error
         if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(
                 f'The kept copy of "{meta.name}" is damaged: its checksum is wrong. It was set aside in '
-                f"{self.folder / 'damaged'}; open the study's file again."
+                f"{self.folder / 'damaged'}; open its file again."
             )
         self.touch(workspace, meta)
         return data

@@ -6,6 +6,7 @@ import json
 import os
 import secrets
 import sys
+from base64 import urlsafe_b64encode
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -29,6 +30,12 @@ def user_folder() -> Path:
     return Path(base).expanduser() / "jointid"
 
 
+def part_of(workspace: str, part: str) -> str:
+    """Return the id of a part of a workspace: whoever knows the workspace knows it, and nobody else."""
+    digest = blake2b(f"{workspace} {part}".encode(), digest_size=24).digest()
+    return urlsafe_b64encode(digest).decode()
+
+
 @dataclass(frozen=True)
 class Entry:
     """A piece of data in a workspace."""
@@ -46,6 +53,14 @@ class Entry:
     """Seconds since 1970."""
     opened_s: float
     """When it was last opened, seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class Note:
+    """What became of an entry that is gone."""
+
+    id: str
+    text: str
 
 
 def read_entry(file: Path) -> Entry:

@@ -7,8 +7,10 @@ from jointid.figures.log_spans import log_spans
 from jointid.importing import MappedLog, mapping_to_json, study_from_logs
 from jointid.ui.charts import is_dark, plot
 from jointid.ui.importing_files import drop_logs
+from jointid.ui.importing_kept import forget_import, keep_import, kept_import, say_what_is_kept
 from jointid.ui.importing_mapping import (
     choose_mapping,
+    keep_mapping,
     mapped,
     mapping_files,
     mapping_of,
@@ -28,75 +30,90 @@ st.write(
     "Logs of any controller become a study: say what the columns are, check the sine runs that were "
     "found, and give the inertias. One long log with many runs is as good as one log per run."
 )
-logs = drop_logs()
-if not logs:
-    st.caption("For instance a CSV with `time; position; torque`, a header line and one row per sample.")
-    st.stop()
+with kept_import():
+    logs = drop_logs()
+    keep_import()
+    say_what_is_kept()
+    if not logs:
+        st.caption(
+            "For instance a CSV with `time; position; torque`, a header line and one row per sample."
+        )
+        st.stop()
 
-log = choose_log(logs)
-show_raw(log.table, proposed_columns(log.key, log.table))
+    log = choose_log(logs)
+    show_raw(log.table, proposed_columns(log.key, log.table))
 
-st.subheader("What the columns are", anchor=False)
-mapping = None
-try:
-    mapping = choose_mapping(log.key, log.table)
-    remember(log.table, mapping)
-except JointIdError as error:
-    st.error(str(error))
-mapping_files(log.table, mapping)
-if mapping is None:
-    st.stop()
-
-st.subheader("Sine runs", anchor=False)
-ready: dict[str, MappedLog] = {}
-rules: dict[str, str] = {}
-for each in logs:
+    st.subheader("What the columns are", anchor=False)
+    mapping = None
     try:
-        said = mapping if each is log else mapping_of(each.key, each.table)
-        rules[each.key] = mapping_to_json(said)
-        ready[each.key] = mapped(each.key, rules[each.key], each.table, said)
+        mapping = choose_mapping(log.key, log.table)
+        remember(log.table, mapping)
     except JointIdError as error:
         st.error(str(error))
-if not ready:
-    st.stop()
-for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
-    st.caption(note)
-picture = st.container()
-found = {}
-for key, mapped_log in ready.items():
-    try:
-        found[key] = found_in(key, rules[key], mapped_log)
-    except JointIdError as error:
-        found[key] = ()
-        st.error(str(error))
-if not any(found.values()):
-    st.info(
-        "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
-        "choose other columns: the method needs steady sines of a few periods."
+    mapping_files(log.table, mapping)
+    if mapping is None:
+        st.stop()
+
+    st.subheader("Sine runs", anchor=False)
+    ready: dict[str, MappedLog] = {}
+    rules: dict[str, str] = {}
+    for each in logs:
+        try:
+            said = mapping if each is log else mapping_of(each.key, each.table)
+            rules[each.key] = mapping_to_json(said)
+            ready[each.key] = mapped(each.key, rules[each.key], each.table, said)
+        except JointIdError as error:
+            st.error(str(error))
+    if not ready:
+        st.stop()
+    for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
+        st.caption(note)
+    picture = st.container()
+    found = {}
+    for key, mapped_log in ready.items():
+        try:
+            found[key] = found_in(key, rules[key], mapped_log)
+        except JointIdError as error:
+            found[key] = ()
+            st.error(str(error))
+    if not any(found.values()):
+        st.info(
+            "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
+            "choose other columns: the method needs steady sines of a few periods."
+        )
+    rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
+    st.caption(
+        "Untick a run to leave it out, correct its times, or add one in the empty last row: without a "
+        "frequency it is estimated. Motor angles and torques are drawn as the mapping makes them."
     )
-rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
-st.caption(
-    "Untick a run to leave it out, correct its times, or add one in the empty last row: without a "
-    "frequency it is estimated. Motor angles and torques are drawn as the mapping makes them."
-)
-kept, dropped, problems = chosen_segments(rows, ready, rules)
-for problem in problems:
-    st.error(problem)
-if not problems and settle(rows, found, ready, rules):
-    st.rerun()
-if log.key in ready:
-    with picture:
-        figure = log_spans(ready[log.key], kept[log.key], dropped[log.key], dark=is_dark())
-        plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
+    kept, dropped, problems = chosen_segments(rows, ready, rules)
+    for problem in problems:
+        st.error(problem)
+    if not problems and settle(rows, found, ready, rules):
+        st.rerun()
+    if log.key in ready:
+        with picture:
+            figure = log_spans(ready[log.key], kept[log.key], dropped[log.key], dark=is_dark())
+            plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
 
-st.subheader("The robot", anchor=False)
-try:
-    robot = ask_robot(mapping.n, [mapped_log.name for mapped_log in ready.values()])
-    if robot is not None and not problems:
-        with st.spinner("Cutting the records out"):
-            parts = [kept[key] for key in ready]
-            study = study_from_logs(list(ready.values()), parts, robot.inertia, name=robot.name)
-            keep(study, robot.name)
-        st.switch_page(OVERVIEW.path)
-except JointIdError as error:
-    st.error(str(error))
+    st.subheader("The robot", anchor=False)
+    try:
+        ratios = [joint.gear_ratio for joint in mapping.joints]
+        robot = ask_robot(ratios, [mapped_log.name for mapped_log in ready.values()])
+        if robot is not None and not problems:
+            with st.spinner("Cutting the records out"):
+                study = study_from_logs(
+                    list(ready.values()),
+                    [kept[key] for key in ready],
+                    robot.known.inertia,
+                    nominal=robot.known.nominal,
+                    poses=robot.known.poses,
+                    pose_of=robot.pose_of,
+                    name=robot.name,
+                )
+                keep(study, robot.name)
+                keep_mapping(log.table, mapping)
+                forget_import()
+            st.switch_page(OVERVIEW.path)
+    except JointIdError as error:
+        st.error(str(error))

@@ -51,8 +51,9 @@ def long_log(ratio: float = 1.0) -> bytes:
 
 
 @pytest.fixture
-def page(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     app = AppTest.from_file(str(APP), default_timeout=60).run()
     return shown(app.switch_page(PAGE).run())
 
@@ -76,8 +77,8 @@ def figures(at: AppTest) -> int:
 
 
 def send(at: AppTest, M: str, M2: str) -> AppTest:
-    at.text_input(key="import_M").set_value(M)
-    at.text_input(key="import_M2").set_value(M2)
+    at.text_input(key="import M").set_value(M)
+    at.text_input(key="import M2").set_value(M2)
     widget(at, "button", "Open as study").click()
     return shown(at.run())
 
@@ -122,7 +123,7 @@ class TestMapping:
     def test_entries_and_logs_outlive_a_visit_to_another_page(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
         widget(at, "number_input", "Gear ratio").set_value(-93.5)
-        at.text_input(key="import_M").set_value("0.001")
+        at.text_input(key="import M").set_value("0.001")
         at = shown(at.run())
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
@@ -192,7 +193,7 @@ class TestStudy:
         at = send(drop(page, ("one.csv", long_log())), M, M2)
         assert len(at.error) == 1
         assert said in at.error[0].value
-        assert at.text_input(key="import_M2").value == M2
+        assert at.text_input(key="import M2").value == M2
         assert figures(at) == 2
 
     @pytest.mark.parametrize("data", [b"", b"\x00\x01\x02", b"hello", b"a,b\nx,y\n", b"PAR1"])
@@ -258,10 +259,11 @@ def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.Monk
     seen: list[Inertia] = []
     monkeypatch.setattr(
         "jointid.importing.study_from_logs",
-        lambda logs, parts, inertia, *, name: seen.append(inertia) or _refuse(),
+        lambda logs, parts, inertia, **_: seen.append(inertia) or _refuse(),
     )
     at = drop(page, ("one.csv", long_log()))
-    at.selectbox(key="import_inertia_unit").set_value("kg·cm²")
+    at.selectbox(key="import M unit").set_value("kg·cm²")
+    at.selectbox(key="import M2 unit").set_value("kg·cm²")
     at = send(at, "10", "30")
     assert pytest.approx([1e-3]) == seen[0].M
     assert pytest.approx(np.array([[3e-3]])) == seen[0].M2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -78,6 +78,8 @@ def study_from_logs(
     inertia: Inertia,
     *,
     nominal: Elasticity | None = None,
+    poses: Mapping[str, Inertia] | None = None,
+    pose_of: Sequence[str | None] | None = None,
     name: str = "",
     description: str = "",
 ) -> Study:
@@ -91,6 +93,10 @@ def study_from_logs(
     inertia : Inertia
         Motor side.
     nominal : Elasticity, optional
+    poses : mapping of str to Inertia, optional
+        Inertia of each named pose.
+    pose_of : sequence of str or None, optional
+        Pose of each log; None, and by default, the one that ``inertia`` holds for.
     name, description : str, optional
         By default from the logs.
 
@@ -109,6 +115,9 @@ def study_from_logs(
             "No sine segments were found or chosen: the method needs steady sines of a few periods. "
             "Mark one by its start and stop, or check the time and position columns."
         )
+    pose_of = pose_of or [None] * len(logs)
+    if len(pose_of) != len(logs):
+        raise JointIdError(f"{len(logs)} log(s), but {len(pose_of)} pose(s): give one for each log.")
     for log in logs:
         if log.n != inertia.n:
             raise JointIdError(
@@ -119,8 +128,8 @@ def study_from_logs(
     flat = common_frequencies([segment for part in each for segment in part])
     records: list[SineRecord] = []
     done = 0
-    for log, part in zip(logs, each, strict=True):
-        records += segment_records(log, flat[done : done + len(part)])
+    for log, part, pose in zip(logs, each, pose_of, strict=True):
+        records += segment_records(log, flat[done : done + len(part)], pose=pose)
         done += len(part)
     sources = ", ".join(log.name for log in logs[:5] if log.name)
     return Study(
@@ -130,6 +139,7 @@ def study_from_logs(
         name=name or sources,
         origin="measured",
         description=description or f"Imported: {len(flat)} sine segment(s) of {sources or 'a log'}.",
+        poses=poses or {},
     )
 
 

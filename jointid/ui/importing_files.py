@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
 
@@ -12,7 +13,8 @@ from jointid.importing import LogTable, read_logs
 from jointid.importing.tables import MAX_LOG_BYTES
 
 _UPLOADER = "log_file"
-_FILES = "import_files"
+_FILES = "dropped_logs"
+_HELD = "held_logs"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +44,17 @@ def drop_logs() -> list[Log]:
         key=_UPLOADER,
         on_change=_take,
     )
-    files: list[Dropped] = st.session_state.get(_FILES, [])
-    if files and not st.session_state.get(_UPLOADER):
+    files = dropped()
+    if not st.session_state.get(_UPLOADER):
+        hold(files)
+    if held := st.session_state.get(_HELD):
         left, right = st.columns([4, 1], vertical_alignment="center")
-        left.caption("Still open: " + ", ".join(file.name for file in files))
-        right.button("Close these logs", on_click=st.session_state.pop, args=(_FILES, None))
+        size = sum(len(file.data) for file in files) / 2**20
+        left.caption(
+            f"Still open: {', '.join(file.name for file in held)}. Logs and entries are kept at this "
+            f"page's address until they are closed or opened as a study ({size:.1f} MiB)."
+        )
+        right.button("Close these logs", on_click=_close)
     first, all_logs = [], {}
     for number, file in enumerate(files, start=1):
         try:
@@ -65,22 +73,41 @@ def drop_logs() -> list[Log]:
         list(all_logs),
         default=list(dict.fromkeys(first)),
         format_func=lambda key: all_logs[key].table.name,
-        key="import_tables " + "".join(all_logs),
+        key="import tables " + _short(all_logs),
         persist_state="session",
         help="A file may hold several tables; the one with the most numbers is proposed.",
     )
     return [all_logs[key] for key in chosen]
 
 
+def dropped() -> list[Dropped]:
+    """Return the files that are open in this session."""
+    files: list[Dropped] = st.session_state.get(_FILES, [])
+    return files
+
+
+def hold(files: list[Dropped]) -> None:
+    """Have these files open, whatever the uploader holds: it forgets them when the page is left."""
+    st.session_state[_HELD] = st.session_state[_FILES] = files
+
+
 def _take() -> None:
-    """Keep the bytes: the uploader forgets them when the page is left."""
-    uploaded = st.session_state.get(_UPLOADER) or []
-    files: dict[str, Dropped] = {}
-    for file in uploaded:
+    """Add what was uploaded to what was open before, or take away again what was uploaded."""
+    files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
+    for file in st.session_state.get(_UPLOADER) or []:
         data = file.getvalue()
         digest = blake2b(data, digest_size=16).hexdigest()
         files[digest] = Dropped(file.name, data, digest)
     st.session_state[_FILES] = list(files.values())
+
+
+def _close() -> None:
+    held = {file.digest for file in st.session_state.pop(_HELD, [])}
+    st.session_state[_FILES] = [file for file in dropped() if file.digest not in held]
+
+
+def _short(keys: Iterable[str]) -> str:
+    return blake2b("".join(keys).encode(), digest_size=8).hexdigest()
 
 
 @st.cache_resource(max_entries=16, show_spinner=False)

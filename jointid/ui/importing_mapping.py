@@ -2,46 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping as MappingType
-from typing import TypeVar
+from typing import Any
 
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.importing import (
-    Channel,
     Guess,
-    JointMapping,
     LogTable,
     MappedLog,
     Mapping,
-    TimeColumn,
     apply_mapping,
     guess_mapping,
     mapping_from_json,
     mapping_to_json,
 )
-from jointid.importing.mapping import JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    SAMPLES,
-    TIME_UNITS,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
-)
+from jointid.store import Store
+from jointid.ui.importing_entries import Entries
+from jointid.ui.workspace import keep_part, place_for, store
 
-T = TypeVar("T")
-
-_NO_COLUMN = "no column: number the rows"
-_SIDES = {MOTOR: "motor", JOINT: "joint"}
-_SIGNS = {1: "as logged", -1: "reversed"}
 _SAVED = "import_mappings"
 _BASE = "import_base"
 _FIRST = "import_first_log"
-_VERSION = "import_version"
+_KNOWN = "import_known_mappings"
+_VERSION = "import version"
+_PART = "mappings"
+_MOST_KNOWN = 50
 
 
 @st.cache_resource(max_entries=32, show_spinner=False)
@@ -53,7 +39,7 @@ def guessed(key: str, _table: LogTable) -> Guess:
 def mapping_of(key: str, table: LogTable) -> Mapping:
     """Return the mapping that the session has for these columns, or the guess."""
     saved: dict[str, Mapping] = st.session_state.get(_SAVED, {})
-    return saved.get(table.signature) or guessed(key, table).mapping
+    return saved.get(table.signature) or _known(table.signature) or guessed(key, table).mapping
 
 
 def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
@@ -78,6 +64,62 @@ def remember(table: LogTable, mapping: Mapping) -> None:
     st.session_state.setdefault(_SAVED, {})[table.signature] = mapping
 
 
+def keep_mapping(table: LogTable, mapping: Mapping) -> None:
+    """Offer a mapping that a study was made with in later sessions of this workspace, too."""
+    known = st.session_state.setdefault(_KNOWN, {})
+    if known.get(table.signature) == mapping:
+        return
+    known[table.signature] = mapping
+
+    def write(to: Store, place: str) -> None:
+        data = mapping_to_json(mapping).encode()
+        to.put(place, f"The mapping of {table.name}", table.signature, data)
+        for entry in to.entries(place)[_MOST_KNOWN:]:
+            to.delete(place, entry.id)
+
+    try:
+        keep_part(_PART, write)
+    except JointIdError as error:
+        st.session_state["store_problem"] = f"The mapping is known in this session only. {error}"
+
+
+def _known(signature: str) -> Mapping | None:
+    """Return the mapping that this workspace had for these columns, read once per session."""
+    known: dict[str, Mapping | None] = st.session_state.setdefault(_KNOWN, {})
+    place = place_for(_PART)
+    if place is not None and signature not in known:
+        known[signature] = None
+        try:
+            found = [entry for entry in store().entries(place) if entry.digest == signature]
+            if found:
+                known[signature] = mapping_from_json(store().read(place, found[0].id))
+        except JointIdError as error:
+            st.session_state["store_problem"] = f"The mapping used before is not known any more. {error}"
+    return known.get(signature)
+
+
+def mappings_to_json() -> dict[str, Any]:
+    """Return what this session knows of its mappings as values that JSON can hold."""
+    parts: dict[str, Any] = {
+        key: {k: mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
+        for key in (_SAVED, _BASE)
+    }
+    return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}
+
+
+def mappings_from_json(values: dict[str, Any]) -> None:
+    """Take up what ``mappings_to_json`` returned.
+
+    Raises
+    ------
+    JointIdError, KeyError, TypeError, AttributeError
+        When it is something else.
+    """
+    for key in (_SAVED, _BASE):
+        st.session_state[key] = {k: mapping_from_json(text) for k, text in values[key].items()}
+    st.session_state[_FIRST] = dict(values[_FIRST])
+
+
 def choose_mapping(key: str, table: LogTable) -> Mapping:
     """Draw every entry of the mapping and return what they say.
 
@@ -90,14 +132,17 @@ def choose_mapping(key: str, table: LogTable) -> Mapping:
     bases: dict[str, Mapping] = st.session_state.setdefault(_BASE, {})
     guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
     if table.signature not in bases:
-        bases[table.signature] = guess.mapping
+        known = _known(table.signature)
+        bases[table.signature] = known or guess.mapping
+        if known is not None:
+            guessed_from[table.signature] = ""
     base = bases[table.signature]
     version = st.session_state.get(_VERSION, 0)
-    entries = _Entries(table, guess, base, f"{table.signature} {version}")
+    entries = Entries(table, guess, base, f"{table.signature} {version}")
     if guessed_from.setdefault(table.signature, key) != key:
         left, right = st.columns([4, 1], vertical_alignment="center")
-        left.info("The mapping that was used for these columns before in this session is used again.")
-        if right.button("Guess afresh", key="import_afresh"):
+        left.info("The mapping that was used for these columns before is used again.")
+        if right.button("Guess afresh", key="guess_afresh"):
             guessed_from[table.signature] = key
             _start_from(table, guess.mapping)
             st.rerun()
@@ -132,176 +177,7 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
 
 def _start_from(table: LogTable, mapping: Mapping) -> None:
     st.session_state.setdefault(_BASE, {})[table.signature] = mapping
+    version = st.session_state.get(_VERSION, 0)
+    for key in [k for k in st.session_state if str(k).endswith(f" {table.signature} {version}")]:
+        del st.session_state[key]
     st.session_state[_VERSION] = st.session_state.get(_VERSION, 0) + 1
-
-
-class _Entries:
-    """The widgets of one mapping; their keys carry the columns' signature."""
-
-    def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
-        self.table, self.guess, self.base, self.key = table, guess, base, key
-        self.reasons = {reason.what: reason for reason in guess.reasons}
-
-    def ask(self) -> Mapping:
-        with st.container(border=True):
-            time, joints = self._time()
-        asked = [self._joint(j) for j in range(joints)]
-        with st.container(border=True):
-            left, right = st.columns(2, vertical_alignment="bottom")
-            held = left.checkbox(
-                "Torque held from sample to sample",
-                self.base.torque_hold,
-                help="A digital controller's torque stays constant until its next sample.",
-                key=self._id("held"),
-                persist_state="session",
-            )
-            delay = right.number_input(
-                "Torque acts after its sample by (ms)",
-                value=1e3 * self.base.torque_delay_s,
-                format="%g",
-                key=self._id("delay"),
-                persist_state="session",
-            )
-            self._why(("torque hold", not held))
-        return Mapping(
-            TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
-        )
-
-    def _time(self) -> tuple[tuple[str, str, float | None], int]:
-        one, two, three, four = st.columns([3, 2, 2, 2])
-        base = self.base.time
-        column = self._select(
-            one, "Time", [*self.table.names, _NO_COLUMN], base.column or _NO_COLUMN, "time"
-        )
-        units = [SAMPLES] if column == _NO_COLUMN else [*TIME_UNITS, SAMPLES]
-        unit = self._select(
-            two, "Unit of time", units, base.unit if base.unit in units else units[0],
-            f"time unit {column == _NO_COLUMN}",
-        )  # fmt: skip
-        rate = None
-        if unit == SAMPLES:
-            rate = three.number_input(
-                "Samples per second (Hz)",
-                min_value=0.0,
-                value=base.rate_hz or 1000.0,
-                format="%g",
-                key=self._id("rate"),
-                persist_state="session",
-            )
-        joints = four.number_input(
-            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
-        )
-        time = "" if column == _NO_COLUMN else column
-        guess = self.guess.mapping.time
-        still = time == guess.column
-        self._why(
-            ("time", still), ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz))
-        )
-        return (time, unit, rate), int(joints)
-
-    def _joint(self, j: int) -> tuple[Channel, Channel, float]:
-        known = self.base.joints[j] if j < self.base.n else None
-        free = [name for name in self.table.names if name not in self.base.columns]
-        free = (free[2 * (j - self.base.n) :] + [*self.table.names] * 2)[:2]
-        with st.container(border=True):
-            left, right = st.columns([3, 2], vertical_alignment="center")
-            left.markdown(f"**Joint {j + 1}**")
-            ratio = right.number_input(
-                f"Gear ratio of joint {j + 1}",
-                value=known.gear_ratio if known else 1.0,
-                step=1.0,
-                format="%g",
-                key=self._id(f"ratio {j}"),
-                persist_state="session",
-                help="Motor turns over joint turns; negative when they turn against each other. "
-                "It counts for channels measured on the joint's side.",
-            )
-            position = self._channel(
-                "position", j, known.position if known else Channel(free[0], "rad"),
-                tuple(ANGLE_UNITS), POSITION_SCALES,
-            )  # fmt: skip
-            torque = self._channel(
-                "torque", j, known.torque if known else Channel(free[1], "N·m"),
-                tuple(TORQUE_UNITS), TORQUE_SCALES,
-            )  # fmt: skip
-            if j < self.guess.mapping.n:
-                self._why_joint(j, position, torque, float(ratio))
-        return position, torque, float(ratio)
-
-    def _why_joint(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
-        guess, end = self.guess.mapping.joints[j], f" of joint {j + 1}"
-        stands = []
-        for role, now, then in (
-            ("position", position, guess.position),
-            ("torque", torque, guess.torque),
-        ):
-            same = now.column == then.column
-            stands += [
-                (f"{role}{end}", same),
-                (f"unit of {role}{end}", same and now.unit == then.unit),
-                (f"scale of {role}{end}", same and (now.unit, now.scale) == (then.unit, then.scale)),
-                (f"side of {role}{end}", same and now.side == then.side),
-            ]
-        self._why(*stands, (f"gear ratio{end}", ratio == guess.gear_ratio), part_of=end)
-
-    def _channel(
-        self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
-    ) -> Channel:
-        one, two, three, four, five = st.columns([3, 1.5, 2.5, 1.5, 2])
-        name = f"{role} {j}"
-        column = self._select(
-            one, f"{role.capitalize()} of joint {j + 1}", self.table.names, base.column, name
-        )
-        unit = self._select(two, f"Unit of {role} {j + 1}", units, base.unit, f"{name} unit")
-        scale = None
-        if meaning := scales.get(unit):
-            scale = three.number_input(
-                _upper(meaning),
-                value=base.scale if base.unit == unit and base.scale else 1.0,
-                format="%g",
-                key=self._id(f"{name} scale {meaning}"),
-                persist_state="session",
-            )
-        side = self._select(four, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
-        sign = self._select(five, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
-        return Channel(column, unit, scale, side, sign)
-
-    def _select(
-        self,
-        place: DeltaGenerator,
-        label: str,
-        options: Iterable[T],
-        value: T,
-        name: str,
-        words: MappingType[T, str] | None = None,
-    ) -> T:
-        choices = list(options)
-        return place.selectbox(
-            label,
-            choices,
-            index=choices.index(value) if value in choices else 0,
-            format_func=words.__getitem__ if words else str,
-            key=self._id(name),
-            persist_state="session",
-        )
-
-    def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
-        """Say why entries were guessed as they are, those that are not sure first; not once changed."""
-        found = [
-            self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
-        ]
-        for sure, mark in ((False, ":orange-badge[To check] "), (True, ":gray-badge[Why] ")):
-            said = [
-                f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
-                for reason in found
-                if reason.sure == sure
-            ]
-            if said:
-                st.caption(mark + " ".join(said))
-
-    def _id(self, name: str) -> str:
-        return f"import {name} {self.key}"
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

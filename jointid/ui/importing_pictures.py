@@ -20,11 +20,13 @@ def choose_log(logs: Sequence[Log]) -> Log:
     if len(logs) == 1:
         return logs[0]
     by_key = {log.key: log for log in logs}
+    if st.session_state.get("import look", logs[0].key) not in by_key:
+        del st.session_state["import look"]
     key = st.selectbox(
         "Log to look at",
         list(by_key),
         format_func=lambda key: by_key[key].table.name,
-        key="import_look " + "".join(by_key),
+        key="import look",
         persist_state="session",
         help="Logs with the same columns share one mapping. All of them go into the study.",
     )
@@ -50,7 +52,7 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
             "Columns in the picture",
             others,
             default=curves[:_FEW_CURVES],
-            key=f"import_curves {log.signature}",
+            key=f"import curves {log.signature}",
             persist_state="session",
         )
         headings = {c.name: _heading(c.name, c.unit) for c in log.columns}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import blake2b
 from typing import Any
 
@@ -14,26 +14,11 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_segments, measure_segment
 from jointid.rounding import significant
+from jointid.ui.importing_rows import Row, last_rows
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
-_LAST = "import_segments_last"
 _SHOWN = "import_segments_shown"
 _SETTLED = "import_segments_settled"
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the table."""
-
-    log: str
-    """Key of its log."""
-    start_s: float | None = None
-    stop_s: float | None = None
-    frequency_hz: float | None = None
-    """None: to be estimated."""
-    use: bool = True
-    found: Segment | None = None
-    """The segment itself as long as nothing of it was changed."""
 
 
 @st.cache_resource(max_entries=32, show_spinner="Looking for steady sines")
@@ -60,7 +45,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
         What each log is called.
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
-    last: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
+    last = last_rows()
     if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
         rows = [
             row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
@@ -147,7 +132,7 @@ def settle(
     """
     if all(row.found for row in rows) or any(None in (row.start_s, row.stop_s) for row in rows):
         return False
-    last = st.session_state[_LAST]
+    last = last_rows()
     for key, part in found.items():
         settled = []
         for row in rows:

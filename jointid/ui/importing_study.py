@@ -1,4 +1,4 @@
-"""What a log does not say, by form: inertias and a name; then the study."""
+"""What a log does not say: inertias, poses and a name; then the study."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import PurePath
 
 import streamlit as st
 
-from jointid import Inertia, JointIdError
-from jointid.ui.numbers_in import matrix_in, numbers_in
+from jointid import JointIdError
+from jointid.importing.robot_inertia import KnownRobot
+from jointid.ui.importing_inertia import ask_inertia, show_inertia
 
-_UNITS = {"kg·m²": 1.0, "kg·cm²": 1e-4, "g·cm²": 1e-7}
+_NO_POSE = "as in [inertia]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,60 +20,64 @@ class Robot:
     """What was entered."""
 
     name: str
-    inertia: Inertia
+    known: KnownRobot
+    pose_of: tuple[str | None, ...]
+    """Pose of each log; None: that of ``known.inertia``."""
 
 
-def ask_robot(joints: int, files: Sequence[str]) -> Robot | None:
-    """Ask for name and inertias; None until the form is sent.
-
-    Raises
-    ------
-    JointIdError
-        When something is missing or is no inertia.
-    """
-    with st.form("import", border=False):
-        left, right = st.columns([3, 1])
-        name = left.text_input(
-            "Name of the study",
-            key="import_name",
-            placeholder=_stem(files),
-            persist_state="session",
-        )
-        unit = right.selectbox(
-            "Unit of the inertias", list(_UNITS), key="import_inertia_unit", persist_state="session"
-        )
-        left, right = st.columns(2)
-        M = left.text_input(
-            "Rotor inertias M, one per joint",
-            key="import_M",
-            placeholder=", ".join(["0.0025", "0.0010", "0.0008"][:joints]),
-            persist_state="session",
-        )
-        M2 = right.text_input(
-            "Arm inertia M2 seen from the motors, rows separated by ;",
-            key="import_M2",
-            placeholder="0.0041" if joints == 1 else "0.0041, 0.0004; 0.0004, 0.0019",
-            persist_state="session",
-            help="The method takes the rigid-body inertias, seen from the motors (divided by both gear "
-            "ratios), as known. K and D are as right as they are.",
-        )
-        if not st.form_submit_button("Open as study", type="primary"):
-            return None
-    if not M.strip() or not M2.strip():
-        raise JointIdError(
-            "The inertias are missing: give M and M2 of the joints, motor side. "
-            "K and D cannot be found without them."
-        )
-    factor = _UNITS[unit]
-    inertia = Inertia(
-        [factor * value for value in numbers_in("Rotor inertias M", M)],
-        [[factor * value for value in row] for row in matrix_in("Arm inertia M2", M2)],
+def ask_robot(gear_ratios: Sequence[float], logs: Sequence[str]) -> Robot | None:
+    """Ask for name and inertias, show what they come to; None until the study is to be opened."""
+    joints = len(gear_ratios)
+    known, problem = None, ""
+    try:
+        known = ask_inertia(gear_ratios)
+        if known is not None and known.inertia.n != joints:
+            problem = (
+                f"The inertias are those of {known.inertia.n} joint(s), the mapping has {joints}: "
+                "make them agree."
+            )
+    except JointIdError as error:
+        problem = str(error)
+    poses = _ask_poses(known, logs)
+    left, right = st.columns([3, 1], vertical_alignment="bottom")
+    name = left.text_input(
+        "Name of the study",
+        key="import name",
+        placeholder=(known.name if known else "") or _stem(logs),
+        persist_state="session",
     )
-    if inertia.n != joints:
-        raise JointIdError(
-            f"The inertias are those of {inertia.n} joint(s), the mapping has {joints}: make them agree."
+    # The button stands above what changes its height, so that it never moves away under a click.
+    wanted = right.button("Open as study", type="primary", width="stretch")
+    if wanted and known is None:
+        problem = problem or (
+            "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
+            "found without them."
         )
-    return Robot(name.strip() or _stem(files), inertia)
+    if problem:
+        st.error(problem)
+    elif known is None:
+        st.caption("M and M2 are shown here as the method takes them, as soon as they are entered.")
+    else:
+        show_inertia(known)
+    if not wanted or problem or known is None:
+        return None
+    return Robot(name.strip() or known.name or _stem(logs), known, poses)
+
+
+def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | None, ...]:
+    """Ask which pose each log was measured in, when there are poses."""
+    if known is None or not known.poses:
+        return (None,) * len(logs)
+    options = [_NO_POSE, *known.poses]
+    chosen = []
+    places = st.columns(min(len(logs), 3))
+    for number, log in enumerate(logs):
+        key = f"import pose of {log} {number}"
+        if st.session_state.get(key, _NO_POSE) not in options:
+            del st.session_state[key]
+        place = places[number % len(places)]
+        chosen.append(place.selectbox(f"Pose of {log}", options, key=key, persist_state="session"))
+    return tuple(None if pose == _NO_POSE else pose for pose in chosen)
 
 
 def _stem(files: Sequence[str]) -> str:

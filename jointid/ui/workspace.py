@@ -7,6 +7,7 @@ What the store cannot take stays in this session, and that is said.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import streamlit as st
 
 from jointid import JointIdError, Study
 from jointid.digest import study_digest
-from jointid.store import Entry, Note, Store, new_workspace, user_folder
+from jointid.store import Entry, Note, Store, new_workspace, part_of, user_folder
 from jointid.study_files import PeekedTable, load_study, pack_study, peek_study
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
@@ -116,6 +117,25 @@ def names_by_address() -> dict[str, str]:
     session = {name: name for name in reversed(_in_session())}
     samples = {name: name for name in sample_paths()}
     return session | {entry.id: name for name, entry in recent().items()} | samples
+
+
+def place_for(part: str) -> str | None:
+    """Return where a part of this workspace is kept, see ``store``; None without a workspace."""
+    place = workspace()
+    return None if place is None else part_of(place, part)
+
+
+def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
+    """Write to a part of this workspace; a session without one has one from then on.
+
+    Raises
+    ------
+    JointIdError
+        When the store cannot take it.
+    """
+    place = workspace() or new_workspace()
+    write(store(), part_of(place, part))
+    st.session_state["workspace"] = st.query_params["w"] = place
 
 
 def keep(study: Study, name: str) -> None:

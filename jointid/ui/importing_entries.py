@@ -1,0 +1,201 @@
+"""Every entry of a mapping as a widget, with the reasons for what was guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from collections.abc import Mapping as MappingType
+from typing import TypeVar
+
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid.importing import Channel, Guess, JointMapping, LogTable, Mapping, TimeColumn
+from jointid.importing.mapping import JOINT, MAX_JOINTS, MOTOR
+from jointid.importing.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    SAMPLES,
+    TIME_UNITS,
+    TORQUE_SCALES,
+    TORQUE_UNITS,
+)
+
+T = TypeVar("T")
+
+_NO_COLUMN = "no column: number the rows"
+_SIDES = {MOTOR: "motor", JOINT: "joint"}
+_SIGNS = {1: "as logged", -1: "reversed"}
+
+
+class Entries:
+    """The widgets of one mapping; their keys carry the columns' signature."""
+
+    def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
+        self.table, self.guess, self.base, self.key = table, guess, base, key
+        self.reasons = {reason.what: reason for reason in guess.reasons}
+
+    def ask(self) -> Mapping:
+        with st.container(border=True):
+            time, joints = self._time()
+        asked = [self._joint(j) for j in range(joints)]
+        with st.container(border=True):
+            left, right = st.columns(2, vertical_alignment="bottom")
+            held = left.checkbox(
+                "Torque held from sample to sample",
+                self.base.torque_hold,
+                help="A digital controller's torque stays constant until its next sample.",
+                key=self._id("held"),
+                persist_state="session",
+            )
+            delay = right.number_input(
+                "Torque acts after its sample by (ms)",
+                value=1e3 * self.base.torque_delay_s,
+                format="%g",
+                key=self._id("delay"),
+                persist_state="session",
+            )
+            self._why(("torque hold", not held))
+        return Mapping(
+            TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
+        )
+
+    def _time(self) -> tuple[tuple[str, str, float | None], int]:
+        one, two, three, four = st.columns([3, 2, 2, 2])
+        base = self.base.time
+        column = self._select(
+            one, "Time", [*self.table.names, _NO_COLUMN], base.column or _NO_COLUMN, "time"
+        )
+        units = [SAMPLES] if column == _NO_COLUMN else [*TIME_UNITS, SAMPLES]
+        unit = self._select(
+            two, "Unit of time", units, base.unit if base.unit in units else units[0],
+            f"time unit {column == _NO_COLUMN}",
+        )  # fmt: skip
+        rate = None
+        if unit == SAMPLES:
+            rate = three.number_input(
+                "Samples per second (Hz)",
+                min_value=0.0,
+                value=base.rate_hz or 1000.0,
+                format="%g",
+                key=self._id("rate"),
+                persist_state="session",
+            )
+        joints = four.number_input(
+            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
+        )
+        time = "" if column == _NO_COLUMN else column
+        guess = self.guess.mapping.time
+        still = time == guess.column
+        self._why(
+            ("time", still), ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz))
+        )
+        return (time, unit, rate), int(joints)
+
+    def _joint(self, j: int) -> tuple[Channel, Channel, float]:
+        known = self.base.joints[j] if j < self.base.n else None
+        free = [name for name in self.table.names if name not in self.base.columns]
+        free = (free[2 * (j - self.base.n) :] + [*self.table.names] * 2)[:2]
+        with st.container(border=True):
+            left, right = st.columns([3, 2], vertical_alignment="center")
+            left.markdown(f"**Joint {j + 1}**")
+            ratio = right.number_input(
+                f"Gear ratio of joint {j + 1}",
+                value=known.gear_ratio if known else 1.0,
+                step=1.0,
+                format="%g",
+                key=self._id(f"ratio {j}"),
+                persist_state="session",
+                help="Motor turns over joint turns; negative when they turn against each other. "
+                "It counts for channels measured on the joint's side.",
+            )
+            position = self._channel(
+                "position", j, known.position if known else Channel(free[0], "rad"),
+                tuple(ANGLE_UNITS), POSITION_SCALES,
+            )  # fmt: skip
+            torque = self._channel(
+                "torque", j, known.torque if known else Channel(free[1], "N·m"),
+                tuple(TORQUE_UNITS), TORQUE_SCALES,
+            )  # fmt: skip
+            if j < self.guess.mapping.n:
+                self._why_joint(j, position, torque, float(ratio))
+        return position, torque, float(ratio)
+
+    def _why_joint(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
+        guess, end = self.guess.mapping.joints[j], f" of joint {j + 1}"
+        stands = []
+        for role, now, then in (
+            ("position", position, guess.position),
+            ("torque", torque, guess.torque),
+        ):
+            same = now.column == then.column
+            stands += [
+                (f"{role}{end}", same),
+                (f"unit of {role}{end}", same and now.unit == then.unit),
+                (f"scale of {role}{end}", same and (now.unit, now.scale) == (then.unit, then.scale)),
+                (f"side of {role}{end}", same and now.side == then.side),
+            ]
+        self._why(*stands, (f"gear ratio{end}", ratio == guess.gear_ratio), part_of=end)
+
+    def _channel(
+        self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
+    ) -> Channel:
+        one, two, three, four, five = st.columns([3, 1.5, 2.5, 1.5, 2])
+        name = f"{role} {j}"
+        column = self._select(
+            one, f"{role.capitalize()} of joint {j + 1}", self.table.names, base.column, name
+        )
+        unit = self._select(two, f"Unit of {role} {j + 1}", units, base.unit, f"{name} unit")
+        scale = None
+        if meaning := scales.get(unit):
+            scale = three.number_input(
+                _upper(meaning),
+                value=base.scale if base.unit == unit and base.scale else 1.0,
+                format="%g",
+                key=self._id(f"{name} scale {meaning}"),
+                persist_state="session",
+            )
+        side = self._select(four, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
+        sign = self._select(five, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
+        return Channel(column, unit, scale, side, sign)
+
+    def _select(
+        self,
+        place: DeltaGenerator,
+        label: str,
+        options: Iterable[T],
+        value: T,
+        name: str,
+        words: MappingType[T, str] | None = None,
+    ) -> T:
+        choices = list(options)
+        if st.session_state.get(self._id(name), value) not in choices:
+            del st.session_state[self._id(name)]  # of an earlier version
+        return place.selectbox(
+            label,
+            choices,
+            index=choices.index(value) if value in choices else 0,
+            format_func=words.__getitem__ if words else str,
+            key=self._id(name),
+            persist_state="session",
+        )
+
+    def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
+        """Say why entries were guessed as they are, those that are not sure first; not once changed."""
+        found = [
+            self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
+        ]
+        for sure, mark in ((False, ":orange-badge[To check] "), (True, ":gray-badge[Why] ")):
+            said = [
+                f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
+                for reason in found
+                if reason.sure == sure
+            ]
+            if said:
+                st.caption(mark + " ".join(said))
+
+    def _id(self, name: str) -> str:
+        return f"import {name} {self.key}"
+
+
+def _upper(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,211 @@
+"""Inertias as people have them: numbers on either side of the gears, TOML, and the links of an arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+from streamlit.testing.v1 import AppTest
+from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
+
+from jointid import Inertia, JointIdError, PlanarArm
+from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
+from jointid.study_files import load_study
+from jointid.ui import workspace
+from jointid.ui.importing_inertia import show_inertia
+
+TOML = """
+name = "Cell 7"
+[inertia]
+M = [0.001]
+M2 = [[0.003]]
+[nominal]
+K = [20.0]
+D = [0.1]
+[poses.stretched]
+M2 = [[0.005]]
+"""
+
+
+@given(some.integers(1, 4), some.integers(0, 2**32 - 1))
+def test_joint_side_inertias_keep_the_kinetic_energy(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ratio = rng.uniform(30, 200, n) * rng.choice([-1, 1], n)
+    root = rng.standard_normal((n, n))
+    arm, rotor = root @ root.T + np.eye(n), rng.uniform(1, 50, n)
+    joint_rate = rng.standard_normal(n)
+    motor_rate = ratio * joint_rate
+    joints = joint_rate @ (arm + np.diag(rotor)) @ joint_rate
+    inertia = Inertia(rotor_at_motor(rotor, ratio), motor_side(arm, ratio))
+    assert motor_rate @ (inertia.M2 + np.diag(inertia.M)) @ motor_rate == pytest.approx(joints)
+
+
+def test_an_arm_agrees_with_its_own_mass_matrix() -> None:
+    arm = PlanarArm.example("serial")
+    pose = np.array([-0.5, 1.3])
+    assert motor_side(arm.mass_matrix(pose), arm.gear_ratio) == pytest.approx(arm.inertia(pose).M2)
+
+
+def test_units_are_those_of_the_tables() -> None:
+    assert INERTIA_UNITS["lb·ft²"] == pytest.approx(0.0421401101)
+    assert INERTIA_UNITS["lb·in²"] == pytest.approx(2.92639653e-4)
+    assert INERTIA_UNITS["kg·mm²"] * 1e6 == INERTIA_UNITS["kg·cm²"] * 1e4 == INERTIA_UNITS["kg·m²"]
+
+
+class TestToml:
+    def test_a_whole_study_file_is_read(self) -> None:
+        robot = robot_from_toml("format = 1\n" + TOML + '[[records]]\nfile = "1.csv"\n')
+        assert robot.name == "Cell 7"
+        assert pytest.approx(np.array([[0.003]])) == robot.inertia.M2
+        assert pytest.approx([0.001]) == robot.poses["stretched"].M
+        assert robot.nominal is not None
+        assert pytest.approx([20.0]) == robot.nominal.K
+
+    def test_plain_values_are_read(self) -> None:
+        assert robot_from_toml("M = 0.001\nM2 = 0.002").inertia.n == 1
+
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("", "[inertia] is missing"),
+            ("M = [1]", "M2 is missing"),
+            ("[inertia]\nM = [0.1]\nM2 = [[0.1, 0.2]]", "M2 has shape"),
+            ("[inertia]\nM = [0.1]\nM2 = 'x'", "M2 must be"),
+            ("[inertia]\nM3 = [0.1]", 'unknown key "M3"'),
+            ("[inertias]\nM = [0.1]", 'unknown key "inertias"'),
+            ("M = 0,1", "not valid TOML"),
+        ],
+    )
+    def test_what_is_wrong_is_named(self, text: str, said: str) -> None:
+        with pytest.raises(JointIdError) as caught:
+            robot_from_toml(text)
+        assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("ratio", [[0.0], [1.0, 2.0], [np.nan]])
+def test_ratios_that_do_not_fit_are_refused(ratio: list[float]) -> None:
+    with pytest.raises(JointIdError):
+        motor_side([[1.0]], ratio)
+    with pytest.raises(JointIdError):
+        rotor_at_motor([1.0], ratio)
+
+
+@pytest.fixture
+def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    app = AppTest.from_file(str(APP), default_timeout=60).run()
+    return shown(app.switch_page(PAGE).run())
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> list[Inertia]:
+    """The inertias that the page shows, whenever it shows some."""
+    seen: list[Inertia] = []
+
+    def show(robot: object) -> None:
+        seen.append(robot.inertia)  # type: ignore[attr-defined]
+        show_inertia(robot)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("jointid.ui.importing_study.show_inertia", show)
+    return seen
+
+
+def source(at: AppTest, name: str) -> AppTest:
+    at.button_group(key="import inertia source").set_value(name)
+    return shown(at.run())
+
+
+def test_joint_side_numbers_are_divided_by_the_gear_ratios(page: AppTest, taken: list[Inertia]) -> None:
+    at = drop(page, ("one.csv", long_log()))
+    widget(at, "number_input", "Gear ratio").set_value(-50.0)
+    at.selectbox(key="import M side").set_value("joint side")
+    at.selectbox(key="import M2 side").set_value("joint side")
+    at.selectbox(key="import M2 unit").set_value("kg·cm²")
+    at.text_input(key="import M").set_value("2.5")
+    at.text_input(key="import M2").set_value("75000")
+    at = shown(at.run())
+    assert not at.error
+    assert pytest.approx([0.001]) == taken[-1].M
+    assert pytest.approx(np.array([[0.003]])) == taken[-1].M2
+    assert any("-50" in caption.value or "−50" in caption.value for caption in at.caption)
+
+
+def test_toml_with_poses_is_pasted_and_a_log_has_its_pose(page: AppTest, tmp_path: Path) -> None:
+    at = source(drop(page, ("one.csv", long_log())), "TOML")
+    at.text_area(key="import toml").set_value(TOML)
+    at = shown(at.run())
+    assert at.text_input(key="import name").placeholder == "Cell 7"
+    widget(at, "selectbox", "Pose of one.csv").set_value("stretched")
+    widget(at, "button", "Open as study").click()
+    at = shown(at.run())
+    assert at.title[0].value == "Cell 7"
+    (file,) = [f for f in tmp_path.rglob("*.data") if f.read_bytes()[:2] == b"PK"]
+    study = load_study(file.read_bytes())
+    assert {record.pose for record in study.records} == {"stretched"}
+    assert pytest.approx(np.array([[0.005]])) == study.poses["stretched"].M2
+    assert study.nominal is not None
+
+
+def test_a_toml_file_fills_the_text_that_can_be_corrected(page: AppTest, taken: list[Inertia]) -> None:
+    at = source(drop(page, ("one.csv", long_log())), "TOML")
+    at.file_uploader(key="import_toml_file 0").set_value(("robot.toml", TOML.encode(), "text/plain"))
+    at = shown(at.run())
+    assert at.text_area(key="import toml").value == TOML
+    assert pytest.approx([0.001]) == taken[-1].M
+    at.text_area(key="import toml").set_value("M = 0.002\nM2 = [[0.003]")
+    at = shown(at.run())
+    assert "not valid TOML" in at.error[0].value
+    assert at.text_area(key="import toml").value.startswith("M = 0.002")
+
+
+def test_links_give_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia]) -> None:
+    time, theta, tau = _two_joints()
+    at = source(drop(page, ("two.csv", _csv(time, theta, tau))), "Links of the arm")
+    for j, ratio in enumerate((100.0, 90.0)):
+        widget(at, "number_input", f"Gear ratio of joint {j + 1}").set_value(ratio)
+    at.selectbox(key="import length unit").set_value("mm")
+    at.selectbox(key="import drive").set_value("joint 2 (serial)")
+    for key, text in {
+        "length": "705, 755",
+        "mass": "45, 70",
+        "centre": "300, 300",
+        "link": "2.2, 9.0",
+        "rotor": "0.0025, 0.0010",
+        "pose": "-30, 75",
+    }.items():
+        assert not taken
+        at.text_input(key=f"import {key}").set_value(text)
+        at = shown(at.run())
+    expected = PlanarArm.example("serial").inertia(np.radians([-30.0, 75.0]))
+    assert pytest.approx(expected.M2) == taken[-1].M2
+    assert pytest.approx(expected.M) == taken[-1].M
+    at = source(source(at, "Numbers"), "Links of the arm")
+    assert at.text_input(key="import length").value == "705, 755"
+
+
+def test_links_of_an_arm_with_another_number_of_joints(page: AppTest) -> None:
+    at = source(drop(page, ("one.csv", long_log())), "Links of the arm")
+    for key in ("length", "mass", "centre", "link", "rotor", "pose"):
+        at.text_input(key=f"import {key}").set_value("1, 1")
+    at = shown(at.run())
+    assert "has 2 joints, the mapping 1" in at.error[0].value
+
+
+def _two_joints() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    time = np.arange(0, 2, 2e-3)
+    wave = np.sin(2 * np.pi * 5 * time)
+    return time, np.column_stack([0.1 * wave, -0.1 * wave]), np.column_stack([wave, 0.5 * wave])
+
+
+def _csv(time: np.ndarray, theta: np.ndarray, tau: np.ndarray) -> bytes:
+    lines = [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([time, theta, tau])]
+    return "\n".join(["time_s,theta_m1_rad,theta_m2_rad,tau_m1_Nm,tau_m2_Nm", *lines, ""]).encode()
+
+
+def test_a_sent_form_with_half_of_it_missing(page: AppTest) -> None:
+    at = send(drop(page, ("one.csv", long_log())), "0.001", "")
+    assert "missing, or some of them" in at.error[0].value

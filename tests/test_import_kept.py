@@ -1,0 +1,229 @@
+"""The import in progress outlives its session: another session at the address goes on with it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from streamlit.testing.v1 import AppTest
+from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
+
+from jointid import store as store_module
+from jointid.store import Store, new_workspace, part_of
+from jointid.ui import workspace
+from jointid.ui.importing_rows import Row
+
+
+@pytest.fixture(autouse=True)
+def kept(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    return Store(tmp_path / "data")
+
+
+def begun(place: str | None = None) -> AppTest:
+    """A session that begins on the import page, at a workspace's address."""
+    at = AppTest.from_file(str(APP), default_timeout=60)
+    if place:
+        at.query_params["w"] = place
+    return shown(at.switch_page(PAGE).run())
+
+
+def place_of(at: AppTest) -> str:
+    place = at.query_params["w"]
+    return place if isinstance(place, str) else place[0]
+
+
+def rows(at: AppTest) -> list[Row]:
+    return [row for part in at.session_state["import_segments_last"].values() for row in part]
+
+
+def corrected(at: AppTest) -> AppTest:
+    """Drop the first run, shorten the third and add one, as the table's editor reports it."""
+    part = next(iter(at.session_state["import_segments_last"].values()))
+    part[0] = Row(
+        part[0].log, part[0].start_s, part[0].stop_s, part[0].frequency_hz, False, part[0].found
+    )
+    part[2] = Row(part[2].log, 7.0, part[2].stop_s, None)
+    part.append(Row(part[0].log, 0.6))
+    del at.session_state["import_segments_shown"]
+    return shown(at.run())
+
+
+def test_nothing_is_kept_before_a_log_is_dropped(kept: Store) -> None:
+    at = begun()
+    assert "w" not in at.query_params
+    assert not kept.folder.exists()
+
+
+def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
+    at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
+    widget(at, "number_input", "Gear ratio").set_value(-93.5)
+    widget(at, "selectbox", "Unit of position 1").set_value("deg")
+    widget(at, "checkbox", "Torque held").set_value(True)
+    at.text_input(key="import M").set_value("0.001")
+    at.text_input(key="import name").set_value("Cell 7")
+    at = corrected(shown(at.run()))
+    again = begun(place_of(at))
+    assert not again.error
+    assert any("Still open: one.csv, two.csv" in caption.value for caption in again.caption)
+    assert widget(again, "number_input", "Gear ratio").value == -93.5
+    assert widget(again, "selectbox", "Unit of position 1").value == "deg"
+    assert widget(again, "checkbox", "Torque held").value is True
+    assert again.text_input(key="import M").value == "0.001"
+    assert again.text_input(key="import name").value == "Cell 7"
+    assert rows(again) == rows(at)
+    assert [row.use for row in rows(again)].count(False) == 1
+    assert {row.start_s for row in rows(again)} >= {7.0, 0.6}
+
+
+def test_an_entry_that_is_no_mapping_is_kept_as_well() -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    widget(at, "selectbox", "Torque of joint 1").set_value("joint position")
+    at = shown(at.run())
+    assert "both position of joint 1 and torque" in at.error[0].value
+    again = begun(place_of(at))
+    assert widget(again, "selectbox", "Torque of joint 1").value == "joint position"
+
+
+def test_an_unchanged_page_writes_nothing(kept: Store) -> None:
+    at = shown(drop(begun(), ("one.csv", long_log())).run())
+    before = {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")}
+    for _ in range(3):
+        at = shown(at.run())
+    assert {file: file.stat().st_mtime_ns for file in kept.folder.rglob("*.*")} == before
+
+
+def test_a_log_is_written_once(kept: Store) -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    large = max(kept.folder.rglob("*.data"), key=lambda file: file.stat().st_size)
+    at.text_input(key="import M").set_value("0.001")
+    shown(at.run())
+    assert large.exists()
+    assert len(list(kept.folder.rglob("*.data"))) == 2
+
+
+def test_closing_takes_it_out_of_the_store(kept: Store) -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    again = begun(place_of(at))
+    widget(again, "button", "Close these logs").click()
+    again = shown(again.run())
+    assert not list(kept.folder.rglob("*.data"))
+    assert not again.selectbox(key="study").disabled
+    assert not widget_labels(begun(place_of(at)))
+
+
+def widget_labels(at: AppTest) -> list[str]:
+    return [box.label for box in at.selectbox if box.label.startswith("Position")]
+
+
+def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on(kept: Store) -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    widget(at, "number_input", "Gear ratio").set_value(4.0)
+    at = send(shown(at.run()), "0.001", "0.003")
+    place = place_of(at)
+    assert at.title[0].value == "one"
+    assert kept.entries(part_of(place, "import")) == ()
+    assert len(kept.entries(place)) == 1
+    later = drop(begun(place), ("new.csv", long_log(ratio=3.0)))
+    assert widget(later, "number_input", "Gear ratio").value == 4.0
+    assert any("used for these columns before" in info.value for info in later.info)
+    widget(later, "button", "Guess afresh").click()
+    later = shown(later.run())
+    assert widget(later, "number_input", "Gear ratio").value == 1.0
+    assert not later.info
+    stranger = drop(begun(), ("new.csv", long_log(ratio=3.0)))
+    assert widget(stranger, "number_input", "Gear ratio").value == 1.0
+
+
+def test_more_logs_join_those_of_an_earlier_session() -> None:
+    at = begun(place_of(drop(begun(), ("one.csv", long_log()))))
+    at = drop(at, ("two.csv", long_log(ratio=2.0)))
+    third = begun(place_of(at))
+    assert any("Still open: one.csv, two.csv" in caption.value for caption in third.caption)
+
+
+def test_two_sessions_at_one_address_do_not_disturb_each_other(kept: Store) -> None:
+    one = drop(begun(), ("one.csv", long_log()))
+    two = begun(place_of(one))
+    widget(two, "button", "Close these logs").click()
+    two = drop(shown(two.run()), ("two.csv", long_log(ratio=2.0)))
+    widget(one, "number_input", "Gear ratio").set_value(7.0)
+    one = shown(one.run())
+    assert widget(one, "number_input", "Gear ratio").value == 7.0
+    assert not one.error
+    two = shown(two.run())
+    assert not two.error
+    last = begun(place_of(one))
+    assert any("Still open: one.csv." in caption.value for caption in last.caption)
+    assert widget(last, "number_input", "Gear ratio").value == 7.0
+
+
+@pytest.mark.parametrize("what", ["log", "entries", "both"])
+def test_what_is_damaged_is_said_and_the_rest_is_open(kept: Store, what: str) -> None:
+    at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
+    widget(at, "number_input", "Gear ratio").set_value(7.0)
+    place = place_of(shown(at.run()))
+    part = part_of(place, "import")
+    for entry in kept.entries(part):
+        if (entry.digest == "entries" and what != "log") or (
+            entry.name == "one.csv" and what != "entries"
+        ):
+            (file,) = kept.folder.rglob(f"{entry.id}.data")
+            file.write_bytes(file.read_bytes()[:-1] + b"#")
+    again = begun(place)
+    said = " ".join(element.value for element in (*again.error, *again.warning))
+    assert ("one.csv" in said) == (what != "entries")
+    if what == "log":
+        assert widget(again, "number_input", "Gear ratio").value == 7.0
+    if what == "both":
+        assert any("two.csv." in caption.value for caption in again.caption)
+    assert list((kept.folder / "damaged").iterdir())
+    shown(again.run())
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", '{"format": 1, "files": 3}', "x", '{"format": 2}', "null"])
+def test_entries_of_another_kind_are_set_aside(kept: Store, text: str) -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    kept.put(part_of(place_of(at), "import"), "entries", "entries", text.encode())
+    again = begun(place_of(at))
+    assert any("Still open: one.csv" in caption.value for caption in again.caption)
+    assert list((kept.folder / "damaged").iterdir())
+
+
+def test_logs_beyond_their_share_of_the_store_stay_in_the_session(
+    kept: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workspace, "store", lambda: Store(kept.folder, 400_000))
+    monkeypatch.setattr("jointid.ui.importing_kept.store", lambda: Store(kept.folder, 400_000))
+    at = shown(drop(begun(), ("one.csv", long_log())).run())
+    assert any("open in this session only" in warning.value for warning in at.warning)
+    assert not list(kept.folder.rglob("*.data"))
+    assert send(at, "0.001", "0.003").title[0].value == "one"
+
+
+def test_a_store_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("not a folder")
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "file"))
+    at = shown(drop(begun(), ("one.csv", long_log())).run())
+    assert any("open in this session only" in warning.value for warning in at.warning)
+    assert widget(at, "number_input", "Gear ratio").value == 1.0
+
+
+def test_parts_of_a_workspace_are_places_of_their_own() -> None:
+    place = new_workspace()
+    parts = [part_of(place, part) for part in store_module.PARTS]
+    assert len({place, *parts}) == 3
+    assert all(len(part) == 32 for part in parts)
+    assert parts == [part_of(place, part) for part in store_module.PARTS]
+
+
+def test_what_is_kept_is_json_of_inputs(kept: Store) -> None:
+    at = drop(begun(), ("one.csv", long_log()))
+    at.text_input(key="import M2").set_value("0.003")
+    place = part_of(place_of(shown(at.run())), "import")
+    (entry,) = [e for e in kept.entries(place) if e.digest == "entries"]
+    values = json.loads(kept.read(place, entry.id))
+    assert values["entries"]["import M2"] == "0.003"
+    assert [name for name, _ in values["files"]] == ["one.csv"]
