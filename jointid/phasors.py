@@ -213,8 +213,8 @@ def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
 
 def _quantum(signal: Floats) -> Floats:
     """Step of which all differences between samples are multiples, shape (n,); 0 if there is none."""
-    difference = np.abs(np.diff(signal[:4096], axis=0))
-    difference[difference <= 1e-12 * np.abs(signal[:4096]).max(axis=0)] = np.inf
+    difference = np.abs(np.diff(signal[:1024], axis=0))
+    difference[difference <= 1e-12 * np.abs(signal[:1024]).max(axis=0)] = np.inf
     step = difference.min(axis=0)
     moving = np.isfinite(step)
     step = np.where(moving, step, 1.0)

@@ -16,6 +16,7 @@ from jointid.errors import JointIdError
 from jointid.fitted_sine import SineFit, Window
 from jointid.long_records import LongRecord, joined
 from jointid.records import SineRecord
+from jointid.threads import one_thread
 from jointid.uniform_fit import fit_side_by_side
 
 FEWEST_BLOCKS = 8
@@ -62,9 +63,10 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
         else:
             enough = window.blocks >= FEWEST_BLOCKS
             fits[number] = fit_directly(window, harmonics, by_scatter=enough)
-    for windows in alike.values():
-        fitted = fit_side_by_side(tuple(windows.values()), harmonics)
-        fits.update(zip(windows, fitted, strict=True))
+    with one_thread():
+        for windows in alike.values():
+            fitted = fit_side_by_side(tuple(windows.values()), harmonics)
+            fits.update(zip(windows, fitted, strict=True))
     return [fits[number] for number in range(len(fits))]
 
 

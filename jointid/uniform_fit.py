@@ -18,7 +18,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.fitted_sine import SineFit, Window, padded, scatter
 
-_TOGETHER = 1 << 22  # numbers in the block sums of records that are fitted together, 32 MB
+_TOGETHER = 1 << 15  # numbers in the block sums of records fitted together: they stay in the cache
 
 
 def fit_side_by_side(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
@@ -42,7 +42,8 @@ def _fit_together(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
     count = windows[0].orders
     shapes = tuple((w.record.omega * w.record.interval_s, w.samples, w.block, w.blocks) for w in windows)
     plan = _plan(shapes, count)
-    sums = _block_sums(windows, plan)
+    columns = [_columns(x, block, count)[0] for x, _, block, _ in shapes]
+    sums = _block_sums(windows, columns, plan.begin.shape[1])
 
     waves: Complexes = sums[..., :count] - 1j * sums[..., count:-2]  # (r, 2n, K + 1, H)
     waves = np.einsum("rckh,rkh->rhc", waves, plan.turn)
@@ -99,7 +100,6 @@ class _Plan:
     After its whole blocks each record has one more, the samples left over; rows beyond are zero.
     """
 
-    columns: tuple[Floats, ...]  # cosines, sines, one and ramp within a block, (block, 2H + 2) each
     products: Floats  # of all columns with the cosines and sines, (r, 2H + 2, 2H)
     begin: Floats  # first sample of every block, from the middle of the window, (r, K + 1)
     turn: Complexes  # e^{-ihxm} there, (r, K + 1, H)
@@ -111,21 +111,19 @@ class _Plan:
     odd_alone: Floats
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=64)
 def _plan(shapes: tuple[tuple[float, int, int, int], ...], count: int) -> _Plan:
-    tables = [_columns(x, block, count) for x, _, block, _ in shapes]
-    x = np.array([shape[0] for shape in shapes])
+    turns = np.array([[shape[0]] for shape in shapes])
     samples, block, blocks = np.array([shape[1:] for shape in shapes]).T[..., None]
     place = np.arange(int(blocks.max()) + 1)
     begin: Floats = np.where(place <= blocks, block * place - (samples - 1) / 2, 0.0)
     orders = np.arange(1, count + 1)
-    even, odd = _gram(samples, x[:, None], orders)
+    even, odd = _gram(samples, turns, orders)
     ends = np.ix_(range(len(shapes)), [0, -1], [0, -1])
     return _Plan(
-        columns=tuple(table for table, _ in tables),
-        products=np.array([products for _, products in tables]),
+        products=np.array([_columns(x, block, count)[1] for x, _, block, _ in shapes]),
         begin=begin,
-        turn=np.exp(-1j * (x[:, None] * begin)[..., None] * orders),
+        turn=np.exp(-1j * (turns * begin)[..., None] * orders),
         whole=(place < blocks).astype(float)[..., None],
         spread=(blocks / (blocks - 1) * samples / (block * blocks))[:, 0],
         even=np.asarray(np.linalg.inv(even), float),
@@ -158,20 +156,20 @@ def _powers(x: float, samples: int, count: int) -> Complexes:
     return waves
 
 
-def _block_sums(windows: Sequence[Window], plan: _Plan) -> Floats:
-    """Columns times every block and times the samples left over, (r, 2n, K + 1, 2H + 2).
+def _block_sums(windows: Sequence[Window], columns: Sequence[Floats], most: int) -> Floats:
+    """Columns times every block and times the samples left over, (r, 2n, most, 2H + 2).
 
     This is the one pass over the data.
     """
     n = windows[0].record.n
-    sums = np.zeros((len(windows), 2 * n, plan.begin.shape[1], plan.columns[0].shape[1]))
-    for window, columns, result in zip(windows, plan.columns, sums, strict=True):
+    sums = np.zeros((len(windows), 2 * n, most, columns[0].shape[1]))
+    for window, table, result in zip(windows, columns, sums, strict=True):
         record, blocks = window.record, window.blocks
         end = record.start + window.block * blocks
-        rest = columns[: record.time_s.size - end]
+        rest = table[: record.time_s.size - end]
         for rows, signal in ((result[:n], record.theta_rad.T), (result[n:], record.tau_Nm.T)):
             data = signal[:, record.start : end].reshape(n, blocks, window.block)
-            np.matmul(data, columns, out=rows[:, :blocks])
+            np.matmul(data, table, out=rows[:, :blocks])
             np.matmul(signal[:, end:], rest, out=rows[:, blocks])
     return sums
 
