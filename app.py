@@ -29,7 +29,11 @@ if analysis.transfer_matrices:
     for j, column in enumerate(st.columns(n) if n <= 3 else [st.container()] * n):
         with column:
             name = f"Magnitude of H{j + 1}{j + 1} over frequency, measured and modelled"
-            plot(model_over_measurement(analysis, j, pose=pose, dark=page.dark), name, key=f"H{j}")
+            figure = page.drawn(
+                f"model {j} {pose}",
+                lambda j=j: model_over_measurement(analysis, j, pose=pose, dark=page.dark),
+            )
+            plot(figure, name, key=f"H{j}")
 else:
     st.info(analysis.transfer_problem)
 

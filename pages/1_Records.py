@@ -35,13 +35,23 @@ for view, periods in zip(views, (4.0, None), strict=False):
             place.markdown(f"**Joint {joint + 1}**")
             with place:
                 what = f"Angle and torque of joint {joint + 1} over time with the fitted sine"
-                plot(waveforms(record, joint, fitted, periods=periods, dark=page.dark), what)
+                figure = page.drawn(
+                    f"waveforms {number} {joint} {periods}",
+                    lambda joint=joint, periods=periods: waveforms(
+                        record, joint, fitted, periods=periods, dark=page.dark
+                    ),
+                )
+                plot(figure, what)
 with views[2]:
     for joint, place in enumerate(side_by_side(record.n)):
         place.markdown(f"**Joint {joint + 1}**")
         with place:
             what = f"Spectra of angle and torque of joint {joint + 1}"
-            plot(spectra(record, joint, dark=page.dark), what)
+            figure = page.drawn(
+                f"spectra {number} {joint}",
+                lambda joint=joint: spectra(record, joint, dark=page.dark),
+            )
+            plot(figure, what)
 with views[2]:
     st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 

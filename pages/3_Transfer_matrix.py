@@ -40,12 +40,16 @@ i, j = choose_element(n)
 matrix = analysis.transfer_matrices[pose]
 name = f"H{i + 1}{j + 1}"
 
-figure = element_response(analysis, i, j, pose=pose, dark=page.dark)
+figure = page.drawn(
+    f"element {i} {j} {pose}", lambda: element_response(analysis, i, j, pose=pose, dark=page.dark)
+)
 if i == j and n > 1:
     left, right = st.columns(2)
     with left:
         st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
-        alone = single_record(analysis, i, pose=pose, dark=page.dark)
+        alone = page.drawn(
+            f"single {i} {pose}", lambda: single_record(analysis, i, pose=pose, dark=page.dark)
+        )
         plot(alone, f"Acceleration over torque of joint {i + 1} from single records, over frequency")
     with right:
         figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")

@@ -43,7 +43,10 @@ st.caption(
 for j, place in enumerate(side_by_side(n)):
     with place:
         st.markdown(f"**Joint {j + 1}**")
-        figure = dynamic_stiffness(fit, j, page.study.nominal, dark=page.dark)
+        figure = page.drawn(
+            f"stiffness {j}",
+            lambda j=j: dynamic_stiffness(fit, j, page.study.nominal, dark=page.dark),
+        )
         plot(figure, f"Dynamic stiffness of joint {j + 1}")
 
 st.subheader("Every estimator", anchor=False)
@@ -58,10 +61,8 @@ st.caption(
 for j, place in enumerate(side_by_side(n)):
     with place:
         st.markdown(f"**Joint {j + 1}**")
-        plot(
-            unexplained_torque(fit, j, dark=page.dark),
-            f"Unexplained torque of joint {j + 1} against noise",
-        )
+        figure = page.drawn(f"unexplained {j}", lambda j=j: unexplained_torque(fit, j, dark=page.dark))
+        plot(figure, f"Unexplained torque of joint {j + 1} against noise")
 if analysis.transfer_matrices:
     st.subheader("Fit over measurement", anchor=False)
     st.caption("The identified and the nominal model over the transfer matrix." + freed_note(fit))
@@ -70,7 +71,11 @@ if analysis.transfer_matrices:
         with place:
             st.markdown(f"**H{j + 1}{j + 1}**")
             name = f"H{j + 1}{j + 1} over frequency, measured and modelled"
-            plot(element_response(analysis, j, j, pose=pose, dark=page.dark), name)
+            figure = page.drawn(
+                f"element {j} {j} {pose}",
+                lambda j=j: element_response(analysis, j, j, pose=pose, dark=page.dark),
+            )
+            plot(figure, name)
 with st.expander("The matrix A, its condition, and how the estimates are correlated"):
     show_matrix(fit)
 with on_demand("Check the error bars", "checks") as check:

@@ -60,14 +60,16 @@ with one:
         "Path error: distance to the nearest point of the path. Tracking error: to where the tool "
         "should be at that time."
     )
-    plot(path_error_over_time(outcome, dark=page.dark), "Path and tracking error over time")
+    figure = page.drawn(f"error {settings}", lambda: path_error_over_time(outcome, dark=page.dark))
+    plot(figure, "Path and tracking error over time")
 with two:
     st.markdown("**Torque**")
     st.caption(
         "Torque of each motor as the servo sets it. A servo that knows the springs adds what moves the "
         "motors by x."
     )
-    plot(torque_over_time(outcome, dark=page.dark), "Motor torques over time")
+    figure = page.drawn(f"torque {settings}", lambda: torque_over_time(outcome, dark=page.dark))
+    plot(figure, "Motor torques over time")
 with three:
     corners = range(len(outcome.toolpath.corners()[0]))
     st.markdown("**A corner**")
@@ -80,7 +82,11 @@ with three:
         bind="query-params",
         label_visibility="collapsed",
     )
-    plot(corner_detail(outcome, int(corner or 1) - 1, dark=page.dark), "Tool paths around a corner")
+    chosen = int(corner or 1) - 1
+    figure = page.drawn(
+        f"corner {chosen} {settings}", lambda: corner_detail(outcome, chosen, dark=page.dark)
+    )
+    plot(figure, "Tool paths around a corner")
 with four:
     st.markdown("**What this identification promises**")
     if outcome.distribution is None:

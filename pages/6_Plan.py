@@ -36,9 +36,7 @@ except JointIdError as error:
     st.stop()
 count = settings.count
 before, after = (significant(100 * float(found.worst[k]), 2) for k in (0, -1))
-st.subheader(
-    f"{counted(count, 'record')} more: worst error {before} % → {after} %", anchor=False
-)
+st.subheader(f"{counted(count, 'record')} more: worst error {before} % → {after} %", anchor=False)
 table(suggested_table(found))
 st.caption(
     "Torques are amplitude ∠ phase against the first driven joint, as they move inertias and springs"

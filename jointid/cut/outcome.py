@@ -23,7 +23,7 @@ looked for any (in *relative* times the same factor), and the same everyday cont
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -99,6 +99,15 @@ class CutRobot:
     def of_the_study(self, elasticity: Elasticity) -> Elasticity:
         """Values of this arm in the study's units."""
         return _scaled(elasticity, 1 / np.array(self.scale))
+
+
+class Promise(NamedTuple):
+    """The cut after the identification; the fields are those of ``Outcome``."""
+
+    after: TrackingRun
+    edge: Elasticity
+    distribution: PathErrorDistribution | None
+    problem: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,8 +265,26 @@ def cut_outcome(
     JointIdError
         When a cut cannot be made: the path leaves the workspace, or the loop is unstable.
     """
+    servo = servo or EVERYDAY_SERVO
+    before = track(robot.arm, toolpath, robot.elasticity, assumed, servo=servo, friction=friction)
+    promise = promised(robot, toolpath, servo=servo, friction=friction, samples=samples, seed=seed)
+    return with_promise(robot, toolpath, assumed, before, promise)
+
+
+def promised(
+    robot: CutRobot,
+    toolpath: Toolpath,
+    *,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+    samples: int = 100,
+    seed: int = 0,
+) -> Promise:
+    """Cut a path after the identification, as far as its uncertainty allows.
+
+    Parameters and errors as in :func:`cut_outcome`.
+    """
     identified, servo = robot.elasticity, servo or EVERYDAY_SERVO
-    before = track(robot.arm, toolpath, identified, assumed, servo=servo, friction=friction)
     edge, distribution, problem = identified, None, ""
     try:
         distribution = path_error_distribution(
@@ -277,6 +304,18 @@ def cut_outcome(
         at = int(np.argmin(np.abs(largest - distribution.p95_m)))
         edge = Elasticity(K=distribution.K[at], D=distribution.D[at])
     after = track(robot.arm, toolpath, edge, identified, servo=servo, friction=friction)
+    return Promise(after, edge, distribution, problem)
+
+
+def with_promise(
+    robot: CutRobot,
+    toolpath: Toolpath,
+    assumed: Elasticity | None,
+    before: TrackingRun,
+    promise: Promise,
+) -> Outcome:
+    """Put a cut before and a promise for after together; both of the same robot and path."""
+    after, edge, distribution, problem = promise
     return Outcome(robot, toolpath, assumed, before, after, edge, distribution, problem)
 
 

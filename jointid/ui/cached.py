@@ -18,19 +18,23 @@ ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these reco
 """Estimators with what each is, the default first."""
 
 
-@st.cache_resource(max_entries=12, show_spinner="Fitting sines, identifying the springs")
+MOST_ANALYSES = 64
+"""Twenty persons with a study each and three estimators; the studies themselves are kept elsewhere."""
+
+
+@st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines, identifying the springs")
 def analysis(digest: str, method: str, _study: Study) -> Analysis:
     """Run the whole method."""
     return analyse(_study, method=method)
 
 
-@st.cache_resource(max_entries=12, show_spinner="Fitting sines")
+@st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines")
 def phasors(digest: str, _study: Study) -> Phasors:
     """Run the first step alone: it succeeds for records that tell nothing of the springs."""
     return extract_phasors(_study.records)
 
 
-@st.cache_resource(max_entries=64, show_spinner=False)
+@st.cache_resource(max_entries=256, show_spinner=False)
 def fitted_sine(digest: str, record: int, _study: Study) -> Floats:
     """Return the fitted fundamental with offset and drift at a record's times, (N, 2n)."""
     chosen = _study.records[record]

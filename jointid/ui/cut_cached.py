@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis
+from jointid import Analysis, Elasticity
 from jointid.cut.outcome import (
+    CutRobot,
     Outcome,
+    Promise,
     assumed_elasticity,
-    cut_outcome,
     cut_robot,
+    promised,
     study_outcome,
+    with_promise,
 )
 from jointid.cut.tolerance import ToleranceMap, tolerance_map
 from jointid.cut.tracking import TrackingRun, track
@@ -20,38 +23,72 @@ from jointid.ui.cut_settings import CutSettings
 MapKey = tuple[str, str, CutSettings, str]
 OFFSETS = (0.01, 0.03, 0.10)
 """Errors of K̂ whose cost is said in figures."""
-_MOST_MAPS = 12
+_MOST_MAPS = 60
 
 
-@st.cache_resource(max_entries=64, show_spinner=False)
-def outcome(digest: str, method: str, settings: CutSettings, _analysis: Analysis) -> Outcome:
-    """Cut before and after, with the path error that the identification promises."""
-    robot = cut_robot(_analysis, settings.drive)
-    return cut_outcome(
-        robot,
+def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
+    """Cut before and after, with the path error that the identification promises.
+
+    Another nominal controller cuts anew before, another zone both; what stays the same is kept.
+    """
+    robot = cut_robot(analysis, settings.drive)
+    assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
+    before = _before(digest, method, settings, robot, assumed)
+    promise = _promise(digest, method, settings.after, robot)
+    return with_promise(robot, settings.toolpath, assumed, before, promise)
+
+
+def pair(
+    digest: str, method: str, settings: CutSettings, zone_m: float, outcome: Outcome
+) -> tuple[TrackingRun, TrackingRun]:
+    """Cut before and after by the robots of an outcome with ``settings``, with another corner zone."""
+    if zone_m == settings.zone_m:
+        return outcome.before, outcome.after
+    there, edge = settings.with_zone(zone_m), outcome.edge
+    before = _before(digest, method, there, outcome.robot, outcome.assumed)
+    springs = (*edge.K.tolist(), *edge.D.tolist())
+    return before, _after(digest, method, there.after, springs, outcome.robot, edge)
+
+
+@st.cache_resource(max_entries=512, show_spinner=False)
+def _before(
+    digest: str, method: str, settings: CutSettings, _robot: CutRobot, _assumed: Elasticity | None
+) -> TrackingRun:
+    return track(
+        _robot.arm,
         settings.toolpath,
-        assumed_elasticity(robot, settings.assumption, settings.custom),
+        _robot.elasticity,
+        _assumed,
         servo=settings.servo,
         friction=settings.friction,
     )
 
 
-@st.cache_resource(max_entries=128, show_spinner=False)
-def pair(
-    digest: str, method: str, settings: CutSettings, zone_m: float, _outcome: Outcome
-) -> tuple[TrackingRun, TrackingRun]:
-    """Cut before and after by the robots of an outcome with ``settings``, with another corner zone."""
-    if zone_m == settings.zone_m:
-        return _outcome.before, _outcome.after
-    robot, path = _outcome.robot, settings.with_zone(zone_m).toolpath
-    before, after = (
-        track(robot.arm, path, true, assumed, servo=settings.servo, friction=settings.friction)
-        for true, assumed in ((robot.elasticity, _outcome.assumed), (_outcome.edge, robot.elasticity))
+@st.cache_resource(max_entries=256, show_spinner=False)
+def _promise(digest: str, method: str, settings: CutSettings, _robot: CutRobot) -> Promise:
+    return promised(_robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
+
+
+@st.cache_resource(max_entries=512, show_spinner=False)
+def _after(
+    digest: str,
+    method: str,
+    settings: CutSettings,
+    springs: tuple[float, ...],
+    _robot: CutRobot,
+    _edge: Elasticity,
+) -> TrackingRun:
+    return track(
+        _robot.arm,
+        settings.toolpath,
+        _edge,
+        _robot.elasticity,
+        servo=settings.servo,
+        friction=settings.friction,
     )
-    return before, after
 
 
-@st.cache_resource(max_entries=64, show_spinner=False)
+@st.cache_resource(max_entries=256, show_spinner=False)
 def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outcome) -> list[float]:
     """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
     ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
@@ -68,7 +105,7 @@ def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outc
     return [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]
 
 
-@st.cache_resource(max_entries=12, show_spinner="Cutting")
+@st.cache_resource(max_entries=64, show_spinner="Cutting")
 def overview(digest: str, method: str, _analysis: Analysis) -> Outcome | None:
     """What the identification changes on the paper's path."""
     return study_outcome(_analysis)

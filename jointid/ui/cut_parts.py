@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -186,8 +185,7 @@ def _three(values: Iterable[float]) -> str:
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Cost of some errors of K̂, and on demand a map of a few hundred cuts."""
-    # Neither depends on the nominal controller.
-    cut = replace(settings, assumption="rigid", custom_K=(), custom_D=())
+    cut = settings.after  # neither depends on the nominal controller
     costs = cut_cached.offset_costs(page.digest, page.method, cut, outcome)
     heads = ["exact", *(f"± {100 * offset:g} %" for offset in cut_cached.OFFSETS)]
     st.markdown(

@@ -32,7 +32,8 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         except JointIdError as error:
             pairs.append((zone, str(error)))
     names = (nominal, "identified")
-    st.html(_figure_7_html(pairs, names, colours(page.dark)))
+    html = page.drawn(f"figure 7 {settings}", lambda: _figure_7_html(pairs, names, colours(page.dark)))
+    st.html(html)
     done = [(zone, runs) for zone, runs in pairs if not isinstance(runs, str)]
     if not done:
         return

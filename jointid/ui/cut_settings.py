@@ -85,6 +85,11 @@ class CutSettings:
             friction_compensation=self.friction if self.compensated else None,
         )
 
+    @property
+    def after(self) -> CutSettings:
+        """What of it decides the cut after the identification: all but the nominal controller."""
+        return replace(self, assumption="rigid", custom_K=(), custom_D=())
+
     def with_zone(self, zone_m: float) -> CutSettings:
         """The same cut with another corner zone."""
         return replace(self, zone_m=zone_m)

@@ -55,7 +55,7 @@ class Results:
     mat: bytes
 
 
-@st.cache_resource(max_entries=8, show_spinner="Writing the files")
+@st.cache_resource(max_entries=64, show_spinner="Writing the files")
 def results(digest: str, method: str, _analysis: Analysis) -> Results:
     """Write the files of an analysis."""
     found = identification(_analysis)

@@ -21,7 +21,7 @@ from jointid.uncertainty.validation import (
 )
 
 
-@st.cache_resource(max_entries=12, show_spinner="Fitting half of the frequencies, predicting the other")
+@st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
 def _prediction(digest: str, method: str, _analysis: Analysis) -> Prediction:
     inertias = _analysis.study.inertias
     if any(inertia is not inertias[0] for inertia in inertias):
@@ -31,7 +31,7 @@ def _prediction(digest: str, method: str, _analysis: Analysis) -> Prediction:
     return predict_left_out(_analysis.phasors, inertias[0], _analysis.fit)
 
 
-@st.cache_resource(max_entries=12, show_spinner="Fitting every pose alone")
+@st.cache_resource(max_entries=64, show_spinner="Fitting every pose alone")
 def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
     study = _analysis.study
     poses = [record.pose for record in study.records]

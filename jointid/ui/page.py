@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import streamlit as st
 
@@ -40,6 +42,17 @@ class Page:
             _say_why(error)
             st.stop()
 
+    def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
+        """Return a figure of this study and estimator; it is drawn when nobody had it drawn before.
+
+        Parameters
+        ----------
+        what : str
+            Tells this figure from all others of the study: its kind and all that it depends on.
+        draw : callable
+        """
+        return _figure(self.digest, self.method, self.dark, what, draw)
+
     def phasors(self) -> Phasors:
         """Return the phasors, or say why there are none and end the page."""
         try:
@@ -47,6 +60,11 @@ class Page:
         except JointIdError as error:
             _say_why(error)
             st.stop()
+
+
+@st.cache_resource(max_entries=400, show_spinner=False)
+def _figure(digest: str, method: str, dark: bool, what: str, _draw: Callable[[], Any]) -> Any:
+    return _draw()
 
 
 def start(title: str) -> None:

@@ -96,7 +96,7 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
     return analysis.study.poses[pose] if pose else analysis.study.inertia
 
 
-@st.cache_resource(max_entries=32, show_spinner="Comparing records at every frequency and phase")
+@st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
 def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
     """Choose the records that would cut the worst error bar most."""
     return suggest_records(

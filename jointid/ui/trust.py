@@ -24,8 +24,10 @@ from jointid.uncertainty.sensitivity import (
     inertia_sensitivity,
 )
 
-_MOST_KEPT = 24
+_MOST_KEPT = 200
+"""Small results; twenty persons have several each."""
 _PATIENCE_S = 0.5
+_SOON_S = 0.2
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
@@ -96,42 +98,58 @@ def ask_share() -> float:
 
 
 def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: float) -> None:
-    """Both error bars and the paper's answer; what is slow comes last, in the place kept for it."""
+    """Both error bars and the paper's answer; what is slow is computed when the page stands."""
     with place:
         shown, below, details = st.empty(), st.empty(), st.container()
-    shown.table(errors_table(analysis, kept(page, "inertias"), share), hide_index=True)
-    stopped = ("stopped_inertias", page.digest, page.method)
-    if kept(page, "inertias") is None:
-        if st.session_state.get(str(stopped)):
+    found: InertiaSensitivity | str | None = kept(page, "inertias")
+    known = found if isinstance(found, InertiaSensitivity) else None
+    shown.table(errors_table(analysis, known, share), hide_index=True)
+    if isinstance(found, str):
+        below.warning(f"What the inertias add is not known. {found}")
+        return
+    if known is None:
+        stopped = str(("stopped_inertias", page.digest, page.method))
+        if st.session_state.get(stopped):
             below.button(
                 "Compute the error bars of the inertias",
                 key="start_inertias",
-                on_click=lambda: st.session_state.pop(str(stopped), None),
+                on_click=lambda: st.session_state.pop(stopped, None),
             )
             return
         with below.container():
-            bar = st.empty()
-            st.button(
+            _compute_what_the_inertias_add(page, analysis)
+            st.button(  # outside of the fragment: a click within one interrupts nothing
                 "Stop",
                 key="stop_inertias",
                 help="Leaves the second error bar unknown; the rest of the page does not need it.",
-                on_click=lambda: st.session_state.update({str(stopped): True}),
+                on_click=lambda: st.session_state.update({stopped: True}),
             )
-        try:
-            found = inertia_sensitivity(
-                analysis.phasors,
-                page.study.inertias,
-                analysis.fit,
-                progress=reporter(bar, "What the inertias change"),
-            )
-        except JointIdError as error:
-            below.warning(f"What the inertias add is not known. {error}")
-            return
-        keep(page, "inertias", found)
-        below.empty()
-        shown.table(errors_table(analysis, found, share), hide_index=True)
+        return
     with details, st.expander("Which inertia matters"):
-        _show_sensitivity(analysis, kept(page, "inertias"))
+        _show_sensitivity(analysis, known)
+
+
+@st.fragment(run_every=_SOON_S)
+def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
+    """Reserve a line in the page's own run; compute in the next one, which the browser asks for."""
+    waiting = (page.digest, page.method)
+    bar = st.empty()
+    if st.session_state.get("inertias_wait") != waiting:
+        st.session_state["inertias_wait"] = waiting
+        bar.caption("What the inertias change is computed next.")
+        return
+    try:
+        found: InertiaSensitivity | str = inertia_sensitivity(
+            analysis.phasors,
+            page.study.inertias,
+            analysis.fit,
+            progress=reporter(bar, "What the inertias change"),
+        )
+    except JointIdError as error:
+        found = str(error)
+    keep(page, "inertias", found)
+    del st.session_state["inertias_wait"]
+    st.rerun()
 
 
 def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:
