@@ -14,6 +14,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors import Phasors, extract_phasors
 from jointid.records import SineRecord
+from jointid.threads import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.verdict.findings import Evidence, Finding, findings
 
@@ -136,6 +137,8 @@ class Analysis:
 def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """Run the whole method on a study: phasors, transfer matrix, elasticity, verdict.
 
+    The answer is the same to the last bit however many cores there are: BLAS uses one.
+
     Parameters
     ----------
     study : Study
@@ -149,6 +152,11 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """
     if not isinstance(study, Study):
         raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
+    with one_thread():
+        return _analyse(study, method)
+
+
+def _analyse(study: Study, method: str) -> Analysis:
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     names = dict.fromkeys([method, "weighted", "least-squares", "explicit"])

@@ -26,7 +26,10 @@ HOMES = {
     ],
     "pyarrow": [
         "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py", "jointid/importing/*",
+        "jointid/fleet/table.py",
     ],
+    "distributed": ["jointid/fleet/cluster.py"],
+    "dask": ["jointid/fleet/cluster.py"],
     "tomli_w": ["jointid/study_*.py", "jointid/checked_toml.py", "jointid/exporting/*"],
     "reportlab": ["jointid/reporting/pdf.py"],
     "control": ["jointid/exporting/*"],
@@ -61,6 +64,7 @@ STOREYS = [
     ["study"],
     ["cut"],
     ["study_files", "importing", "exporting"],
+    ["fleet"],
     ["reporting"],
     ["figures"],
     ["cli", "ui"],

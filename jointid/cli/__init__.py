@@ -5,6 +5,7 @@ Messages and progress go to standard error; standard output holds the result, wi
 JSON.
 """
 
+from jointid.cli.batch import batch
 from jointid.cli.convert import convert
 from jointid.cli.cut import cut
 from jointid.cli.export import export
@@ -17,6 +18,6 @@ from jointid.cli.start_app import start_app
 
 __all__ = ["app"]
 
-for _command in (identify, simulate, cut, report, export, plan, convert):
+for _command in (identify, simulate, cut, report, export, plan, convert, batch):
     app.command()(_command)
 app.command(name="app")(start_app)

@@ -1,0 +1,199 @@
+"""jointid batch."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from jointid.cli.options import JSON, METHOD
+from jointid.cli.output import print_json
+from jointid.cli.program import reported
+from jointid.errors import JointIdError
+
+if TYPE_CHECKING:
+    from jointid.fleet import Progress, Summary
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+_MOST_FAILURES = 10
+_SAY_EVERY_S = 30.0
+
+
+@reported
+def batch(
+    studies: Annotated[
+        list[str],
+        typer.Argument(
+            help="Studies: folders, .zip files, folders that hold studies at any depth, patterns in "
+            "quotes such as 'cells/**/*.zip'.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Table of results, Parquet.")],
+    method: Annotated[str, METHOD] = "auto",
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes of this computer; else one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            help="Address of a Dask scheduler whose workers do it instead. Studies are sent to them as "
+            "bytes, so they need not see the paths; they need the same version of jointid."
+        ),
+    ] = None,
+    timeout: Annotated[float, typer.Option(help="How long one study may take, s.")] = 120.0,
+    memory: Annotated[float, typer.Option(help="What one study may take, GiB.")] = 4.0,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Begin anew: drop the rows of an earlier run.")
+    ] = False,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Analyse thousands of studies into one table, a row per study.
+
+    A study that cannot be read, takes too long or ends its process becomes a row with its error; the
+    others go on. Work that was interrupted goes on where it stopped when the same command is given
+    again: finished rows stand in OUT.journal until the table is complete. Studies that have not changed
+    are not analysed again. Exit code 0: every study has its row, also when rows hold an error; 1:
+    nothing could be done; 130: interrupted.
+    """
+    from jointid.fleet import Limits, analyse_fleet
+    from jointid.fleet.run import journal_path
+
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
+    limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
+    count = [0, 0]
+    try:
+        with _shown() as show:
+
+            def tell(progress: Progress) -> None:
+                count[:] = progress.done, progress.studies
+                show(progress)
+
+            summary = analyse_fleet(
+                studies,
+                out,
+                method=method,
+                workers=workers,
+                scheduler=scheduler,
+                limits=limits,
+                fresh=fresh,
+                progress=tell,
+            )
+    except KeyboardInterrupt:
+        again = " without --fresh" if fresh else ""
+        typer.echo(
+            f"Stopped: {count[0]} of {count[1]} studies have their row, in {journal_path(out)}. Give "
+            f"the same command again{again}, and it goes on from there.",
+            err=True,
+        )
+        raise typer.Exit(INTERRUPTED) from None
+    except ModuleNotFoundError as error:
+        if error.name not in ("distributed", "dask"):
+            raise
+        raise JointIdError(
+            "--scheduler needs Dask, which is not installed: install jointid[cluster]."
+        ) from error
+    if as_json:
+        print_json(_document(summary))
+        return
+    _print_summary(summary)
+
+
+def _bytes(gib: float) -> int:
+    if not 0 < gib < 1e6:
+        raise typer.BadParameter(f"--memory {gib:g}: expected a size in GiB, such as 4.")
+    return int(gib * 2**30)
+
+
+def _document(summary: Summary) -> dict[str, Any]:
+    return {
+        "out": str(summary.out),
+        "studies": summary.studies,
+        "good": summary.good,
+        "failed": len(summary.failures),
+        "skipped": summary.skipped,
+        "kept": summary.kept,
+        "verdicts": dict(summary.verdicts),
+        "time_s": summary.time_s,
+        "studies_per_s": _rate(summary.studies - summary.skipped, summary.time_s),
+        "failures": [
+            {"study": row.study, "failure": row.failure, "error": row.error} for row in summary.failures
+        ],
+    }
+
+
+def _print_summary(summary: Summary) -> None:
+    new = summary.studies - summary.skipped
+    print(f"{summary.out}: {summary.studies} studies, {summary.good} of them with an answer")
+    print("Verdicts: " + ", ".join(f"{count} {level}" for level, count in summary.verdicts.items()))
+    print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
+    if summary.skipped:
+        print(f"Taken over from an earlier run: {summary.skipped}")
+    if summary.kept:
+        print(f"Rows of other studies that stay: {summary.kept}")
+    if not summary.failures:
+        return
+    typer.echo(f"Failed: {len(summary.failures)}", err=True)
+    for row in summary.failures[:_MOST_FAILURES]:
+        typer.echo(f"{row.study}: {row.error}", err=True)
+    if (more := len(summary.failures) - _MOST_FAILURES) > 0:
+        typer.echo(f"… and {more} more: see the column error of {summary.out}", err=True)
+
+
+def _rate(count: int, time_s: float) -> float:
+    return count / time_s if time_s > 0 else 0.0
+
+
+@contextmanager
+def _shown() -> Iterator[Callable[[Progress], None]]:
+    """A bar for a person at a terminal, a line now and then for a log file."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("Analysing"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}, {task.fields[failed]} failed, left"),
+        TimeRemainingColumn(),
+    )
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        task = bars.add_task("", total=None, rate="", failed=0)
+        yield lambda p: bars.update(
+            task,
+            total=p.studies,
+            completed=p.done,
+            rate=f"{_rate(p.done - p.skipped, p.time_s):.3g} per second",
+            failed=p.failed,
+        )
+
+
+def _lines() -> Callable[[Progress], None]:
+    said = time.monotonic()
+
+    def show(progress: Progress) -> None:
+        nonlocal said
+        if time.monotonic() - said < _SAY_EVERY_S or progress.done == progress.skipped:
+            return
+        said = time.monotonic()
+        rate = _rate(progress.done - progress.skipped, progress.time_s)
+        left = (progress.studies - progress.done) / rate
+        typer.echo(
+            f"{progress.done} of {progress.studies} studies, {progress.failed} failed, {rate:.3g} per "
+            f"second, about {left:.0f} s left",
+            err=True,
+        )
+
+    return show

@@ -1,0 +1,74 @@
+"""What is to be done, who can do it, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from jointid.fleet.child import Child, Ended
+from jointid.fleet.row import Row, failed, from_plain
+
+
+@dataclass(frozen=True)
+class Job:
+    """A study to analyse."""
+
+    study: str
+    """What its row calls it."""
+    source: Path | bytes
+    """A folder or .zip by its path, or a zip."""
+    method: str = "auto"
+    known: str = ""
+    """Digest of files that have their row already."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A job that is done."""
+
+    job: Job
+    row: Row | None
+    """None: its files are the known ones."""
+
+
+class Executor(Protocol):
+    """Something that does jobs, in whatever order; every job comes back exactly once."""
+
+    def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
+        """Yield jobs as they are done; closing the generator gives the others up.
+
+        Raises
+        ------
+        JointIdError
+            When no job can be done any more, whatever the study.
+        """
+
+
+def do_job(child: Child, job: Job) -> Done:
+    """Have a process analyse a study: the way from study to row, on this computer and on a cluster.
+
+    Raises
+    ------
+    JointIdError
+        When no process can be started.
+    """
+    by_path = isinstance(job.source, Path)
+    request: dict[str, object] = {
+        "do": "analyse",
+        "study": job.study,
+        "method": job.method,
+        "known": job.known,
+        "path": str(job.source) if by_path else "",
+    }
+    return asked(child, job, request, b"" if isinstance(job.source, Path) else job.source)[0]
+
+
+def asked(child: Child, job: Job, request: dict[str, object], body: bytes = b"") -> tuple[Done, bytes]:
+    """Ask about a job; the answer is a row, or "unchanged", or else the bytes that came with it."""
+    try:
+        said, data = child.ask(request, body)
+    except Ended as ended:
+        return Done(job, failed(job.study, job.method, ended.failure, str(ended))), b""
+    return Done(job, from_plain(said["row"]) if "row" in said else None), data

@@ -1,0 +1,126 @@
+"""Finished rows, on disk as soon as they are finished: a file that only grows, a line for each.
+
+It stands beside the table of results for as long as the work goes on. A line that was cut short, by a
+full disk or a power cut, is dropped when work goes on; every line before it stays.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from jointid.errors import JointIdError
+from jointid.fleet.row import Row, from_plain, to_plain
+
+_HEAD = b'{"jointid fleet journal": 1}\n'
+
+
+class Journal:
+    """An append-only file of rows, held by one process at a time.
+
+    Parameters
+    ----------
+    path : Path
+        Where it stands, or shall stand.
+
+    Raises
+    ------
+    JointIdError
+        When another process holds it, it is no journal, or cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = self._held()
+        try:
+            self.rows = tuple(self._read())
+        except BaseException:
+            self._file.close()
+            raise
+
+    def add(self, row: Row) -> None:
+        """Keep a row: it is on the disk when this returns."""
+        line = json.dumps(to_plain(row), ensure_ascii=False).encode("utf-8", "surrogatepass") + b"\n"
+        try:
+            self._file.write(line)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise JointIdError(
+                f"{self.path} cannot be written: {error.strerror or error}. Its rows are kept: make "
+                "room, then give the same command again."
+            ) from error
+
+    def clear(self) -> None:
+        """Drop the rows."""
+        self._file.truncate(len(_HEAD))
+        self.rows = ()
+
+    def remove(self) -> None:
+        """Remove the file: its rows are kept elsewhere."""
+        with suppress(OSError):
+            self.path.unlink()
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        with suppress(OSError):
+            self._file.close()
+
+    def _held(self) -> BinaryIO:
+        """The file, locked: the lock goes with the process, however that ends."""
+        try:
+            while True:
+                file = self.path.open("ab+")
+                if not _lock(file):
+                    file.close()
+                    raise JointIdError(
+                        f"{self.path} is being written by another batch: wait for it, or choose another "
+                        "file for the results."
+                    )
+                with suppress(FileNotFoundError):
+                    if os.path.samestat(self.path.stat(), os.fstat(file.fileno())):
+                        return file
+                file.close()  # the batch that held it has just finished and removed it
+        except OSError as error:
+            raise JointIdError(f"{self.path} cannot be written: {error.strerror or error}.") from error
+
+    def _read(self) -> Iterator[Row]:
+        """Rows of the whole lines; what follows the last of them is cut off."""
+        self._file.seek(0)
+        data = self._file.read()
+        whole = data.rfind(b"\n") + 1
+        if not data.startswith(_HEAD):
+            if not _HEAD.startswith(data):
+                raise JointIdError(
+                    f"{self.path} is not the journal of a batch: move it, or choose another file for "
+                    "the results."
+                )
+            whole = 0
+        self._file.truncate(whole)
+        if whole == 0:
+            self._file.write(_HEAD)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        for line in data[len(_HEAD) : whole].splitlines():
+            with suppress(ValueError, TypeError):  # a damaged line: that study is analysed again
+                yield from_plain(json.loads(line.decode("utf-8", "surrogatepass")))
+
+
+def _lock(file: object) -> bool:
+    """Whether this process now holds the file; where locks are not known, it does."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[arg-type]
+    except BlockingIOError:
+        return False
+    except OSError:  # some network drives know no locks
+        return True
+    return True

@@ -1,0 +1,69 @@
+"""Studies analysed on this computer: as many processes as there are workers."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Generator, Sequence
+
+from jointid.errors import JointIdError
+from jointid.fleet.child import Child, Limits
+from jointid.fleet.jobs import Done, Job, do_job
+
+
+class Local:
+    """Processes of this computer, each with one BLAS thread.
+
+    Parameters
+    ----------
+    workers : int
+        How many at a time.
+    limits : Limits
+        What one study may take.
+
+    Raises
+    ------
+    JointIdError
+        When there is less than one worker.
+    """
+
+    def __init__(self, workers: int = 1, limits: Limits | None = None) -> None:
+        if workers < 1:
+            raise JointIdError(f"workers = {workers}: at least one is needed.")
+        self._workers = workers
+        self._limits = limits or Limits()
+
+    def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
+        """Yield jobs as they are done; closing the generator ends the processes."""
+        todo, done = iter(jobs), queue.SimpleQueue[Done | Exception]()
+        lock, stopped = threading.Lock(), threading.Event()
+        children = [Child(self._limits) for _ in range(min(self._workers, len(jobs)))]
+
+        def work(child: Child) -> None:
+            try:
+                while True:
+                    with lock:
+                        job = None if stopped.is_set() else next(todo, None)
+                    if job is None:
+                        return
+                    done.put(do_job(child, job))
+            except Exception as error:  # else the others would wait for this one forever
+                done.put(error)
+            finally:
+                child.stop()
+
+        threads = [threading.Thread(target=work, args=(child,), daemon=True) for child in children]
+        for thread in threads:
+            thread.start()
+        try:
+            for _ in jobs:
+                result = done.get()
+                if isinstance(result, Exception):
+                    raise result
+                yield result
+        finally:
+            stopped.set()
+            for child in children:
+                child.kill()
+            for thread in threads:
+                thread.join()

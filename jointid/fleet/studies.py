@@ -1,0 +1,114 @@
+"""Which studies are meant: folders, zips, patterns, and folders that hold studies."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from jointid.errors import JointIdError
+from jointid.study_saving import STUDY_FILE
+
+_MAGIC = re.compile(r"[*?\[]")
+
+
+def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
+    """Return the studies that are meant, each once, in an order that does not change.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        Each is a study (a folder with study.toml, that file, or a .zip), a folder that holds studies at
+        any depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Names that begin with a
+        dot are passed over.
+
+    Returns
+    -------
+    tuple of Path
+        Absolute, in the order of ``paths``, below a folder by name; numbers in names count as numbers.
+        What is named outright is there even when it is no study: its row will say why.
+
+    Raises
+    ------
+    JointIdError
+        When a pattern or a folder holds no study, or nothing is given.
+    """
+    given = [os.fspath(path) for path in paths]
+    if not given:
+        raise JointIdError("No study is named: give folders, .zip files or patterns.")
+    found: dict[str, Path] = {}
+    for text in given:
+        for path in _meant(text):
+            found.setdefault(os.path.realpath(path), path)
+    return tuple(found.values())
+
+
+def _meant(text: str) -> Iterator[Path]:
+    path = Path(os.path.abspath(text))
+    if not _MAGIC.search(text) or os.path.lexists(text):
+        if path.name == STUDY_FILE:
+            yield path.parent
+        elif not path.is_dir() or _is_study(path):
+            yield path
+        else:
+            yield from _required(_below(path, set()), f"{path} holds no study")
+        return
+    matches = (Path(os.path.abspath(match)) for match in glob.glob(text, recursive=True))
+    yield from _required(_matching(sorted(matches, key=_natural)), f"{text} matches no study")
+
+
+def _required(studies: Iterable[Path], otherwise: str) -> list[Path]:
+    found = list(studies)
+    if not found:
+        raise JointIdError(
+            f"{otherwise}: a study is a folder with {STUDY_FILE}, or that folder as .zip."
+        )
+    return found
+
+
+def _matching(paths: Iterable[Path]) -> Iterator[Path]:
+    """Studies among the matches of a pattern, and below matched folders."""
+    for path in paths:
+        if path.name == STUDY_FILE:
+            yield path.parent
+        elif _is_study(path):
+            yield path
+        elif path.is_dir() and not _in_a_study(path):
+            yield from _below(path, set())
+
+
+def _below(folder: Path, seen: set[str]) -> Iterator[Path]:
+    """Studies in a folder and in those below it; links are followed once."""
+    real = os.path.realpath(folder)
+    if real in seen:
+        return
+    seen.add(real)
+    try:
+        entries = sorted(folder.iterdir(), key=_natural)
+    except OSError as error:
+        raise JointIdError(f"{folder} cannot be listed: {error.strerror or error}.") from error
+    for entry in entries:
+        if entry.name.startswith(".") or entry.name == "__MACOSX":
+            continue
+        if _is_study(entry):
+            yield entry
+        elif entry.is_dir():
+            yield from _below(entry, seen)
+
+
+def _is_study(path: Path) -> bool:
+    if path.is_dir():
+        return (path / STUDY_FILE).is_file()
+    return path.suffix.lower() == ".zip" and path.is_file()
+
+
+def _in_a_study(path: Path) -> bool:
+    return any((parent / STUDY_FILE).is_file() for parent in path.parents)
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Order in which 2 comes before 10."""
+    parts = re.split(r"(\d+)", str(path))
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]

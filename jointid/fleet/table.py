@@ -1,0 +1,164 @@
+"""A fleet's rows as one Parquet table, and back to the last bit."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import secrets
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.errors import JointIdError
+from jointid.fleet.row import Row
+
+MAX_ROWS = 1_000_000
+"""Most rows of a table that is read."""
+MAX_JOINTS = 64
+"""Most joints of a table that is read."""
+
+_KIND = {b"kind": b"jointid fleet", b"format": b"1"}
+_HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
+_JOINTWISE = {
+    "K": "K{}",
+    "K_error": "K{}_error",
+    "D": "D{}",
+    "D_error": "D{}_error",
+    "K_unseen": "K{}_unseen",
+    "D_unseen": "D{}_unseen",
+    "K_nominal": "K{}_nominal",
+    "D_nominal": "D{}_nominal",
+    "coulomb": "coulomb{}_Nm",
+    "viscous": "viscous{}_Nms_rad",
+}
+_TAIL = (
+    "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
+    "method", "version", "digest", "content",
+)  # fmt: skip
+_TYPES = {
+    "joints": pa.int32(),
+    "records": pa.int32(),
+    "delay_s": pa.float64(),
+    "delay_error_s": pa.float64(),
+    "misfit": pa.float64(),
+    "time_s": pa.float64(),
+    "findings": pa.list_(pa.string()),
+}
+_UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
+
+
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """Write a table, complete or not at all; its columns are K1, K1_error, D1 and so on.
+
+    Raises
+    ------
+    JointIdError
+        When it cannot be written.
+    """
+    fresh = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.new")
+    try:
+        with fresh.open("xb") as file:
+            pa_parquet.write_table(as_table(rows), file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(fresh, path)
+    except OSError as error:
+        raise JointIdError(f"{path} cannot be written: {error.strerror or error}.") from error
+    finally:
+        fresh.unlink(missing_ok=True)
+
+
+def as_table(rows: Sequence[Row]) -> Any:
+    """Return rows as an Arrow table; joints that a study does not have are null."""
+    joints = max((row.joints for row in rows), default=0)
+    columns, schema = [], []
+
+    def add(name: str, values: list[Any], kind: Any, unit: bytes = b"") -> None:
+        columns.append(pa.array(values, kind))
+        schema.append(pa.field(name, kind, metadata={b"unit": unit} if unit else None))
+
+    for name in _HEAD:
+        add(name, [_text(getattr(row, name)) for row in rows], _TYPES.get(name, pa.string()))
+    for j in range(joints):
+        for name, column in _JOINTWISE.items():
+            values = [v[j] if j < len(v := getattr(row, name)) else None for row in rows]
+            add(column.format(j + 1), values, pa.float64(), _UNITS[name[0]])
+    for name in _TAIL:
+        values = [_text(getattr(row, name)) for row in rows]
+        add(name, values, _TYPES.get(name, pa.string()), b"s" if name.endswith("_s") else b"")
+    return pa.Table.from_arrays(columns, schema=pa.schema(schema, metadata=_KIND))
+
+
+def read_rows(source: Path | bytes) -> tuple[Row, ...]:
+    """Return the rows of a table that ``write_rows`` wrote.
+
+    A table from a stranger is better read through ``jointid.fleet.reading``, in a process of its own.
+
+    Raises
+    ------
+    JointIdError
+        When it cannot be read, or is no table of a fleet's results.
+    """
+    name = "The table" if isinstance(source, bytes) else str(source)
+    try:
+        file = pa_parquet.ParquetFile(io.BytesIO(source) if isinstance(source, bytes) else source)
+        held = (file.schema_arrow.metadata or {}).items()
+        if not _KIND.items() <= held:
+            raise JointIdError(
+                f"{name} is no table of a fleet's results: expected what jointid batch writes."
+            )
+        if file.metadata.num_rows > MAX_ROWS:
+            raise JointIdError(
+                f"{name} has {file.metadata.num_rows} rows, more than the limit of {MAX_ROWS}."
+            )
+        wanted = {*_HEAD, *_TAIL}
+        wanted |= {c.format(j + 1) for c in _JOINTWISE.values() for j in range(MAX_JOINTS)}
+        present = [column for column in file.schema_arrow.names if column in wanted]
+        columns = file.read(columns=present).to_pydict()
+    except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
+        if isinstance(error, JointIdError):
+            raise
+        raise JointIdError(f"{name} cannot be read as Parquet ({error!s:.200}).") from error
+    missing = [column for column in (*_HEAD, *_TAIL) if column not in columns]
+    if missing:
+        raise JointIdError(f"{name} has no column {missing[0]}: it was changed. Run the batch again.")
+    try:
+        return tuple(_row(columns, k) for k in range(len(columns["study"])))
+    except (TypeError, ValueError) as error:
+        raise JointIdError(f"{name} was changed: {error!s:.200}. Run the batch again.") from error
+
+
+def _row(columns: dict[str, list[Any]], k: int) -> Row:
+    plain = {name: columns[name][k] for name in (*_HEAD, *_TAIL)}
+    joints = plain["joints"]
+    if not isinstance(joints, int) or not 0 <= joints <= MAX_JOINTS:
+        raise ValueError(f"row {k + 1} has joints = {joints!r:.60}")
+    for name, kind in _TYPES.items():
+        if kind == pa.float64() and not isinstance(plain[name], float | None):
+            raise ValueError(f"row {k + 1} has {name} = {plain[name]!r:.60}")
+    for name in (*_HEAD, *_TAIL):
+        if name not in _TYPES and not isinstance(plain[name], str):
+            raise ValueError(f"row {k + 1} has {name} = {plain[name]!r:.60}")
+    plain["findings"] = tuple(str(text) for text in plain["findings"] or ())
+    for name, column in _JOINTWISE.items():
+        values = [columns.get(column.format(j + 1), [None] * (k + 1))[k] for j in range(joints)]
+        whole = [value for value in values if value is not None]
+        if whole and (len(whole) < joints or not all(isinstance(value, float) for value in whole)):
+            raise ValueError(f"row {k + 1} has {name} = {values!r:.60}")
+        plain[name] = tuple(whole)
+    if plain["time_s"] is None or not math.isfinite(plain["time_s"]):
+        raise ValueError(f"row {k + 1} has no time_s")
+    return Row(**plain)
+
+
+def _text(value: Any) -> Any:
+    """A value as a table can hold it: a path may hold what is no character."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    if isinstance(value, tuple):
+        return [_text(item) for item in value]
+    return value

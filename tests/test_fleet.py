@@ -1,0 +1,430 @@
+"""A batch: every good study has its exact row, once, whatever happens to the others and to the batch."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from fleet_studies import batch, poison, small_study, with_poison, write_studies
+
+from jointid import JointIdError, analyse, load_study, save_study
+from jointid.digest import study_digest
+from jointid.fleet import Limits, Row, analyse_fleet, find_studies, read_fleet
+from jointid.fleet.child import Child, Ended
+from jointid.fleet.content import content_digest, packed
+from jointid.fleet.journal import Journal
+from jointid.fleet.row import from_plain, row_of, to_plain
+from jointid.fleet.run import journal_path
+
+COUNT = 24
+posix = pytest.mark.skipif(os.name != "posix", reason="signals")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fleet")
+
+
+@pytest.fixture(scope="module")
+def paths(folder: Path) -> list[Path]:
+    return write_studies(folder, COUNT)
+
+
+@pytest.fixture(scope="module")
+def truth(paths: list[Path]) -> dict[str, Row]:
+    """What the plain loop says."""
+    return {
+        str(p): row_of(analyse(load_study(p)), study=str(p), content=content_digest(p)) for p in paths
+    }
+
+
+def without_time(row: Row) -> Row:
+    return replace(row, time_s=0.0)
+
+
+def require_exact(rows: tuple[Row, ...], truth: dict[str, Row]) -> None:
+    """Every good row is there, exact, once, in order."""
+    good = [without_time(row) for row in rows if row.is_good]
+    assert [row.study for row in good] == list(truth)
+    assert good == list(truth.values())
+
+
+# --- rows
+
+
+def test_a_row_holds_what_the_analysis_says(paths: list[Path], truth: dict[str, Row]) -> None:
+    for path in paths[:4]:
+        study, row = load_study(path), truth[str(path)]
+        fit = analyse(study).fit
+        assert tuple(fit.K.tolist()) == row.K
+        assert tuple(fit.D.tolist()) == row.D
+        assert (*row.K_error, *row.D_error) == tuple(fit.standard_error.tolist())
+        assert (row.name, row.robot) == (study.name, study.robot)
+        assert row.date == study.date.isoformat()
+        assert row.digest == study_digest(study)
+        assert (row.joints, row.records) == (study.inertia.n, len(study.records))
+        assert row.verdict in ("good", "warning", "problem")
+        assert row.findings[0].startswith(row.verdict)
+
+
+def test_a_friction_and_a_delay_stand_in_the_row(sample_folder: Path) -> None:
+    study = load_study(sample_folder / "one_joint")
+    analysis = analyse(study)
+    from jointid.elasticity import Friction
+
+    unseen = np.array([0.25, 0.5]) * analysis.fit.standard_error
+    friction = Friction(np.array([0.1]), np.array([0.2]), np.array([0.01, 0.02]))
+    fit = replace(analysis.fit, friction=friction, delay=1e-3, delay_error=1e-5, unseen_error=unseen)
+    row = row_of(replace(analysis, fit=fit), study="x")
+    assert (row.coulomb, row.viscous, row.delay_s, row.delay_error_s) == ((0.1,), (0.2,), 1e-3, 1e-5)
+    assert (*row.K_unseen, *row.D_unseen) == tuple(unseen.tolist())
+    assert row.model == "elasticity + friction + delay"
+    assert row.date == ""  # never invented
+
+
+def test_rows_survive_json_and_parquet_to_the_last_bit(truth: dict[str, Row], tmp_path: Path) -> None:
+    from jointid.fleet.row import failed
+    from jointid.fleet.table import write_rows
+
+    rows = (*truth.values(), failed("/a\nb.zip", "auto", "time", "It took …", time_s=1.5))
+    assert tuple(from_plain(json.loads(json.dumps(to_plain(row)))) for row in rows) == rows
+    write_rows(tmp_path / "r.parquet", rows)
+    assert read_fleet(tmp_path / "r.parquet") == rows
+    table = pyarrow.parquet.read_table(tmp_path / "r.parquet")
+    assert table["K1"].to_pylist()[:-1] == [row.K[0] for row in truth.values()]
+    assert table["K2_error"].null_count == 1 + sum(row.joints < 2 for row in truth.values())
+
+
+@pytest.mark.parametrize("change", ["kind", "column", "value", "bytes", "joints"])
+def test_a_table_that_was_changed_is_refused(truth: dict[str, Row], tmp_path: Path, change: str) -> None:
+    import pyarrow as pa
+
+    from jointid.fleet.table import write_rows
+
+    path = tmp_path / "r.parquet"
+    write_rows(path, list(truth.values()))
+    table = pyarrow.parquet.read_table(path)
+    if change == "kind":
+        table = table.replace_schema_metadata(None)
+    elif change == "column":
+        table = table.drop_columns(["verdict"])
+    elif change == "bytes":
+        path.write_bytes(path.read_bytes()[:-30])
+        with pytest.raises(JointIdError, match="cannot be read as Parquet"):
+            read_fleet(path)
+        return
+    else:
+        name, values = {
+            "value": ("misfit", pa.array(["x"] * len(table))),
+            "joints": ("joints", pa.array([-1] * len(table))),
+        }[change]
+        table = table.set_column(table.schema.get_field_index(name), name, values)
+    pyarrow.parquet.write_table(table, path)
+    with pytest.raises(JointIdError):
+        read_fleet(path)
+
+
+# --- which studies
+
+
+def test_studies_are_found_once_and_in_order(paths: list[Path], folder: Path) -> None:
+    assert list(find_studies([folder])) == paths  # 2 before 10
+    assert list(find_studies([f"{folder}/*"])) == paths
+    assert list(find_studies([f"{folder}/**", folder, *paths])) == paths
+    assert list(find_studies([folder / "4" / "study.toml"])) == [folder / "4"]
+    assert list(find_studies([paths[3], folder]))[:2] == [paths[3], paths[0]]
+    assert set(find_studies([f"{folder}/*.zip"])) == {p for p in paths if p.suffix}
+
+
+def test_folders_are_searched_at_any_depth_and_links_only_once(tmp_path: Path) -> None:
+    deep = tmp_path / "a" / "b"
+    deep.mkdir(parents=True)
+    save_study(small_study(0), deep / "s")
+    save_study(small_study(0), deep / ".hidden.zip")
+    (deep / "s" / "old.zip").write_bytes(b"part of that folder, not a study")
+    (deep / "round").symlink_to(tmp_path)
+    (tmp_path / "same").symlink_to(deep / "s")
+    assert list(find_studies([tmp_path])) == [deep / "s"]
+
+
+def test_nothing_to_do_is_said(tmp_path: Path) -> None:
+    for paths, text in (([tmp_path], "holds no study"), ([f"{tmp_path}/*.zip"], "matches no study")):
+        with pytest.raises(JointIdError, match=text):
+            find_studies(paths)
+    with pytest.raises(JointIdError, match="No study is named"):
+        find_studies([])
+    # What is named outright gets its row, which says what is wrong.
+    assert find_studies([tmp_path / "gone.zip"]) == (tmp_path / "gone.zip",)
+
+
+def test_the_digest_of_the_files_changes_with_any_byte(tmp_path: Path) -> None:
+    save_study(small_study(0), tmp_path / "s")
+    first = content_digest(tmp_path / "s")
+    (tmp_path / "s" / "notes.txt").write_text("not part of the study")
+    assert content_digest(tmp_path / "s") == first
+    file = tmp_path / "s" / "records" / "02.csv"
+    data = file.read_bytes()
+    file.write_bytes(data[:-2] + b"1\n")
+    second = content_digest(tmp_path / "s")
+    file.rename(file.with_name("03.csv"))
+    third = content_digest(tmp_path / "s")
+    assert len({first, second, third}) == 3
+
+
+def test_what_is_sent_is_the_same_study(paths: list[Path]) -> None:
+    for path in paths[:5]:
+        assert study_digest(load_study(packed(path))) == study_digest(load_study(path))
+
+
+# --- the batch
+
+
+def test_every_row_is_exact_and_a_second_run_analyses_only_what_changed(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path
+) -> None:
+    out = tmp_path / "r.parquet"
+    seen: list[int] = []
+    summary = analyse_fleet(paths, out, workers=2, progress=lambda p: seen.append(p.done))
+    require_exact(read_fleet(out), truth)
+    assert (summary.studies, summary.good, summary.skipped, summary.kept) == (COUNT, COUNT, 0, 0)
+    assert seen == list(range(COUNT + 1))
+    assert [p.name for p in tmp_path.iterdir()] == ["r.parquet"]  # the journal is gone
+
+    changed = tmp_path / "changed.zip"
+    save_study(small_study(100), changed)
+    analyse_fleet([*paths[:3], changed], out, workers=1)
+    save_study(small_study(101), changed, overwrite=True)
+    again = analyse_fleet([changed, *paths[:3]], out, workers=1)
+    assert (again.studies, again.skipped, again.kept) == (4, 3, COUNT - 3)
+    rows = read_fleet(out)
+    assert [row.study for row in rows] == [str(p) for p in (changed, *paths)]
+    assert rows[0].name == "cell 101"
+    require_exact(rows[1:], truth)
+
+    other = analyse_fleet(paths[:2], out, workers=1, method="explicit")
+    assert other.skipped == 0
+    assert [row.method for row in read_fleet(out)[:3]] == ["explicit", "explicit", "auto"]
+    assert analyse_fleet(paths[:2], out, workers=1, method="explicit", fresh=True).skipped == 0
+    assert len(read_fleet(out)) == 2
+
+
+@posix
+def test_five_poisoned_studies_stop_nothing(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path
+) -> None:
+    bad = poison(tmp_path)
+    mixed = [bad["hangs"], *paths[:9], *list(bad.values())[:3], bad["crashes"], *paths[9:]]
+    out = tmp_path / "r.parquet"
+    command = batch(
+        *mixed, "--out", out, "--workers", 2, "--timeout", 3, "--json", env=with_poison(tmp_path / "p")
+    )
+    printed, said = command.communicate(timeout=120)
+    assert command.returncode == 0, said
+    document = json.loads(printed)
+    assert (document["studies"], document["good"], document["failed"]) == (COUNT + 5, COUNT, 5)
+    rows = read_fleet(out)
+    assert [row.study for row in rows] == [str(p) for p in mixed]
+    require_exact(rows, truth)
+    errors = {Path(row.study).stem: (row.failure, row.error) for row in rows if not row.is_good}
+    kinds = {name: failure for name, (failure, _) in errors.items()}
+    assert kinds == dict.fromkeys(["nan", "missing", "broken"], "refused") | {
+        "hangs": "time",
+        "crashes": "crash",
+    }
+    assert "records/01.csv" in errors["nan"][1]
+    assert "02.csv is missing" in errors["missing"][1]
+    assert "more than 3 s" in errors["hangs"][1]
+    assert "SIGSEGV" in errors["crashes"][1]
+    # Nothing of it stays as it is for ever: where time or a process failed, the next run tries again.
+    healed = analyse_fleet(mixed, out, workers=2)
+    assert (healed.skipped, healed.good) == (COUNT + 3, COUNT + 2)
+
+
+@posix
+def test_too_much_memory_is_a_row(paths: list[Path], tmp_path: Path) -> None:
+    greedy = tmp_path / "greedy.zip"
+    greedy.write_bytes(paths[0].read_bytes())
+    out = tmp_path / "r.parquet"
+    command = batch(greedy, paths[0], "-o", out, "--workers", 1, env=with_poison(tmp_path / "p"))
+    printed, said = command.communicate(timeout=60)
+    assert command.returncode == 0
+    assert "2 studies, 1 of them with an answer" in printed
+    assert "Failed: 1" in said
+    assert str(greedy) in said
+    assert [row.failure for row in read_fleet(out)] == ["memory", ""]
+
+
+def marked(mark: str) -> list[int]:
+    """Processes that live in an environment with this mark."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            if mark.encode() in (entry / "environ").read_bytes():
+                found.append(int(entry.name))
+        except OSError:
+            continue
+    return found
+
+
+def journal_lines(out: Path) -> int:
+    path = journal_path(out)
+    return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
+
+
+def wait_for(condition: object, limit_s: float = 60.0) -> None:
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < limit_s
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def env(tmp_path: Path) -> Iterator[dict[str, str]]:
+    """An environment with a mark; whatever lives in it at the end is ended."""
+    environment = with_poison(tmp_path / "p") | {"FLEET_MARK": f"mark:{tmp_path}:"}
+    yield environment
+    for process in marked(environment["FLEET_MARK"]):
+        os.kill(process, signal.SIGKILL)
+
+
+@posix
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_what_is_interrupted_goes_on_where_it_stopped(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path, env: dict[str, str], how: int
+) -> None:
+    out = tmp_path / "r.parquet"
+    given = [*paths, "--out", out, "--workers", 2]
+    command = batch(*given, env=env)
+    wait_for(lambda: journal_lines(out) >= 5)
+    command.send_signal(how)
+    _, said = command.communicate(timeout=30)
+    wait_for(lambda: not marked(env["FLEET_MARK"]))  # no process is left behind
+    assert not out.exists()
+    if how == signal.SIGINT:
+        assert command.returncode == 130
+        assert "goes on from there" in said
+        assert "Traceback" not in said
+    journal = journal_path(out)
+    with journal.open("ab") as file:  # as if the power had failed in the middle of a line
+        file.write(journal.read_bytes().splitlines()[-1][:40])
+    kept = [from_plain(json.loads(line)) for line in journal.read_bytes().splitlines()[1:-1]]
+    assert 5 <= len(kept) < COUNT
+    printed, said = batch(*given, "--json", env=env).communicate(timeout=60)
+    document = json.loads(printed)
+    assert (document["skipped"], document["good"]) == (len(kept), COUNT)
+    rows = read_fleet(out)
+    require_exact(rows, truth)
+    assert set(kept) <= set(rows)  # their very times: nothing was done twice
+    assert not journal.exists()
+
+
+def test_two_batches_do_not_write_the_same_table(paths: list[Path], tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    out = tmp_path / "r.parquet"
+    journal = Journal(journal_path(out))
+    with pytest.raises(JointIdError, match="being written by another batch"):
+        analyse_fleet(paths[:1], out)
+    journal.close()
+    assert analyse_fleet(paths[:1], out, workers=1).good == 1
+
+
+def test_files_of_others_are_left_alone(paths: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "mine.parquet"
+    out.write_bytes(b"my thesis")
+    for fresh in (False, True):
+        with pytest.raises(JointIdError, match="not overwritten"):
+            analyse_fleet(paths[:1], out, fresh=fresh)
+    assert out.read_bytes() == b"my thesis"
+    other = tmp_path / "r.parquet"
+    journal_path(other).write_text("dear diary\n")
+    with pytest.raises(JointIdError, match="not the journal of a batch"):
+        analyse_fleet(paths[:1], other)
+    assert journal_path(other).read_text() == "dear diary\n"
+    with pytest.raises(JointIdError, match="not a folder"):
+        analyse_fleet(paths[:1], tmp_path / "none" / "r.parquet")
+
+
+def test_a_damaged_line_of_the_journal_costs_that_row_only(
+    truth: dict[str, Row], tmp_path: Path
+) -> None:
+    rows, path = list(truth.values())[:3], tmp_path / "j"
+    journal = Journal(path)
+    for row in rows:
+        journal.add(row)
+    journal.close()
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(lines[0] + lines[1] + b"\x00" * 20 + b"\n" + lines[3])
+    again = Journal(path)
+    assert again.rows == (rows[0], rows[2])
+    again.close()
+
+
+# --- the process
+
+
+@posix
+def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) -> None:
+    child = Child(Limits(time_s=30))
+    request = {"do": "analyse", "study": "x", "method": "explicit", "known": "", "path": str(paths[0])}
+    first = child.ask(request)[0]["row"]
+    os.kill(child._process.pid, signal.SIGKILL)
+    assert child.ask(request)[0]["row"]["K"] == first["K"]
+    child.stop()
+    with pytest.raises(Ended):
+        child.ask(request)
+
+
+def test_limits_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(JointIdError, match="time_s"):
+        Limits(time_s=0)
+    with pytest.raises(JointIdError, match="memory_bytes"):
+        Limits(memory_bytes=1000)
+
+
+def test_a_process_that_cannot_begin_says_why(
+    paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import sys; sys.exit('no licence')", "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with pytest.raises(JointIdError, match=r"ended as it began .* no licence"):
+        analyse_fleet(paths[:3], tmp_path / "r.parquet", workers=2)
+
+
+# --- the command
+
+
+def test_the_command_refuses_what_makes_no_sense(paths: list[Path], tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from jointid.cli import app
+
+    def code(*arguments: object) -> tuple[int, str]:
+        result = CliRunner().invoke(app, ["batch", *(str(a) for a in arguments)])
+        return result.exit_code, result.stderr
+
+    out = tmp_path / "r.parquet"
+    assert code(paths[0])[0] == 2
+    assert code(paths[0], "-o", out, "--method", "magic")[0] == 2
+    assert code(paths[0], "-o", out, "--workers", 0)[0] == 2
+    assert code(paths[0], "-o", out, "--memory", 0)[0] == 2
+    assert code(paths[0], "-o", out, "--workers", 1, "--scheduler", "tcp://x:1")[0] == 2
+    exit_code, said = code(tmp_path, "-o", out)
+    assert exit_code == 1
+    assert "holds no study" in said
+    assert code(paths[0], "-o", out, "--timeout", -1)[0] == 1
+
+
+def test_every_field_is_in_the_table(truth: dict[str, Row]) -> None:
+    """A field that were forgotten there would be lost when a batch goes on."""
+    from jointid.fleet import table
+
+    named = {*table._HEAD, *table._TAIL, *table._JOINTWISE}
+    assert named == {field.name for field in fields(Row)}
