@@ -41,7 +41,8 @@ for view, periods in zip(views, (4.0, None), strict=False):
                         record, joint, fitted, periods=periods, dark=page.dark
                     ),
                 )
-                plot(figure, what)
+                # A short record is no longer than a few periods: equal figures need keys of their own.
+                plot(figure, what, key=f"waveforms_{joint}_{periods}")
 with views[2]:
     for joint, place in enumerate(side_by_side(record.n)):
         place.markdown(f"**Joint {joint + 1}**")
@@ -51,7 +52,7 @@ with views[2]:
                 f"spectra {number} {joint}",
                 lambda joint=joint: spectra(record, joint, dark=page.dark),
             )
-            plot(figure, what)
+            plot(figure, what, key=f"spectra_{joint}")
 with views[2]:
     st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 

@@ -32,7 +32,7 @@ left, right = st.columns(2)
 with left:
     st.markdown("**Motor angle (rad)**")
     figure = page.drawn(f"angles {chosen}", lambda: phasor_plane(phasors, chosen=chosen, dark=page.dark))
-    plot(figure, "Phasors of the motor angles in the complex plane")
+    plot(figure, "Phasors of the motor angles in the complex plane", key="angles")
 with right:
     st.markdown("**Motor torque (N·m)**")
     what = "Phasors of the motor torques in the complex plane"
@@ -40,7 +40,7 @@ with right:
         f"torques {chosen}",
         lambda: phasor_plane(phasors, torque=True, chosen=chosen, dark=page.dark),
     )
-    plot(figure, what)
+    plot(figure, what, key="torques")
 st.caption(
     "Distance from the centre is the amplitude, on a logarithmic scale when it varies much; direction "
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ, or "

@@ -50,11 +50,15 @@ if i == j and n > 1:
         alone = page.drawn(
             f"single {i} {pose}", lambda: single_record(analysis, i, pose=pose, dark=page.dark)
         )
-        plot(alone, f"Acceleration over torque of joint {i + 1} from single records, over frequency")
+        plot(
+            alone,
+            f"Acceleration over torque of joint {i + 1} from single records, over frequency",
+            key="alone",
+        )
     with right:
         figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
         st.markdown(f"**All records together**{figure_number}: {name}")
-        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled")
+        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
     st.caption(
         "Both figures share their scale. A peak that stands on the left only is made by the other "
         "joints' controllers." + freed_note(analysis.fit)
@@ -62,7 +66,7 @@ if i == j and n > 1:
 else:
     if i == j:
         st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
-    plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled")
+    plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
     if i != j:
         st.caption(
             f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."

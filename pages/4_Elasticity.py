@@ -47,7 +47,7 @@ for j, place in enumerate(side_by_side(n)):
             f"stiffness {j}",
             lambda j=j: dynamic_stiffness(fit, j, page.study.nominal, dark=page.dark),
         )
-        plot(figure, f"Dynamic stiffness of joint {j + 1}")
+        plot(figure, f"Dynamic stiffness of joint {j + 1}", key=f"stiffness_{j}")
 
 st.subheader("Every estimator", anchor=False)
 show_estimates(analysis)
@@ -62,7 +62,7 @@ for j, place in enumerate(side_by_side(n)):
     with place:
         st.markdown(f"**Joint {j + 1}**")
         figure = page.drawn(f"unexplained {j}", lambda j=j: unexplained_torque(fit, j, dark=page.dark))
-        plot(figure, f"Unexplained torque of joint {j + 1} against noise")
+        plot(figure, f"Unexplained torque of joint {j + 1} against noise", key=f"unexplained_{j}")
 if analysis.transfer_matrices:
     st.subheader("Fit over measurement", anchor=False)
     st.caption("The identified and the nominal model over the transfer matrix." + freed_note(fit))
@@ -75,7 +75,7 @@ if analysis.transfer_matrices:
                 f"element {j} {j} {pose}",
                 lambda j=j: element_response(analysis, j, j, pose=pose, dark=page.dark),
             )
-            plot(figure, name)
+            plot(figure, name, key=f"fit_{j}")
 with st.expander("The matrix A, its condition, and how the estimates are correlated"):
     show_matrix(fit)
 with on_demand("Check the error bars", "checks") as check:

@@ -61,7 +61,7 @@ with one:
         "should be at that time."
     )
     figure = page.drawn(f"error {settings}", lambda: path_error_over_time(outcome, dark=page.dark))
-    plot(figure, "Path and tracking error over time")
+    plot(figure, "Path and tracking error over time", key="cut_error")
 with two:
     st.markdown("**Torque**")
     st.caption(
@@ -69,7 +69,7 @@ with two:
         "motors by x."
     )
     figure = page.drawn(f"torque {settings}", lambda: torque_over_time(outcome, dark=page.dark))
-    plot(figure, "Motor torques over time")
+    plot(figure, "Motor torques over time", key="cut_torque")
 with three:
     corners = range(len(outcome.toolpath.corners()[0]))
     st.markdown("**A corner**")
@@ -86,7 +86,7 @@ with three:
     figure = page.drawn(
         f"corner {chosen} {settings}", lambda: corner_detail(outcome, chosen, dark=page.dark)
     )
-    plot(figure, "Tool paths around a corner")
+    plot(figure, "Tool paths around a corner", key="cut_corner_figure")
 with four:
     st.markdown("**What this identification promises**")
     if outcome.distribution is None:
@@ -101,7 +101,9 @@ with four:
             "the identified values."
         )
         plot(
-            path_error_histogram(outcome.distribution, dark=page.dark), "Distribution of the path error"
+            path_error_histogram(outcome.distribution, dark=page.dark),
+            "Distribution of the path error",
+            key="cut_promise",
         )
 
 st.subheader("How well K must be known", anchor=False)
