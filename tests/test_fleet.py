@@ -24,7 +24,7 @@ from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
 
-COUNT = 24
+COUNT = 16
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
@@ -374,6 +374,7 @@ def test_a_damaged_line_of_the_journal_costs_that_row_only(
 def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) -> None:
     child = Child(Limits(time_s=30))
     request = {"do": "analyse", "study": "x", "method": "explicit", "known": "", "path": str(paths[0])}
+    request["content"] = ""
     first = child.ask(request)[0]["row"]
     os.kill(child._process.pid, signal.SIGKILL)
     assert child.ask(request)[0]["row"]["K"] == first["K"]

@@ -24,7 +24,7 @@ from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
 from jointid.fleet.child import Child, Limits
 from jointid.fleet.jobs import Done, Job, asked, do_job
-from jointid.fleet.row import LOST, Row, failed
+from jointid.fleet.row import LOST, Row, failed, from_plain
 
 _CONNECT_S = 20.0
 _LOOK_S = 1.0
@@ -216,17 +216,10 @@ def _read(reader: Child, job: Job) -> Job | Done:
     """The job with its study's bytes, or what became of it already."""
     if isinstance(job.source, bytes):
         return job
-    request: dict[str, object] = {
-        "do": "pack",
-        "study": job.study,
-        "method": job.method,
-        "known": job.known,
-        "path": str(job.source),
-    }
-    done, data = asked(reader, job, request)
-    if done.row is not None or not data:
-        return done
-    return replace(job, source=data, known="")
+    said, data = asked(reader, job, {"do": "pack", "path": str(job.source)})
+    if "content" in said:
+        return replace(job, source=data, known="", content=said["content"])
+    return Done(job, from_plain(said["row"]) if "row" in said else None)
 
 
 # --- on the workers

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from jointid.fleet.child import Child, Ended
-from jointid.fleet.row import Row, failed, from_plain
+from jointid.fleet.row import Row, failed, from_plain, to_plain
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,8 @@ class Job:
     method: str = "auto"
     known: str = ""
     """Digest of files that have their row already."""
+    content: str = ""
+    """Digest of the files that ``source`` was made from; left out: that of ``source``."""
 
 
 @dataclass(frozen=True)
@@ -55,20 +57,17 @@ def do_job(child: Child, job: Job) -> Done:
         When no process can be started.
     """
     by_path = isinstance(job.source, Path)
-    request: dict[str, object] = {
-        "do": "analyse",
-        "study": job.study,
-        "method": job.method,
-        "known": job.known,
-        "path": str(job.source) if by_path else "",
-    }
-    return asked(child, job, request, b"" if isinstance(job.source, Path) else job.source)[0]
+    request = {"do": "analyse", "path": str(job.source) if by_path else "", "content": job.content}
+    said, _ = asked(child, job, request, b"" if isinstance(job.source, Path) else job.source)
+    return Done(job, from_plain(said["row"]) if "row" in said else None)
 
 
-def asked(child: Child, job: Job, request: dict[str, object], body: bytes = b"") -> tuple[Done, bytes]:
-    """Ask about a job; the answer is a row, or "unchanged", or else the bytes that came with it."""
+def asked(
+    child: Child, job: Job, request: dict[str, str], body: bytes = b""
+) -> tuple[dict[str, Any], bytes]:
+    """Ask about a job; the answer holds a row, or "unchanged", or what else was asked for."""
+    about = {"study": job.study, "method": job.method, "known": job.known}
     try:
-        said, data = child.ask(request, body)
+        return child.ask(request | about, body)
     except Ended as ended:
-        return Done(job, failed(job.study, job.method, ended.failure, str(ended))), b""
-    return Done(job, from_plain(said["row"]) if "row" in said else None), data
+        return {"row": to_plain(failed(job.study, job.method, ended.failure, str(ended)))}, b""

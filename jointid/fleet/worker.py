@@ -29,7 +29,9 @@ GRACE_S = 10.0
 """How much later than its owner it ends itself over a request that takes too long."""
 
 
-def study_row(source: Path | bytes, study: str, method: str, known: str = "") -> Row | None:
+def study_row(
+    source: Path | bytes, study: str, method: str, known: str = "", content: str = ""
+) -> Row | None:
     """Analyse one study, whatever it is.
 
     Parameters
@@ -42,15 +44,17 @@ def study_row(source: Path | bytes, study: str, method: str, known: str = "") ->
         Estimator, one of ``jointid.elasticity.METHODS``.
     known : str
         Digest of files that have their row already.
+    content : str
+        Digest of the files that ``source`` was made from; left out: that of ``source``.
 
     Returns
     -------
     Row or None
         None when the files are the known ones.
     """
-    content, begin = "", time.perf_counter()
+    begin = time.perf_counter()
     try:
-        content = content_digest(source)
+        content = content or content_digest(source)
         if content == known:
             return None
         analysis = analyse(load_study(source), method=method)
@@ -100,7 +104,9 @@ def answer(request: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]
         except (Exception, MemoryError) as error:
             failure, text = _said(error)
             return {"row": to_plain(failed(study, method, failure, text))}, b""
-    row = study_row(Path(request["path"]) if request["path"] else body, study, method, known)
+    row = study_row(
+        Path(request["path"]) if request["path"] else body, study, method, known, request["content"]
+    )
     return ({"unchanged": True} if row is None else {"row": to_plain(row)}), b""
 
 

@@ -1,0 +1,99 @@
+"""A batch on a real Dask cluster: killing a worker in the middle loses nothing and doubles nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fleet_studies import poison, write_studies
+
+from jointid import JointIdError, analyse, load_study
+from jointid.fleet import Progress, analyse_fleet, read_fleet
+from jointid.fleet.content import content_digest
+from jointid.fleet.row import Row, row_of
+
+distributed = pytest.importorskip("distributed")
+
+# Dask warns, from its own threads, of ports taken by its dashboard and of workers that are restarted.
+pytestmark = [
+    pytest.mark.filterwarnings("default::UserWarning:distributed"),
+    pytest.mark.filterwarnings("default::ResourceWarning"),
+    pytest.mark.filterwarnings("default::pytest.PytestUnraisableExceptionWarning"),
+]
+
+COUNT = 16
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A scheduler with two workers, each a process of one thread."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def truth(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Row]:
+    """What the plain loop says, by path."""
+    paths = write_studies(tmp_path_factory.mktemp("fleet"), COUNT)
+    return {
+        str(p): row_of(analyse(load_study(p)), study=str(p), content=content_digest(p)) for p in paths
+    }
+
+
+def test_a_worker_killed_in_the_middle_loses_nothing(
+    address: str, truth: dict[str, Row], tmp_path: Path
+) -> None:
+    with distributed.Client(address, set_as_default=False) as client:
+        workers = list(client.run(os.getpid).values())
+    bad = poison(tmp_path)
+    mixed = [*list(truth)[:7], bad["nan"], bad["missing"], bad["broken"], *list(truth)[7:]]
+    killed: list[int] = []
+
+    def kill_one(progress: Progress) -> None:
+        if progress.done >= 6 and not killed:
+            killed.append(workers[0])
+            os.kill(workers[0], signal.SIGKILL)
+
+    out = tmp_path / "r.parquet"
+    summary = analyse_fleet(mixed, out, scheduler=address, progress=kill_one)
+    assert killed
+    assert (summary.studies, summary.good) == (COUNT + 3, COUNT)
+    rows = read_fleet(out)
+    assert [row.study for row in rows] == [str(path) for path in mixed]
+    good = [replace(row, time_s=0.0) for row in rows if row.is_good]
+    assert good == list(truth.values())
+    assert {row.failure for row in rows if not row.is_good} == {"refused"}
+    assert all(row.content for row in rows)
+    again = analyse_fleet(mixed, out, scheduler=address)
+    assert again.skipped == len(mixed)
+
+
+def test_cluster_and_computer_go_on_with_each_others_rows(
+    address: str, truth: dict[str, Row], tmp_path: Path
+) -> None:
+    out, paths = tmp_path / "r.parquet", list(truth)
+    analyse_fleet(paths[:6], out, scheduler=address)
+    here = analyse_fleet(paths[:8], out, workers=1)
+    assert (here.skipped, here.good) == (6, 8)
+    there = analyse_fleet(paths[:10], out, scheduler=address)
+    assert (there.skipped, there.good) == (8, 10)
+    assert [replace(row, time_s=0.0) for row in read_fleet(out)] == [truth[p] for p in paths[:10]]
+
+
+def test_a_cluster_that_is_not_there_is_said(
+    truth: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("jointid.fleet.cluster._CONNECT_S", 1.0)
+    with pytest.raises(JointIdError, match=r"no Dask scheduler at tcp://127\.0\.0\.1:9 "):
+        analyse_fleet(list(truth)[:1], tmp_path / "r.parquet", scheduler="tcp://127.0.0.1:9")
+    with pytest.raises(JointIdError, match="There is no Dask scheduler at nonsense"):
+        analyse_fleet(list(truth)[:1], tmp_path / "r.parquet", scheduler="nonsense://x")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(JointIdError, match="give one of them"):
+        analyse_fleet(list(truth)[:1], tmp_path / "r.parquet", scheduler="tcp://x:1", workers=2)
