@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
-from jointid.importing import MappedLog, mapping_to_json, study_from_logs
+from jointid.importing import MappedLog, Segment, mapping_to_json, study_from_logs
 from jointid.ui.charts import is_dark, plot
 from jointid.ui.importing_files import drop_logs
 from jointid.ui.importing_kept import forget_import, keep_import, kept_import, say_what_is_kept
@@ -20,6 +20,7 @@ from jointid.ui.importing_mapping import (
 from jointid.ui.importing_pictures import choose_log, show_raw
 from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
 from jointid.ui.importing_study import ask_robot
+from jointid.ui.importing_work import StoppedError, Watch
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
 from jointid.ui.workspace import keep
@@ -69,12 +70,14 @@ with kept_import():
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
         st.caption(note)
     picture = st.container()
-    found = {}
+    found: dict[str, tuple[Segment, ...]] = dict.fromkeys(ready, ())
+    watch = Watch("Search the other logs", len(ready))
     for key, mapped_log in ready.items():
         try:
-            found[key] = found_in(key, rules[key], mapped_log)
+            found[key] = found_in(watch, key, rules[key], mapped_log)
+        except StoppedError:
+            break  # runs can still be marked by hand
         except JointIdError as error:
-            found[key] = ()
             st.error(str(error))
     if not any(found.values()):
         st.info(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -161,3 +162,52 @@ def ros_bag(folder: Path, kind: str, *, topic: str = "/joint_states", stamped: b
             )
             writer.write(connection, ns + 500, store.serialize_cdr(message, state.__msgtype__))
     return path
+
+
+def ros1_bag(folder: Path) -> Path:
+    """A bag of ROS 1 with joint states of two joints."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    state, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    path = folder / "cell.bag"
+    with Writer(path) as writer:
+        connection = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        for k in range(ROWS):
+            ns = 1_700_000_000_000_000_000 + k * 2_000_000
+            message = state(
+                header=header(seq=k, stamp=stamp(*divmod(ns, 1_000_000_000)), frame_id=""),
+                name=["shoulder", "elbow"],
+                position=np.array([ANGLE[k], -ANGLE[k]]),
+                velocity=np.array([]),
+                effort=np.array([TORQUE[k], 2 * TORQUE[k]]),
+            )
+            writer.write(connection, ns, store.serialize_ros1(message, state.__msgtype__))
+    return path
+
+
+def mat_timeseries() -> bytes:
+    """What ``log.q = struct(timeseries)`` saves: Time and Data of each signal."""
+    import scipy.io
+
+    def series(name: str, values: Floats, unit: str) -> dict[str, object]:
+        info = {"Units": unit, "Interpolation": "linear"}
+        return {"Name": name, "Time": TIME_S[:, None], "Data": values[:, None], "DataInfo": info}
+
+    log = {"q": series("q", ANGLE, "rad"), "tau": series("tau", TORQUE, "N*m")}
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"log": log, "note": "run 3"})
+    return buffer.getvalue()
+
+
+def zipped(files: dict[str, bytes]) -> bytes:
+    """A zip archive."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return buffer.getvalue()

@@ -8,7 +8,7 @@ from jointid.importing.mapping_json import mapping_from_json, mapping_to_json
 from jointid.importing.reading import read_log, read_logs
 from jointid.importing.segment import Segment
 from jointid.importing.segments import common_frequencies, find_segments, measure_segment
-from jointid.importing.tables import LogColumn, LogTable
+from jointid.importing.tables import LogColumn, LogTable, main_tables
 
 __all__ = [
     "Channel",
@@ -25,6 +25,7 @@ __all__ = [
     "common_frequencies",
     "find_segments",
     "guess_mapping",
+    "main_tables",
     "mapping_from_json",
     "mapping_to_json",
     "measure_segment",

@@ -1,4 +1,4 @@
-"""ROS 2 bags, SQLite or MCAP: the topics of type sensor_msgs/msg/JointState."""
+"""ROS bags, of ROS 2 (SQLite or MCAP) or ROS 1: the topics of type sensor_msgs/msg/JointState."""
 
 from __future__ import annotations
 
@@ -18,15 +18,17 @@ _QUANTITIES = (("position", "rad"), ("velocity", "rad/s"), ("effort", "N·m"))
 _MOST_JOINTS = 200
 
 
-def read_ros_bag(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the joint states of a ROS 2 bag; one table per topic.
+def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, ...]:
+    """Read the joint states of a ROS bag; one table per topic.
 
     Parameters
     ----------
     file : str
         Its name, for messages.
     path : str
-        A .db3 or .mcap file, or the folder of a bag.
+        A .db3 or .mcap file, or the folder of a bag; a .bag file of ROS 1.
+    version : {1, 2}, default 2
+        Of ROS.
 
     Returns
     -------
@@ -39,10 +41,12 @@ def read_ros_bag(file: str, path: str) -> tuple[LogTable, ...]:
     JointIdError
         When rosbags is not installed, or there is no such topic.
     """
-    rosbag2 = extra("rosbags.rosbag2", "rosbags", "ROS 2 bags")
-    typesys = extra("rosbags.typesys", "rosbags", "ROS 2 bags")
-    store = typesys.get_typestore(typesys.Stores.LATEST)
-    with rosbag2.Reader(Path(path)) as bag:
+    rosbag = extra(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
+    typesys = extra("rosbags.typesys", "rosbags", "ROS bags")
+    stores = typesys.Stores
+    store = typesys.get_typestore(stores.ROS1_NOETIC if version == 1 else stores.LATEST)
+    deserialize = store.deserialize_ros1 if version == 1 else store.deserialize_cdr
+    with rosbag.Reader(Path(path)) as bag:
         wanted = [c for c in bag.connections if c.msgtype == _JOINT_STATE]
         if not wanted:
             topics = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
@@ -52,7 +56,7 @@ def read_ros_bag(file: str, path: str) -> tuple[LogTable, ...]:
             )
         logs: dict[str, _TopicLog] = {}
         for connection, recorded_ns, raw in bag.messages(connections=wanted):
-            message = store.deserialize_cdr(raw, _JOINT_STATE)
+            message = deserialize(raw, _JOINT_STATE)
             logs.setdefault(connection.topic, _TopicLog(file)).add(message, recorded_ns)
     if not logs:
         raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")

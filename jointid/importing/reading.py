@@ -10,7 +10,8 @@ from typing import TypeAlias
 
 from jointid.errors import JointIdError
 from jointid.importing.apart import SeparateReader
-from jointid.importing.kinds import TEXT, kind_of
+from jointid.importing.archives import is_archive, read_archive
+from jointid.importing.kinds import TEXT, is_zip, kind_of
 from jointid.importing.tables import MAX_LOG_BYTES, LogTable, require_small
 from jointid.importing.text_tables import read_text_table
 
@@ -25,14 +26,15 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
     ----------
     source : path or bytes
         Text table (CSV and its kin), Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bag (.db3, .mcap, or a
-        bag's folder). The content decides, not the name.
+        bag's folder), ROS 1 bag, or a zip archive of such. The content decides, not the name.
     name : str, optional
         File name, for messages and where the content leaves it open; needed with bytes.
 
     Returns
     -------
     tuple of LogTable
-        At least one; the one with the most numbers first.
+        At least one; the one with the most numbers first. Of an archive file by file, see
+        ``main_tables``.
 
     Raises
     ------
@@ -82,9 +84,23 @@ def _read(source: LogSource, name: str, binary: _BinaryReader) -> tuple[LogTable
     name = name or "the log"
     require_small(name, len(data))
     kind = kind_of(name, data[:4096])
-    if kind == TEXT:
-        return (read_text_table(name, data),)
-    return binary.read_bytes(kind, name, data)
+    if is_zip(data) and is_archive(name, data):
+        return _read_archive(name, data, binary)
+    return _read_content(kind, name, data, binary)
+
+
+def _read_content(kind: str, name: str, data: bytes, binary: _BinaryReader) -> tuple[LogTable, ...]:
+    return (read_text_table(name, data),) if kind == TEXT else binary.read_bytes(kind, name, data)
+
+
+def _read_archive(name: str, source: bytes | Path, binary: _BinaryReader) -> tuple[LogTable, ...]:
+    def read_file(label: str, data: bytes) -> tuple[LogTable, ...]:
+        return _read_content(kind_of(label, data[:4096]), label, data, binary)
+
+    def read_bag(label: str, folder: Path) -> tuple[LogTable, ...]:
+        return binary.read_path("db3", label, folder)
+
+    return read_archive(name, source, read_file, read_bag)
 
 
 def _read_path(path: Path, name: str, binary: _BinaryReader) -> tuple[LogTable, ...]:
@@ -102,15 +118,22 @@ def _read_path(path: Path, name: str, binary: _BinaryReader) -> tuple[LogTable, 
             raise JointIdError(f"{path!s:.200}: there is no such file. Check the path.")
         require_small(name, path.stat().st_size)
         with path.open("rb") as file:
-            kind = kind_of(name, file.read(4096))
+            head = file.read(4096)
+            kind = kind_of(name, head)
+            if is_zip(head) and is_archive(name, path):
+                return _read_archive(name, path, binary)
             if kind != TEXT:
-                endings = {"db3": ".db3", "mcap": ".mcap"}  # what the reader of bags goes by
+                endings = {
+                    "db3": ".db3",
+                    "mcap": ".mcap",
+                    "bag": ".bag",
+                }  # what the reader of bags goes by
                 if path.suffix == endings.get(kind, path.suffix):
                     return binary.read_path(kind, name, path)
             file.seek(0)
             data = file.read(MAX_LOG_BYTES + 1)
         require_small(name, len(data))
-        return (read_text_table(name, data),) if kind == TEXT else binary.read_bytes(kind, name, data)
+        return _read_content(kind, name, data, binary)
     except (OSError, ValueError) as error:
         if isinstance(error, JointIdError):
             raise

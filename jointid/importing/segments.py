@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -23,7 +23,12 @@ MANY_SEGMENTS = 1000
 _GAP = 10.5  # sample intervals; a longer pause parts a log
 
 
-def find_segments(log: MappedLog, *, fewest_periods: float = FEWEST_PERIODS) -> tuple[Segment, ...]:
+def find_segments(
+    log: MappedLog,
+    *,
+    fewest_periods: float = FEWEST_PERIODS,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Segment, ...]:
     """Find the steady sine runs of a log, in order of time.
 
     Parameters
@@ -32,6 +37,8 @@ def find_segments(log: MappedLog, *, fewest_periods: float = FEWEST_PERIODS) -> 
         One run or many, with rests, travel or nothing between them; joints one at a time or together.
     fewest_periods : float, default 5
         Shorter runs are left out.
+    progress : callable, optional
+        Told the share that is done, 0 to 1; what it raises ends the search.
 
     Returns
     -------
@@ -48,8 +55,13 @@ def find_segments(log: MappedLog, *, fewest_periods: float = FEWEST_PERIODS) -> 
         raise JointIdError(f"fewest_periods = {fewest_periods!r}: a segment needs at least 2 periods.")
     found: list[Segment] = []
     for begin, end in _without_gaps(log.time_s):
+
+        def tell(share: float, begin: int = begin, end: int = end) -> None:
+            if progress is not None:
+                progress((begin + share * (end - begin)) / log.time_s.size)
+
         stretch = Stretch(log, begin, end, fewest_periods)
-        found += stretch.segments()
+        found += stretch.segments(tell)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,8 @@ from jointid.importing.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.steady import frames_of, runs, settled_part
 
 _BY_CHANCE = 25.0  # over the number of samples: more of its variance than noise lends to a fit
+
+_SEARCH = 0.3  # share of the work that goes into the candidates
 
 
 def _repeats(candidate: Candidate, tried: Candidate) -> bool:
@@ -37,23 +39,28 @@ class Stretch:
             signals = np.column_stack([np.interp(grid, self._time, s) for s in signals.T])
         self._grid, self._even = grid, signals
 
-    def segments(self) -> list[Segment]:
-        """Single sines first, then what several lines explain of the rest."""
+    def segments(self, tell: Callable[[float], None]) -> list[Segment]:
+        """Single sines first, then what several lines explain of the rest; ``tell`` the share done."""
+        tell(0.0)
         n = self._theta.shape[1]
         taken = np.zeros(self._time.size, bool)
         found: list[Segment] = []
-        for candidate in self._best_first(sine_candidates(self._even[:, :n]), taken):
+        candidates = sine_candidates(self._even[:, :n])
+        for candidate in self._best_first(candidates, taken, tell):
             for begin, end in self._steady(candidate):
                 if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
                     found.append(segment)
                     taken[begin:end] = True
         return found + list(self._multisines(taken))
 
-    def _best_first(self, candidates: list[Candidate], taken: np.ndarray) -> Iterator[Candidate]:
+    def _best_first(
+        self, candidates: list[Candidate], taken: np.ndarray, tell: Callable[[float], None]
+    ) -> Iterator[Candidate]:
         """Yield what is left of each candidate, longest first; ``taken`` grows meanwhile."""
         done = np.zeros(self._time.size, bool)
         failed: list[Candidate] = []
-        for candidate in candidates:
+        for number, candidate in enumerate(candidates):
+            tell(_SEARCH + (1 - _SEARCH) * number / len(candidates))
             begin, end = int(candidate.begin), min(int(candidate.end), self._time.size)
             free = np.concatenate([[False], ~(taken[begin:end] | done[begin:end]), [False]])
             for first, last in np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2):

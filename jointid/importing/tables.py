@@ -54,6 +54,8 @@ class LogTable:
         Number of the first row, as the user counts in the file.
     row_word : str
         What a row is called: "line" of a text, "row" or "message".
+    source : str
+        The file itself, where a zip archive holds several.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class LogTable:
     notes: tuple[str, ...] = ()
     first_row: int = 1
     row_word: str = "row"
+    source: str = ""
 
     def __post_init__(self) -> None:
         columns = _distinct(self.columns)
@@ -154,6 +157,14 @@ def require_few_values(file: str, values: int) -> None:
             f"{file} holds {values:.3g} numbers, more than the limit of {MAX_VALUES:.3g}. "
             "Cut it into several logs, or log fewer columns."
         )
+
+
+def main_tables(tables: Iterable[LogTable]) -> tuple[LogTable, ...]:
+    """Return the first table of each file of an archive; of a plain file that is its first table."""
+    first: dict[str, LogTable] = {}
+    for table in tables:
+        first.setdefault(table.source, table)
+    return tuple(first.values())
 
 
 def most_first(file: str, tables: Iterable[LogTable]) -> tuple[LogTable, ...]:

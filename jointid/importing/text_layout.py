@@ -7,9 +7,15 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jointid.errors import JointIdError
+from jointid.importing.text_numbers import (
+    explained,
+    is_number,
+    proven_thousands,
+    thousands_in,
+)
 from jointid.importing.units import split_unit, unit_of
 
 BLANKS = " "
@@ -21,7 +27,6 @@ _SAMPLED = 1 << 18  # characters of the beginning that are looked at
 _SAMPLED_LINES = 1000
 _PROBED = 1 << 14  # characters of the middle and the end
 _SEPARATORS = (";", "\t", ",", "|", BLANKS)
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
 _NO_NUMBER = frozenset(
     {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
 )
@@ -47,6 +52,9 @@ class TextLayout:
     first_line: int
     """Number of that line; the first of the file is 1."""
     has_header: bool
+    thousands: str = ""
+    """Mark between thousands, where there is one."""
+    notes: tuple[str, ...] = ()
 
 
 def decoded(file: str, data: bytes) -> str:
@@ -95,30 +103,45 @@ def find_layout(file: str, text: str) -> TextLayout:
     lines = _head_lines(file, text)
     probes = _probe_lines(text)
     best: tuple[float, float] = (0.0, 0.0)
-    found: tuple[str, str, int, int] | None = None
+    found: tuple[str, str, str, int, int] | None = None
+    head = "\n".join(lines)
     for separator in _SEPARATORS:
         if separator != BLANKS and not any(separator in line for line in lines):
             continue
         cells = [split_line(line, separator) for line in lines]
         probed = [split_line(line, separator) for line in probes]
-        for decimal in (".", ","):
-            body = _body(cells, decimal)
+        readings = [(d, t) for d in (".", ",") for t in ("", *thousands_in(head, d, separator))]
+        for decimal, thousands in readings:
+            body = _body(cells, decimal, thousands)
             if body is None:
                 continue
             first, width = body
             rows = [row for row in (*cells[first:], *probed) if row]
             table = [row for row in rows if len(row) == width]
-            numbers = sum(is_number(cell, decimal) for row in table for cell in row)
+            numbers = sum(is_number(cell, decimal, thousands) for row in table for cell in row)
             written = sum(bool(cell) for row in table for cell in row)
             score = (round(len(table) / len(rows) * numbers / max(written, 1), 3), numbers / len(table))
+            if separator == BLANKS and found is not None and found[2].isspace():
+                score = (score[0], 0.0)  # a blank between thousands parts no columns
             if score > best:
-                best, found = score, (separator, decimal, first, width)
+                best, found = score, (separator, decimal, thousands, first, width)
     if found is None:
         raise JointIdError(
             f"{file} is not a table of numbers: expected columns separated by commas, semicolons, tabs "
             f"or blanks, at least two of them numbers. First line: {_first(lines)[:80]!r}."
         )
-    return _described(lines, *found)
+    separator, decimal, thousands, first, width = found
+    thousands = thousands or proven_thousands(text, decimal, separator)
+    layout = _described(lines, separator, decimal, thousands, first, width)
+    rows = [row for row in (split_line(line, separator) for line in (*lines[first:], *probes)) if row]
+    said = [
+        cell
+        for row in rows
+        for cell, numeric in zip(row, layout.numeric, strict=False)
+        if numeric and is_number(cell, decimal, thousands)
+    ]
+    note = explained(file, said, decimal, thousands)
+    return replace(layout, notes=(note,) if note else ())
 
 
 def split_line(line: str, separator: str) -> list[str]:
@@ -133,15 +156,6 @@ def split_line(line: str, separator: str) -> list[str]:
         except csv.Error:
             pass
     return [cell.strip() for cell in line.split(separator)]
-
-
-def is_number(cell: str, decimal: str) -> bool:
-    """Whether a cell is a number; with "," as decimal mark a point is none."""
-    if decimal == ",":
-        if "." in cell:
-            return False
-        cell = cell.replace(",", ".", 1)
-    return len(cell) <= 64 and cell.isascii() and _NUMBER.fullmatch(cell) is not None
 
 
 def is_missing(cell: str) -> bool:
@@ -184,9 +198,9 @@ def _probe_lines(text: str) -> list[str]:
     return middle + end
 
 
-def _body(cells: Sequence[list[str]], decimal: str) -> tuple[int, int] | None:
+def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int, int] | None:
     """First line of the numbers, and how many cells each line has."""
-    counts = [sum(is_number(cell, decimal) for cell in row) for row in cells]
+    counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
     widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 2)
     if not widths:
         return None
@@ -201,12 +215,14 @@ def _body(cells: Sequence[list[str]], decimal: str) -> tuple[int, int] | None:
     return fits.index(True), width
 
 
-def _described(lines: Sequence[str], separator: str, decimal: str, first: int, width: int) -> TextLayout:
+def _described(
+    lines: Sequence[str], separator: str, decimal: str, thousands: str, first: int, width: int
+) -> TextLayout:
     rows = [row for row in (split_line(line, separator) for line in lines[first:]) if len(row) == width]
     numeric, clock = [], []
     for column in zip(*rows, strict=True):
         said = [cell for cell in column if not is_missing(cell)]
-        right = sum(is_number(cell, decimal) for cell in said)
+        right = sum(is_number(cell, decimal, thousands) for cell in said)
         numeric.append(2 * right > len(said))
         clock.append(bool(said) and all(_CLOCK.fullmatch(cell) for cell in said[:20]))
     header, units = _header(lines[:first], separator, decimal, width)
@@ -222,6 +238,7 @@ def _described(lines: Sequence[str], separator: str, decimal: str, first: int, w
         body=sum(len(line) + 1 for line in lines[:first]),
         first_line=first + 1,
         has_header=header is not None,
+        thousands=thousands,
     )
 
 

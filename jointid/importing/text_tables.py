@@ -20,9 +20,9 @@ from jointid.importing.text_layout import (
     decoded,
     find_layout,
     is_missing,
-    is_number,
     split_line,
 )
+from jointid.importing.text_numbers import is_number, value_of, without_thousands
 from jointid.wording import listed
 
 _NULLS = [
@@ -68,7 +68,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     layout = find_layout(file, text)
     wanted = [k for k, used in enumerate(layout.numeric) if used or layout.clock[k]]
     require_few_values(file, (text.count("\n", layout.body) + 1) * len(wanted))
-    notes: list[str] = []
+    notes = list(layout.notes)
     body = text[layout.body :]
     del text
     fast = _read_fast(layout, body, wanted)
@@ -97,6 +97,13 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
         separator = "\t"
     if any(layout.clock[k] for k in wanted):
         return None
+    if layout.thousands:
+        if layout.thousands == separator:
+            return None  # in quotes
+        plain = without_thousands(body, layout.thousands)
+        if plain is None:
+            return None
+        body = plain
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(body.encode()),
@@ -166,9 +173,9 @@ def _value(cell: str, layout: TextLayout, column: int) -> float | None:
         return _clock_seconds(cell)
     if is_missing(cell):
         return np.nan
-    if not is_number(cell, layout.decimal):
+    if not is_number(cell, layout.decimal, layout.thousands):
         return None
-    return float(cell.replace(",", ".").replace("d", "e").replace("D", "e"))
+    return value_of(cell, layout.decimal, layout.thousands)
 
 
 def _clock_seconds(cell: str) -> float | None:

@@ -24,14 +24,14 @@ def read_binary(kind: str, name: str, path: str) -> tuple[LogTable, ...]:
     Exception
         Whatever the library raises; ``serve`` turns it into a message.
     """
-    if kind in ("hdf5", "db3", "mcap"):
+    if kind in ("hdf5", "db3", "mcap", "bag"):
         if kind == "hdf5":
             from jointid.importing.formats_hdf5 import read_hdf5
 
             return read_hdf5(name, path)
         from jointid.importing.formats_ros import read_ros_bag
 
-        return read_ros_bag(name, path)
+        return read_ros_bag(name, path, version=1 if kind == "bag" else 2)
     data = Path(path).read_bytes()
     if kind == "matlab":
         from jointid.importing.formats_matlab import read_matlab
@@ -91,6 +91,7 @@ WORDS = {
     "excel": "a workbook",
     "db3": "a ROS 2 bag",
     "mcap": "MCAP",
+    "bag": "a ROS 1 bag",
 }
 """What a user calls each kind."""
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
 
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import LogTable, read_logs
+from jointid.importing import LogTable, main_tables, read_log
 from jointid.importing.tables import MAX_LOG_BYTES
+from jointid.ui.importing_work import Progress, StoppedError, Watch
 
 _UPLOADER = "log_file"
 _FILES = "dropped_logs"
@@ -38,7 +39,7 @@ class Log:
 def drop_logs() -> list[Log]:
     """Ask for files, read them, say what could not be read, and ask which tables to use."""
     st.file_uploader(
-        "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 .db3 or .mcap",
+        "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS bags, or a .zip of them",
         accept_multiple_files=True,
         max_upload_size=MAX_LOG_BYTES >> 20,
         key=_UPLOADER,
@@ -56,15 +57,18 @@ def drop_logs() -> list[Log]:
         )
         right.button("Close these logs", on_click=_close)
     first, all_logs = [], {}
-    for number, file in enumerate(files, start=1):
+    watch = Watch("Read the other logs", len(files))
+    for file in files:
         try:
-            with st.spinner(f"Reading {file.name}, file {number} of {len(files)}"):
-                tables = _read(file.digest, file.name, file.data)
+            tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))
+        except StoppedError:
+            break
         except JointIdError as error:
             st.error(str(error))
             continue
         logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
-        first.append(logs[0].key)
+        main = main_tables(tables)
+        first += [log.key for log in logs if log.table in main]
         all_logs.update({log.key: log for log in logs})
     if len(all_logs) < 2:
         return list(all_logs.values())
@@ -110,9 +114,5 @@ def _short(keys: Iterable[str]) -> str:
     return blake2b("".join(keys).encode(), digest_size=8).hexdigest()
 
 
-@st.cache_resource(max_entries=16, show_spinner=False)
-def _read(digest: str, name: str, _data: bytes) -> tuple[LogTable, ...]:
-    (result,) = read_logs([(_data, name)])
-    if isinstance(result, JointIdError):
-        raise result
-    return result
+def _reading(file: Dropped) -> Callable[[Progress], tuple[LogTable, ...]]:
+    return lambda _: read_log(file.data, file.name)

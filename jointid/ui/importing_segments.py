@@ -15,16 +15,23 @@ from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_segments, measure_segment
 from jointid.rounding import significant
 from jointid.ui.importing_rows import Row, last_rows
+from jointid.ui.importing_work import Watch
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
 _SHOWN = "import_segments_shown"
 _SETTLED = "import_segments_settled"
 
 
-@st.cache_resource(max_entries=32, show_spinner="Looking for steady sines")
-def found_in(key: str, mapping_json: str, _log: MappedLog) -> tuple[Segment, ...]:
-    """Find the segments of a log."""
-    return find_segments(_log)
+def found_in(watch: Watch, key: str, mapping_json: str, log: MappedLog) -> tuple[Segment, ...]:
+    """Find the segments of a log.
+
+    Raises
+    ------
+    JointIdError
+        When it holds too many, or the search was stopped.
+    """
+    label = f"Looking for steady sines in {log.name}"
+    return watch.do(f"sines {key} {mapping_json}", label, lambda tell: find_segments(log, progress=tell))
 
 
 @st.cache_resource(max_entries=256, show_spinner=False)

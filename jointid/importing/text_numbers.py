@@ -1,0 +1,132 @@
+"""Numbers as texts hold them: which mark is the decimal one, and which one only parts thousands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from functools import cache
+
+from jointid.errors import JointIdError
+
+THOUSANDS = {".": ",'’\u00a0\u202f ", ",": ".'’\u00a0\u202f "}
+"""By the decimal mark: what may stand between thousands."""
+
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
+_LONGEST = 64
+
+
+def is_number(cell: str, decimal: str, thousands: str = "") -> bool:
+    """Whether a cell is a number; with "," as decimal mark a point is none.
+
+    Parameters
+    ----------
+    cell : str
+    decimal : {".", ","}
+    thousands : str, optional
+        Mark that may stand before each three digits: "1.234,5".
+    """
+    if len(cell) > _LONGEST:
+        return False
+    if thousands and thousands in cell:
+        return _grouped(decimal, thousands).fullmatch(cell) is not None
+    if decimal == ",":
+        if "." in cell:
+            return False
+        cell = cell.replace(",", ".", 1)
+    return cell.isascii() and _NUMBER.fullmatch(cell) is not None
+
+
+def value_of(cell: str, decimal: str, thousands: str = "") -> float:
+    """Return the value of a cell for which ``is_number`` holds."""
+    plain = cell.replace(thousands, "") if thousands else cell
+    return float(plain.replace(decimal, ".").replace("d", "e").replace("D", "e"))
+
+
+def thousands_in(text: str, decimal: str, separator: str) -> list[str]:
+    """Marks that stand between thousands somewhere in a text, if any are used so at all."""
+    return [
+        mark
+        for mark in THOUSANDS[decimal]
+        if mark != separator and mark in text and _candidate(mark).search(text)
+    ] + ([","] if decimal == "." and separator == "," and _QUOTED.search(text) else [])
+
+
+def proven_thousands(text: str, decimal: str, separator: str) -> str:
+    """Return the mark between thousands that one number with both marks proves, else nothing."""
+    mark = "." if decimal == "," else ","
+    if mark == separator or mark not in text:
+        return ""
+    return mark if re.search(rf"\d{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d", text) else ""
+
+
+def without_thousands(body: str, thousands: str) -> str | None:
+    """Take the marks out of a whole text; None when one stands where it does not part thousands."""
+    mark = re.escape(thousands)
+    if re.search(rf"{mark}(?!\d{{3}}(?!\d))|(?<!\d){mark}|\d{{4}}{mark}", body):
+        return None
+    return body.replace(thousands, "")
+
+
+def explained(file: str, cells: Iterable[str], decimal: str, thousands: str) -> str:
+    """Return a sentence about how marks are read, when it is worth one.
+
+    Parameters
+    ----------
+    file : str
+        For messages.
+    cells : iterable of str
+        The numbers of the table, or of a part of it.
+    decimal, thousands : str
+        The reading that fits them.
+
+    Raises
+    ------
+    JointIdError
+        When the numbers fit another reading as well.
+    """
+    other = "." if decimal == "," else ","
+    marked = [cell for cell in cells if "," in cell or "." in cell or (thousands and thousands in cell)]
+    grouped = [cell for cell in marked if thousands and thousands in cell]
+    if grouped:
+        proof = next((c for c in grouped if decimal in c or c.count(thousands) > 1), None)
+        if proof is None and thousands == other:
+            plain = next((cell for cell in marked if decimal in cell), "")
+            raise JointIdError(
+                f'{file}: "{grouped[0]}" may be {_both(grouped[0], thousands)}'
+                + (f', as "{plain}" stands there, too' if plain else "")
+                + ". Export without marks between thousands, or with one decimal mark throughout."
+            )
+        shown, meant = proof or grouped[0], value_of(proof or grouped[0], decimal, thousands)
+        name = "blank" if thousands.isspace() else thousands
+        return (
+            f'Numbers have marks between thousands: "{shown}" is read as {meant:.15g} '
+            f'(thousands: "{name}", decimals: "{decimal}").'
+        )
+    if not marked or not all(_candidate(decimal).fullmatch(cell.lstrip("+-")) for cell in marked):
+        return ""
+    # Every number with a mark has three digits after it, and none begins with 0.
+    if decimal == ",":
+        raise JointIdError(
+            f'{file}: "{marked[0]}" may be {_both(marked[0], ",")}: all its commas stand before three '
+            "digits. Export with decimal points, or with another number of decimals."
+        )
+    return f'Points are read as decimal marks: "{marked[0]}" is not {marked[0].replace(".", "")}.'
+
+
+def _both(cell: str, mark: str) -> str:
+    return f"{cell.replace(mark, '.')} or {cell.replace(mark, '')}"
+
+
+@cache
+def _grouped(decimal: str, thousands: str) -> re.Pattern[str]:
+    mark, point = re.escape(thousands), re.escape(decimal)
+    return re.compile(rf"[-+]?[1-9]\d{{0,2}}(?:{mark}\d{{3}})+(?:{point}\d*)?(?:[eEdD][-+]?\d+)?")
+
+
+@cache
+def _candidate(mark: str) -> re.Pattern[str]:
+    m = re.escape(mark)
+    return re.compile(rf"(?<![\d.,])[1-9]\d{{0,2}}(?:{m}\d{{3}})+(?!\d)")
+
+
+_QUOTED = re.compile(r'"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?"')

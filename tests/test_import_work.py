@@ -1,0 +1,133 @@
+"""Work that is watched: progress, what is left, stopping, and going on."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from streamlit.testing.v1 import AppTest
+from test_import_page import runs, shown
+
+from jointid import JointIdError
+from jointid.importing import MappedLog, find_segments
+from jointid.ui import importing_work
+from jointid.ui.importing_work import Job, Progress, StoppedError
+
+
+def script() -> None:
+    import streamlit as st
+
+    from jointid import JointIdError
+    from jointid.ui.importing_work import StoppedError, Watch
+
+    tasks = st.session_state["tasks"]
+    watch = Watch("Go on", len(tasks))
+    for key, task in tasks.items():
+        try:
+            st.write(f"{key}: {watch.do(key, f'Doing {key}', task)}")
+        except StoppedError:
+            break
+        except JointIdError as error:
+            st.error(str(error))
+
+
+@pytest.fixture
+def page() -> AppTest:
+    importing_work._done = importing_work._Done()
+    return AppTest.from_function(script, default_timeout=30)
+
+
+def texts(at: AppTest) -> list[str]:
+    return [element.value for element in at.markdown]
+
+
+def test_work_is_done_once_and_remembered_for_all_sessions(page: AppTest) -> None:
+    calls: list[str] = []
+    page.session_state["tasks"] = {"a": lambda _: calls.append("a") or 1, "b": lambda _: 2}
+    assert texts(shown(page.run())) == ["a: 1", "b: 2"]
+    assert texts(shown(page.run())) == ["a: 1", "b: 2"]
+    assert calls == ["a"]
+
+
+def test_what_a_task_refuses_is_said_and_the_rest_goes_on(page: AppTest) -> None:
+    def refuse(_: Progress) -> int:
+        raise JointIdError("No log.")
+
+    page.session_state["tasks"] = {"a": refuse, "b": lambda _: 2}
+    at = shown(page.run())
+    assert [error.value for error in at.error] == ["No log."]
+    assert texts(at) == ["b: 2"]
+
+
+def test_a_fault_of_the_program_is_not_hidden(page: AppTest) -> None:
+    page.session_state["tasks"] = {"a": lambda _: 1 // 0}
+    assert len(page.run().exception) == 1
+
+
+def test_a_stopped_job_ends_and_goes_on_when_asked(
+    page: AppTest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importing_work, "SHOWN_AFTER_S", 0.01)
+    ended = threading.Event()
+    tries: list[int] = []
+
+    def slow(tell: Progress) -> int:
+        tries.append(1)
+        if len(tries) == 2:
+            return 7
+        tell.__self__.stopped.set()  # type: ignore[attr-defined]  # as the button does
+        try:
+            while True:
+                tell(0.5)
+                time.sleep(0.01)
+        finally:
+            ended.set()
+
+    page.session_state["tasks"] = {"a": lambda _: 1, "b": slow, "c": lambda _: 3}
+    page.run()
+    assert ended.wait(5)
+    at = shown(page.run())
+    assert texts(at) == ["a: 1"]
+    assert "Stopped at file 2 of 3" in at.info[0].value
+    at.button[0].click()
+    assert texts(shown(at.run())) == ["a: 1", "b: 7", "c: 3"]
+    assert not at.info
+
+
+def test_a_job_tells_its_share_and_stops() -> None:
+    go, told = threading.Event(), threading.Event()
+
+    def task(tell: Progress) -> None:
+        tell(0.25)
+        told.set()
+        go.wait(5)
+        tell(0.5)
+
+    job = Job(task)
+    assert told.wait(5)
+    assert job.share == 0.25
+    job.stopped.set()
+    go.set()
+    assert job.ended.wait(5)
+    assert isinstance(job.outcome, StoppedError)
+
+
+def test_the_search_tells_a_growing_share_and_can_be_ended() -> None:
+    time_s, theta, tau = runs()
+    gap = np.where(time_s > 5.8, 30.0, 0.0)  # two parts
+    log = MappedLog(time_s + gap, theta[:, None], tau[:, None])
+    shares: list[float] = []
+    found = find_segments(log, progress=shares.append)
+    assert found == find_segments(log)
+    assert shares == sorted(shares)
+    assert shares[0] == 0
+    assert 0.5 < shares[-1] <= 1
+
+    def end(share: float) -> None:
+        if share > 0.3:
+            raise StoppedError("Stopped.")
+
+    with pytest.raises(StoppedError):
+        find_segments(log, progress=end)
