@@ -1,6 +1,6 @@
 """How close the estimators come to the Cramér-Rao bound, and whether their error bars hold.
 
-    python benchmarks/cramer_rao.py [draws] [periods ...]
+    python benchmarks/cramer_rao.py [draws] [periods ...]     or  python -m benchmarks cramer_rao
 
 Draws noise on the noise-free steady state of the paper's robot (18 frequencies × 2 records, 2 kHz), runs
 phasor extraction and every estimator on each draw, and prints as Markdown: root-mean-square error over
@@ -10,7 +10,9 @@ the bound for K1, K2, D1, D2, and how often the 68 % and 95 % intervals hold the
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +34,9 @@ FREQUENCIES_HZ = np.geomspace(3.0, 30.0, 18)
 SAMPLE_RATE_HZ = 2000.0
 NOISE = np.array([1e-4, 1e-4, 0.05, 0.05])
 """Standard deviation of each sample: motor angles in rad, torques in N·m."""
+HEADINGS = (
+    "periods", "estimator", "RMSE / bound: K1", "K2", "D1", "D2", "68 % holds", "95 % holds"
+)  # fmt: skip
 METHODS = ("least-squares", "weighted", "maximum-likelihood", "auto")
 
 
@@ -78,9 +83,8 @@ def draw(
     return extract_phasors(records)
 
 
-def main(draws: int, period_counts: list[float]) -> None:
-    print("| periods | estimator | RMSE / bound: K1 | K2 | D1 | D2 | 68 % holds | 95 % holds |")
-    print("|---|---|---|---|---|---|---|---|")
+def rows(draws: int, period_counts: Sequence[float]) -> Iterator[tuple[str, ...]]:
+    """Periods, estimator, error over the bound for K1, K2, D1, D2, and how often the intervals hold."""
     for periods in period_counts:
         rng = np.random.default_rng(2026)
         experiments = steady_state(periods)
@@ -97,8 +101,25 @@ def main(draws: int, period_counts: list[float]) -> None:
             error, sigma = np.array(errors[method]), np.array(stated[method])
             ratio = np.sqrt((error**2).mean(axis=0)) / least
             held = [f"{100 * (np.abs(error) < k * sigma).mean():.1f} %" for k in (0.99446, 1.95996)]
-            cells = [f"{periods:g}", method, *(f"{value:.2f}" for value in ratio), *held]
-            print("| " + " | ".join(cells) + " |", flush=True)
+            yield (f"{periods:g}", method, *(f"{value:.2f}" for value in ratio), *held)
+
+
+def measure(quick: bool) -> list[Any]:
+    """Return the table for ``python -m benchmarks cramer_rao``."""
+    from benchmarks.harness import Table  # a script run by its path does not see the package
+
+    found = tuple(
+        dict(zip(HEADINGS, row, strict=True))
+        for row in rows(*((2, [5.0]) if quick else (1000, [5.0, 8.0, 20.0])))
+    )
+    return [Table("cramer_rao", "Against the bound", dict.fromkeys(HEADINGS, ""), found)]
+
+
+def main(draws: int, period_counts: Sequence[float]) -> None:
+    print("| " + " | ".join(HEADINGS) + " |")
+    print("|---" * len(HEADINGS) + "|")
+    for row in rows(draws, period_counts):
+        print("| " + " | ".join(row) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,15 +1,17 @@
 """What friction and an untold delay do to the estimators, on the paper's robot in closed loop.
 
-    python benchmarks/friction.py [seeds]
+    python benchmarks/friction.py [seeds]          or  python -m benchmarks friction
 
 Simulates campaigns of 18 frequencies × 2 records (12.5 periods, 2 kHz, 16-bit encoder, noise) and
-Simulates campaigns of 18 frequencies × 2 records (12.5 periods, 2 kHz, 16-bit encoder, noise) and
-standard errors, and the model that was chosen.
+prints the largest error of K and of D over joints and seeds, also in standard errors, and the model
+that was chosen.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -34,13 +36,13 @@ CASES = {
     "no friction, 1.5 ms of delay untold": ([0.0, 0.0], 0.0015),
     "heavy friction and the delay": ([0.4, 0.08], 0.0015),
 }
+HEADINGS = (
+    "what spoils the data", "estimator", "K off by", "D off by", "in standard errors", "model chosen"
+)  # fmt: skip
 
 
-def main(seeds: int) -> None:
-    print(
-        "| what spoils the data | estimator | K off by | D off by | in standard errors | model chosen |"
-    )
-    print("|---|---|---|---|---|---|")
+def rows(seeds: int) -> Iterator[tuple[str, ...]]:
+    """What spoils the data, estimator, K and D off by, in standard errors, model chosen."""
     for name, (coulomb, delay) in CASES.items():
         campaigns = [campaign(coulomb, delay, seed) for seed in range(seeds)]
         for method in ("least-squares", "weighted", "auto"):
@@ -52,8 +54,25 @@ def main(seeds: int) -> None:
                 (np.abs(np.concatenate([f.K, f.D]) - truth) / f.standard_error).max() for f in fits
             )
             models = {c.name.split(",")[0] for fit in fits for c in fit.candidates if c.chosen}
-            cells = [name, method, f"{100 * K:.3f} %", f"{100 * D:.3f} %", f"{score:.1f}"]
-            print("| " + " | ".join([*cells, "; ".join(sorted(models))]) + " |", flush=True)
+            yield (
+                *(name, method, f"{100 * K:.3f} %", f"{100 * D:.3f} %", f"{score:.1f}"),
+                "; ".join(sorted(models)),
+            )
+
+
+def measure(quick: bool) -> list[Any]:
+    """Return the table for ``python -m benchmarks friction``."""
+    from benchmarks.harness import Table  # a script run by its path does not see the package
+
+    found = tuple(dict(zip(HEADINGS, row, strict=True)) for row in rows(1 if quick else 5))
+    return [Table("friction", "Friction and untold delay", dict.fromkeys(HEADINGS, ""), found)]
+
+
+def main(seeds: int) -> None:
+    print("| " + " | ".join(HEADINGS) + " |")
+    print("|---" * len(HEADINGS) + "|")
+    for row in rows(seeds):
+        print("| " + " | ".join(row) + " |", flush=True)
 
 
 def campaign(coulomb: list[float], delay: float, seed: int):
