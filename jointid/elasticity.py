@@ -180,9 +180,9 @@ def identify_elasticity(
     linear = weighted(equations)
     find = choose_model if method == "auto" else fit_model
     with one_thread():
-        choice = find(phasors, inertia, linear.p, friction=friction, delay=delay)
+        choice = find(phasors, inertia, linear.p, equations.noise, friction=friction, delay=delay)
     if isinstance(choice.estimate, LikelihoodEstimate):
-        equations = spring_equations(choice.estimate.phasors, inertia)
+        equations = spring_equations(choice.estimate.phasors, inertia, noise=equations.noise)
         return _likelihood_fit(method, choice, choice.estimate, equations)
     if method == "auto":  # better an answer that shows what is wrong than none
         return replace(_fit("weighted", linear, equations, phasors), candidates=choice.candidates)

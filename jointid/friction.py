@@ -9,6 +9,7 @@ is left free at the resolution of the harmonics, so that nothing is assumed of i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -56,9 +57,7 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     r, H, _ = phasors.harmonics.shape
     n = phasors.n
     orders = np.arange(1, H + 1)
-    phase = np.arange(_GRID) / _GRID
-    waves = np.exp(2j * np.pi * np.outer(orders, phase))
-    to_phasor = waves.T.conj() * (2j / _GRID)
+    waves, to_phasor = _transforms(H)
     rate = 1j * phasors.omega[:, None] * orders
     angle = phasors.harmonics[..., :n]
     velocity = ((rate[..., None] * angle).swapaxes(1, 2) @ waves).imag + phasors.drift[:, :, None]
@@ -96,15 +95,22 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     return FrictionWaveforms(coulomb, shapes, reversals.reshape(r, H, n, n * most), standing)
 
 
+@lru_cache(maxsize=4)
+def _transforms(H: int) -> tuple[Complexes, Complexes]:
+    """From phasors to a period's samples, (H, t), and back, (t, H)."""
+    waves = np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(_GRID) / _GRID))
+    return waves, waves.T.conj() * (2j / _GRID)
+
+
 def _free_shapes(
     velocity: Floats, sign: Floats, threshold: float, to_phasor: Complexes, harmonics: int
 ) -> Complexes:
     """Phasors (m, H) of hats that span each reversal; puts the jump of ``sign`` in its middle."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
     direction = np.sign(velocity[slides])
-    following = np.roll(slides, -1)
+    following = np.append(slides[1:], slides[:1])
     shapes = [np.zeros((0, to_phasor.shape[1]), complex)]
-    for at in np.flatnonzero(direction != np.roll(direction, -1)):
+    for at in np.flatnonzero(direction != np.append(direction[1:], direction[:1])):
         length = int((following[at] - slides[at]) % _GRID)
         steps = np.arange(length + 1)
         inside = (slides[at] + steps) % _GRID

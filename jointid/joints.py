@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
+from jointid.small_matrices import inverse
 from jointid.wording import counted
 
 
@@ -165,7 +166,7 @@ def motor_impedance(
     """
     eye = np.eye(K.size)
     s2 = (s * s)[..., None, None]
-    stiff = np.linalg.inv(arm + s2 * eye / (K + s[..., None] * D)[..., None])
+    stiff = inverse(arm + s2 * eye / (K + s[..., None] * D)[..., None])
     return np.asarray(s2 * (M[..., None] * eye + stiff)), np.asarray(stiff)
 
 

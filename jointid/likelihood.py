@@ -18,15 +18,16 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.free_friction import FreeFriction, real_rows
 from jointid.friction import FrictionWaveforms
 from jointid.joints import Inertia, motor_impedance
 from jointid.linear_fit import Estimate
 from jointid.noise import Noise
 from jointid.phasors import Phasors
+from jointid.small_matrices import inverse, whitener
 from jointid.springs import inertia_arrays, spring_equations
 
-_PASSES = 50
-_RIDGE = 1e-11
+_PASSES = 25  # a model that takes more does not fit
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 
@@ -48,6 +49,7 @@ class _Problem:
     arm: Floats  # M2⁻¹, (r, n, n)
     friction: FrictionWaveforms | None
     names: tuple[str, ...]  # of the parameters, K and D first
+    free: FreeFriction
     stiffest: Floats  # far above the linear estimate: a stiffness that runs away is none
 
     @property
@@ -63,10 +65,6 @@ class _Problem:
     def rows(self) -> int:
         """How many real equations there are."""
         return int(2 * self.known.sum(axis=1) @ self.counts.sum(axis=1))
-
-    @property
-    def free_shapes(self) -> int:
-        return 0 if self.friction is None else int(self.friction.reversals.shape[3])
 
 
 def maximum_likelihood(
@@ -129,18 +127,19 @@ def maximum_likelihood(
         arm=arm,
         friction=friction,
         names=tuple(names),
+        free=FreeFriction(()) if friction is None else FreeFriction.of(friction.reversals),
         stiffest=100 * start[:n],
     )
     p = np.concatenate([start, np.zeros(len(names) - start.size)])
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
+    rank = _rank(problem, p)
     # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
-    scale = np.maximum(1.0, _misfit_by_harmonic(problem, p))
+    scale = np.maximum(1.0, _misfit_by_harmonic(problem, p, rank))
     p, normal = _minimise(problem, p, scale)
     information = _inverse(problem, normal)
     rows, _ = _whitened(problem, p, np.ones_like(scale))
-    rank = _rank(problem, p)
     first = problem.z[:, 0]
     clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - _taken(problem, p, scale))
     clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
@@ -155,8 +154,9 @@ def maximum_likelihood(
 
 
 def _require_rows(problem: _Problem, p: Floats) -> None:
-    rank = _rank(problem, p)
-    if rank > 0 and problem.rows < rank + 2 * p.size:
+    if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
+        return
+    if problem.rows < _rank(problem, p) + 2 * p.size:
         raise JointIdError(
             "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
@@ -164,28 +164,31 @@ def _require_rows(problem: _Problem, p: Floats) -> None:
 
 
 def _minimise(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
-    """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there."""
+    """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
+
+    It ends when a step is a hundredth of an error bar, as the misfit widens it.
+    """
     n, damping = problem.n, 1e-3
     cost, gradient, normal = _quadratic(problem, p, scale)
     for _ in range(_PASSES):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > 0, size, 1.0)
+        near = 1e-2 * np.sqrt(max(1.0, 2 * cost / problem.rows))
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = -np.linalg.solve(scaled, gradient / size) / size
             trial = p + step
             if np.all(trial[:n] > 0) and np.all(trial[:n] < problem.stiffest):
+                if damping < 1 and np.abs(step * size).max() < near:
+                    return trial, normal
                 new = _quadratic(problem, trial, scale)
                 if new[0] <= cost * (1 + 1e-12):
                     break
             if damping > 1e8:
                 return p, normal
             damping = max(10 * damping, 1e-6)
-        gained = cost - new[0]
         p, (cost, gradient, normal) = trial, new
         damping /= 10
-        if gained <= 1e-10 * cost and np.abs(step * size).max() < 1e-2:  # a hundredth of an error bar
-            break
     return p, normal
 
 
@@ -200,20 +203,17 @@ def _whitened(problem: _Problem, p: Floats, scale: Floats) -> tuple[Floats, Floa
     """Residual (r, m) and Jacobian (r, m, P) in units of noise, without what friction is free to do."""
     r, V, J = _balance(problem, p)
     W = _whitener(problem, V, scale)
-    both = np.concatenate([_real(W @ r[..., None]), _real(W @ J)], axis=2)
-    if problem.free_shapes > 0:
-        free, gram = _free(problem, W)
-        both -= free @ np.linalg.solve(gram, free.swapaxes(1, 2) @ both)
+    both = real_rows(W @ np.concatenate([r[..., None], J], axis=3))
+    problem.free.take_out(both, W)
     return both[..., 0], both[..., 1:]
 
 
 def _rank(problem: _Problem, p: Floats) -> int:
-    """How many real numbers the free shapes are worth: the trace of their projection."""
-    if problem.free_shapes == 0:
+    """How many real numbers the free shapes are worth."""
+    if not problem.free.groups:
         return 0
     _, V, _ = _balance(problem, p)
-    free, gram = _free(problem, _whitener(problem, V, np.ones(problem.s.shape[1])))
-    return round(float(np.einsum("rmk,rkm->", free, np.linalg.solve(gram, free.swapaxes(1, 2)))))
+    return problem.free.rank(_whitener(problem, V, np.ones(problem.s.shape[1])))
 
 
 def _whitener(problem: _Problem, V: Complexes, scale: Floats) -> Complexes:
@@ -221,25 +221,7 @@ def _whitener(problem: _Problem, V: Complexes, scale: Floats) -> Complexes:
     V = V * (problem.noise.inverse_bias[:, None] * scale)[..., None, None]
     counts = problem.counts[:, None, :, None]
     V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
-    W = np.linalg.inv(np.linalg.cholesky(V))
-    return np.asarray(W * (problem.known[..., None, None] & counts))
-
-
-def _free(problem: _Problem, W: Complexes) -> tuple[Floats, Floats]:
-    """Free friction shapes in units of noise, of unit length (r, m, k), and their Gram matrices."""
-    assert problem.friction is not None
-    free = _real(W @ problem.friction.reversals)
-    length = np.linalg.norm(free, axis=1, keepdims=True)
-    free = free / np.where(length > 0, length, 1.0)
-    # Neighbouring hats are nearly dependent: the ridge is where double precision ends.
-    gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
-    return free, gram
-
-
-def _real(values: Complexes) -> Floats:
-    """Complex (r, H, n, k) as real rows (r, 2Hn, k)."""
-    flat = values.reshape(values.shape[0], -1, values.shape[-1])
-    return np.concatenate([flat.real, flat.imag], axis=1)
+    return np.asarray(whitener(V) * (problem.known[..., None, None] & counts))
 
 
 def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
@@ -249,35 +231,29 @@ def _taken(problem: _Problem, p: Floats, scale: Floats) -> Complexes:
     taken = z[:, n:] * (1 - np.exp(-s * lag))
     if problem.friction is None:
         return np.asarray(taken)
-    taken = taken + _law(problem, p, z[:, None, :n])[:, 0]
+    taken = taken + _sliding(problem, p, 1)[:, 0] + p[3 * n : 4 * n] * s * z[:, :n]
     r, V, _ = _balance(problem, p)
-    if problem.free_shapes > 0:
-        W = _whitener(problem, V, scale)
-        free, gram = _free(problem, W)
-        length = np.linalg.norm(_real(W @ problem.friction.reversals), axis=1)
-        size = np.linalg.solve(gram, free.swapaxes(1, 2) @ _real(W @ r[..., None]))
-        size = size[..., 0] / np.where(length > 0, length, np.inf)
-        taken = taken + np.einsum("rnk,rk->rn", problem.friction.reversals[:, 0], size)
+    taken = taken + problem.free.fundamental(r, _whitener(problem, V, scale))
     taken = np.where(problem.counts, taken, taken + r[:, 0])  # all that is left over is friction
     return np.asarray(taken)
 
 
 def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
     """Torque left over r (r, H, n), its covariance (r, H, n, n) and Jacobian (r, H, n, P)."""
-    n, s = problem.n, problem.s
+    n, s, z = problem.n, problem.s, problem.z
     K, D = p[:n], p[n : 2 * n]
     spring = K + s[..., None] * D
     Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], K, D)
-    z = problem.z.copy()
-    if problem.names[-1] == "delay":
-        z[..., n:] *= np.exp(-s * p[-1])[..., None]
-    E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
+    if problem.friction is not None:  # what is viscous acts on q like the impedance
+        Z = Z + s[..., None, None] * (p[3 * n : 4 * n] * np.eye(n))
+    lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
+    E = np.concatenate([-Z, lag[..., None, None] * np.eye(n)], axis=3)
     CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
     V = E @ CE
     r = (E @ z[..., None])[..., 0]
     if problem.friction is not None:
-        r = r - _law(problem, p, z[..., :n])
-    smooth = z - (CE @ np.linalg.solve(V, r[..., None]))[..., 0]
+        r = r - _sliding(problem, p, s.shape[1])
+    smooth = z - (CE @ (inverse(V) @ r[..., None]))[..., 0]
 
     J = np.zeros((*r.shape, p.size), complex)
     # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
@@ -292,26 +268,23 @@ def _balance(problem: _Problem, p: Floats) -> tuple[Complexes, Complexes, Comple
             first = 4 * n + j * curve.shape[3]
             J[..., j, first : first + curve.shape[3]] = -curve[:, :, j]
     if problem.names[-1] == "delay":
-        J[..., -1] = -s[..., None] * smooth[..., n:]
+        J[..., -1] = -(s * lag)[..., None] * smooth[..., n:]
     return r, V, J
 
 
-def _law(problem: _Problem, p: Floats, q: Complexes) -> Complexes:
-    """Friction that the parameters make at the harmonics of q, shape (r, h, n)."""
+def _sliding(problem: _Problem, p: Floats, h: int) -> Complexes:
+    """Coulomb friction and its curve at the first h harmonics, shape (r, h, n)."""
     assert problem.friction is not None
-    n, h = problem.n, q.shape[1]
-    curve = problem.friction.curve[:, :h]
+    n, curve = problem.n, problem.friction.curve[:, :h]
     weights = p[4 * n : 4 * n + n * curve.shape[3]].reshape(n, -1)
     coulomb = p[2 * n : 3 * n] * problem.friction.coulomb[:, :h]
-    viscous = p[3 * n : 4 * n] * problem.s[:, :h, None] * q
-    return np.asarray(coulomb + viscous + (curve * weights).sum(axis=3))
+    return np.asarray(coulomb + (curve * weights).sum(axis=3))
 
 
-def _misfit_by_harmonic(problem: _Problem, p: Floats) -> Floats:
+def _misfit_by_harmonic(problem: _Problem, p: Floats, rank: int) -> Floats:
     """Cost over expected cost of each harmonic, shape (H,)."""
     ones = np.ones(problem.s.shape[1])
     rows, _ = _whitened(problem, p, ones)
-    rank = _rank(problem, p)
     H, n = problem.s.shape[1], problem.n
     squares = (rows**2).reshape(-1, 2, H, n).sum(axis=(0, 1, 3))
     measured = problem.counts.sum(axis=1) @ problem.known

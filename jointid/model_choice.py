@@ -9,11 +9,11 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.friction import friction_waveforms
+from jointid.friction import FrictionWaveforms, friction_waveforms
 from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.noise import Noise
 from jointid.phasors import Phasors
-from jointid.springs import spring_equations
 
 NO_FRICTION = (None, False)
 FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
@@ -82,12 +82,13 @@ def fit_model(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia],
     start: Floats,
+    noise: Noise,
     *,
     friction: bool,
     delay: bool,
 ) -> Choice:
     """Fit the model as told; of friction only the width of its reversals is chosen."""
-    search = _Search(phasors, inertia, start)
+    search = _Search(phasors, inertia, start, noise)
     return search.choice(search.widen([delay], FRICTIONS if friction else (NO_FRICTION,)))
 
 
@@ -95,6 +96,7 @@ def choose_model(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia],
     start: Floats,
+    noise: Noise,
     *,
     friction: bool,
     delay: bool,
@@ -106,7 +108,7 @@ def choose_model(
     friction, delay : bool
         Parts that must be in the model; the others may be.
     """
-    search = _Search(phasors, inertia, start)
+    search = _Search(phasors, inertia, start, noise)
     frictions = FRICTIONS if friction else (NO_FRICTION, *FRICTIONS)
     return search.choice(search.widen([True] if delay else [False, True], frictions))
 
@@ -114,30 +116,37 @@ def choose_model(
 class _Search:
     """The models tried so far, with their estimates."""
 
-    def __init__(self, phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats) -> None:
+    def __init__(
+        self, phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats, noise: Noise
+    ) -> None:
         self.phasors = phasors
         self.inertia = inertia
         self.start = start
-        self.noise = spring_equations(phasors, inertia).noise
+        self.noise = noise
         self.tried: dict[Model, LikelihoodEstimate | JointIdError] = {}
+        self.waveforms: dict[tuple[float, bool], FrictionWaveforms] = {}
 
     def fit(self, model: Model) -> None:
         if model in self.tried:
             return
-        waveforms = None
-        if model.reversal is not None:
-            waveforms = friction_waveforms(self.phasors, model.reversal, curve=model.curve)
         try:
             self.tried[model] = maximum_likelihood(
                 self.phasors,
                 self.inertia,
                 self._begin(model),
-                friction=waveforms,
+                friction=self._waveforms(model.reversal, model.curve),
                 delay=model.delay,
                 noise=self.noise,
             )
         except JointIdError as error:
             self.tried[model] = error
+
+    def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
+        if reversal is None:
+            return None
+        if (reversal, curve) not in self.waveforms:
+            self.waveforms[reversal, curve] = friction_waveforms(self.phasors, reversal, curve=curve)
+        return self.waveforms[reversal, curve]
 
     def best(self, models: Sequence[Model]) -> Model:
         for model in models:

@@ -72,9 +72,7 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
     density = phasors.harmonic_covariance * phasors.duration_s[:, None, None, None]
     own = np.einsum("rhja,rhab,rhjb->rhj", E, density, E.conj()).real
-    sensors = np.array(
-        [_sensor_variances(np.abs(E[known[:, h], h]) ** 2, own[known[:, h], h]) for h in range(H)]
-    )
+    sensors = _sensor_variances(np.abs(E) ** 2, np.where(known[..., None], own, 0.0))
     modelled = np.einsum("rhja,ha->rhj", np.abs(E) ** 2, sensors)
     lent, scale = _lent_freedom(
         own[known], modelled[known], np.repeat(phasors.freedom, known.sum(axis=1))
@@ -92,19 +90,32 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
 
 
 def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
-    """Non-negative sensor variances (2n,) from gains (r, n, 2n) and what they make, (r, n)."""
-    rows, values = gains.reshape(-1, gains.shape[-1]), variances.reshape(-1)
+    """Non-negative sensor variances (H, 2n) from gains (r, H, n, 2n) and what they make, (r, H, n)."""
+    H, channels = gains.shape[1], gains.shape[3]
+    rows = gains.swapaxes(0, 1).reshape(H, -1, channels)
+    values = variances.swapaxes(0, 1).reshape(H, -1)
     use = values > 0
-    if not use.any():
-        return np.zeros(rows.shape[1])
-    rows, values = rows[use], values[use]
-    weight = 1 / values
+    weight = np.where(use, 1 / np.where(use, values, 1.0), 0.0)
+    solution = np.zeros((H, channels))
     for _ in range(8):  # relative errors count, and relative to the model they are unbiased
-        scale = 1 / np.maximum(np.linalg.norm(rows * weight[:, None], axis=0), 1e-300)
-        solution = nnls(rows * weight[:, None] * scale, values * weight)[0] * scale
-        model = rows @ solution
-        weight = 1 / np.maximum(model, 1e-3 * values)
-    return np.asarray(solution)
+        weighted = rows * weight[..., None]
+        scale = 1 / np.maximum(np.linalg.norm(weighted, axis=1), 1e-300)
+        weighted *= scale[:, None]
+        solution = scale * _non_negative(weighted, values * weight)
+        model = np.maximum(np.einsum("hmc,hc->hm", rows, solution), 1e-3 * values)
+        weight = np.where(use, 1 / np.where(use, model, 1.0), 0.0)
+    return solution
+
+
+def _non_negative(A: Floats, b: Floats) -> Floats:
+    """Least squares A x = b with x ≥ 0, for matrices (H, m, c) with columns of unit length."""
+    normal = A.swapaxes(1, 2) @ A
+    # Where the plain solution is not negative it is the answer; the ridge is for columns of zeros.
+    x = np.linalg.solve(normal + 1e-14 * np.eye(A.shape[2]), np.einsum("hmc,hm->hc", A, b)[..., None])
+    solution = np.asarray(x[..., 0])
+    for h in np.flatnonzero(np.any(solution < 0, axis=1)):
+        solution[h] = nnls(A[h], b[h])[0]
+    return solution
 
 
 def _lent_freedom(own: Floats, modelled: Floats, freedom: Floats) -> tuple[float, float]:

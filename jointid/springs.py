@@ -85,7 +85,9 @@ class SpringEquations:
         return A.reshape(2 * n * r, 2 * n), b.reshape(2 * n * r)
 
 
-def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> SpringEquations:
+def spring_equations(
+    phasors: Phasors, inertia: Inertia | Sequence[Inertia], *, noise: Noise | None = None
+) -> SpringEquations:
     """Form equations (9) and (11) for every record.
 
     Parameters
@@ -94,6 +96,8 @@ def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> 
         r records of n joints.
     inertia : Inertia or sequence of Inertia
         One for all records, or one per record when they come from several poses.
+    noise : Noise, optional
+        Of the phasors, where it is known already.
 
     Raises
     ------
@@ -121,7 +125,7 @@ def spring_equations(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> 
         b=b,
         of_a=of_a,
         of_b=of_b,
-        noise=moderated_noise(phasors, M, arm, K, D),
+        noise=noise or moderated_noise(phasors, M, arm, K, D),
         leakage=phasors.covariance - phasors.harmonic_covariance[:, 0],
     )
     # Noise alone gives an excitation of 1 ± 1/√r; three standard deviations above is not by chance.

@@ -1,0 +1,56 @@
+"""Many small matrices at once: the same as LAPACK, one at a time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jointid.free_friction import FreeFriction, real_rows
+from jointid.small_matrices import inverse, whitener
+
+
+def stack(n: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((3, 5, n, n)) + 1j * rng.standard_normal((3, 5, n, n))
+
+
+@given(n=st.integers(1, 4), seed=st.integers(0, 2**32 - 1))
+def test_inverse_and_whitener(n: int, seed: int) -> None:
+    A = stack(n, seed) + 3 * np.eye(n)
+    assert np.allclose(inverse(A) @ A, np.eye(n), atol=1e-8)
+    V = A @ A.conj().swapaxes(2, 3)
+    W = whitener(V)
+    assert np.allclose(W @ V @ W.conj().swapaxes(2, 3), np.eye(n), atol=1e-8)
+    assert np.allclose(W, np.linalg.inv(np.linalg.cholesky(V)), atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_what_cannot_be_inverted_is_refused(n: int) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse(np.zeros((2, n, n)))
+    with pytest.raises(np.linalg.LinAlgError):
+        whitener(-np.eye(n)[None] + 0j)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
+    """What is left is orthogonal to every shape in units of noise; records without shapes keep all."""
+    rng = np.random.default_rng(seed)
+    r, H, n, k = 6, 7, 2, 5
+    shapes = rng.standard_normal((r, H, n, k)) + 1j * rng.standard_normal((r, H, n, k))
+    counts = rng.integers(0, k + 1, r)
+    for record, count in enumerate(counts):
+        shapes[record][..., rng.permutation(k)[: k - count]] = 0
+    W = np.broadcast_to(np.array([[2.0, 0], [0.3j, 0.5]]), (r, H, n, n)).astype(complex)
+    free = FreeFriction.of(shapes)
+    rows = real_rows(rng.standard_normal((r, H, n, 3)) + 0j)
+    left = rows.copy()
+    free.take_out(left, W)
+    within = np.einsum("rmk,rmc->rkc", real_rows(W @ shapes), left)
+    assert np.allclose(within, 0, atol=1e-6)
+    assert np.array_equal(left[counts == 0], rows[counts == 0])
+    assert free.rank(W) == counts.sum()
+    mixture = shapes @ rng.standard_normal((r, k, 1))
+    assert np.allclose(free.fundamental(mixture[..., 0], W), mixture[:, 0, :, 0], atol=1e-6)
