@@ -52,5 +52,5 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
     assert np.allclose(within, 0, atol=1e-6)
     assert np.array_equal(left[counts == 0], rows[counts == 0])
     assert free.rank(W) == counts.sum()
-    mixture = shapes @ rng.standard_normal((r, k, 1))
+    mixture = shapes @ rng.standard_normal((r, 1, k, 1))
     assert np.allclose(free.fundamental(mixture[..., 0], W), mixture[:, 0, :, 0], atol=1e-6)
