@@ -27,7 +27,7 @@ from jointid.phasors import Phasors
 from jointid.small_matrices import inverse, whitener
 from jointid.springs import inertia_arrays, spring_equations
 
-_PASSES = 25  # a model that takes more does not fit
+_PASSES = 15  # twice what any model that fits has taken
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 

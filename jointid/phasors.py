@@ -6,7 +6,7 @@ Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a der
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -131,7 +131,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
         raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
     fits = fit_sines(records, harmonics or 3)
-    if harmonics is None and _distorted(fits):
+    if harmonics is None and _distorted(records, fits):
         fits = fit_sines(records, MANY_HARMONICS)
     n, count = records[0].n, len(fits[0].harmonics)
     omega = np.array([record.omega for record in records])
@@ -140,9 +140,9 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
     covariance += _rounding(fits)
-    if count > 3:
-        repeated = [_repeated_rounding(r, f) for r, f in zip(records, fits, strict=True)]
-        covariance += np.array(repeated)[:, None]
+    stepped = np.ones(len(fits), bool) if count > 3 else _visible(fits)
+    for record in np.flatnonzero(stepped).tolist():
+        covariance[record] += _repeated_rounding(records[record], fits[record])
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
@@ -223,12 +223,22 @@ def _quantum(signal: Floats) -> Floats:
     return np.where(whole & moving, step, 0.0)
 
 
-def _distorted(fits: Sequence[SineFit]) -> bool:
-    """Whether a harmonic stands six standard deviations above noise and above 1e-6 of its signal."""
+def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
+    """Whether a record has harmonics that its sensors' steps do not explain either."""
+    for record in np.flatnonzero(_visible(fits)).tolist():
+        fit = fits[record]
+        steps = _repeated_rounding(records[record], fit)
+        if _visible([replace(fit, covariance=fit.covariance + steps)])[0]:
+            return True
+    return False
+
+
+def _visible(fits: Sequence[SineFit]) -> np.ndarray:
+    """Whether a harmonic stands six standard errors out of noise, and 1e-6 of its signal, (r,)."""
     power = np.abs([fit.harmonics for fit in fits]) ** 2
     noise = np.abs(np.einsum("rhjj->rhj", np.array([fit.covariance for fit in fits])))
     visible = (power > 1e-12 * power[:, :1]) & (power > 36 * noise)
-    return bool(visible[:, 1:].any())
+    return np.asarray(visible[:, 1:].any(axis=(1, 2)))
 
 
 def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
