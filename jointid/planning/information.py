@@ -14,13 +14,13 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.elasticity import ElasticityFit
+from jointid.free_friction import FreeFriction, real_rows
 from jointid.friction import friction_waveforms
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors import MANY_HARMONICS, Phasors
+from jointid.small_matrices import whitener
 from jointid.uncertainty.chosen_model import free_reversal
 from jointid.uncertainty.validation import freed_phasors
-
-_RIDGE = 1e-12  # neighbouring free shapes are nearly dependent
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +106,11 @@ def record_information(
     pull = (stiff[:, 0] @ q[..., None])[..., 0] / spring[:, 0] ** 2
     J[:, 0, :, :n] = -(s2[:, 0] ** 2) * stiff[:, 0] * pull[:, None, :]
     J[:, 0, :, n : 2 * n] = s[:, 0, None, None] * J[:, 0, :, :n]
-    free, counts = np.zeros((r, orders.size, n, 0), complex), np.ones((r, n), bool)
+    free, counts = FreeFriction(()), np.ones((r, n), bool)
     motor = tau
     if fit.friction is not None:
         waves = friction_waveforms(_sines(omega, q, tau, C, duration_s), free_reversal(fit))
-        free, counts = waves.reversals, ~waves.standing
+        free, counts = FreeFriction.of(waves.reversals), ~waves.standing
         J[..., 2 * n : 3 * n] = -waves.coulomb[..., None] * np.eye(n)
         J[:, 0, :, 3 * n : 4 * n] = -(s[:, 0, None] * q)[..., None] * np.eye(n)
         motor = tau + fit.friction.coulomb * waves.coulomb[:, 0]
@@ -120,14 +120,9 @@ def record_information(
     # A motor that stands sticks: its balance says nothing.
     told = counts[:, None, :, None]
     V = np.where(told & told.swapaxes(2, 3), V, np.eye(n))
-    W: Complexes = np.asarray(np.linalg.inv(np.linalg.cholesky(V)) * told, complex)
-    columns = _real(W @ J)
-    if free.shape[3] > 0:
-        shapes = _real(W @ free)
-        length = np.linalg.norm(shapes, axis=1, keepdims=True)
-        shapes = shapes / np.where(length > 0, length, 1.0)
-        gram = shapes.swapaxes(1, 2) @ shapes + _RIDGE * np.eye(shapes.shape[2])
-        columns = columns - shapes @ np.linalg.solve(gram, shapes.swapaxes(1, 2) @ columns)
+    W = np.asarray(whitener(V) * told)
+    columns = real_rows(W @ J)
+    free.take_out(columns, W)
     return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
 
 
@@ -168,9 +163,3 @@ def _sines(omega: Floats, q: Complexes, tau: Complexes, C: Complexes, duration_s
         frequency_found_hz=omega / (2 * np.pi),
         labels=tuple(f"planned {i + 1}" for i in range(r)),
     )
-
-
-def _real(values: Complexes) -> Floats:
-    """Complex (r, H, n, k) as real rows (r, 2Hn, k)."""
-    flat = values.reshape(values.shape[0], -1, values.shape[-1])
-    return np.concatenate([flat.real, flat.imag], axis=1)
