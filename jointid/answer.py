@@ -10,6 +10,12 @@ _AGREEMENT = 0.01
 """A stiffness within 1 % of the nominal one counts as the same: the path then errs by below 0.1 mm."""
 
 
+def without(fit: ElasticityFit) -> str:
+    """Return "without friction and delay", or whichever of these the fit found; empty for neither."""
+    found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
+    return f"without {' and '.join(found)}" if found else ""
+
+
 def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> str:
     """Say what the springs are, and how that compares with what the controller assumes.
 

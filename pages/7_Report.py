@@ -3,11 +3,14 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.answer import without
+from jointid.exporting.tables import without_friction_and_delay
 from jointid.study_files import pack_study
 from jointid.ui import downloads
 from jointid.ui.downloads import download, file_stem, preview
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import open_page
+from jointid.ui.trust import steps_at
 
 page = open_page("Report")
 st.title("Report and export", anchor=False)
@@ -26,16 +29,18 @@ except JointIdError as error:
 
 st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
-place = st.empty()
+place, working = st.empty(), st.empty()
 made = downloads.made_report(page.digest, page.method)
-wanted = made is None and place.button("Make the report", type="primary", key="make_report")
-if wanted:
-    with place.container():
+if made is None and place.button("Make the report", type="primary", key="make_report"):
+    place.empty()
+    with working.container():
         bar = st.progress(0.0, "Preparing")
+        st.button("Stop", key="stop_report", help="Ends the work; nothing is kept of it.")
     try:
-        made = downloads.write_report(page.digest, page.method, analysis, bar.progress)
+        made = downloads.write_report(page.digest, page.method, analysis, steps_at(bar))
+        working.empty()
     except JointIdError as error:
-        place.error(str(error))
+        working.error(str(error))
 if made is not None:
     with place.container(horizontal=True):
         download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
@@ -53,13 +58,21 @@ with st.container(horizontal=True):
         results.mat,
         f"{stem}.mat",
         "application/octet-stream",
-        note="identification, model for ss(A, B, C, D), transfer for frd(H, omega), and phasors.",
+        note="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
+        "without friction and delay, and phasors.",
     )
 with st.expander("What stands in it"):
     st.code(results.toml, language="toml", height=360)
 
 st.subheader("Tables", anchor=False)
-st.write("CSV with a header line, every number with all its digits.")
+st.write(
+    "CSV with a header line, every number with all its digits. H stands there as measured"
+    + (
+        f", and from torques {without(analysis.fit)} in the columns …_without_friction_and_delay."
+        if without_friction_and_delay(analysis)
+        else "."
+    )
+)
 with st.container(horizontal=True):
     download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
     if analysis.transfer_matrices:

@@ -237,6 +237,30 @@ def test_the_table_of_H_holds_H(analyses: dict[int, Analysis]) -> None:
     np.testing.assert_allclose(frequency, matrix.omega, rtol=1e-15)
 
 
+def test_H_without_friction_stands_beside_H_as_measured(analyses: dict[int, Analysis]) -> None:
+    plain = analyses[2]
+    raw = plain.transfer_matrices[""]
+    assert "without" not in transfer_matrix_table(plain)
+    assert not any("without" in name for name in loadmat(io.BytesIO(to_mat(plain))))
+    friction = Friction(np.ones(2), np.zeros(2), np.zeros(4))
+    found = replace(
+        plain,
+        fit=replace(plain.fit, friction=friction),
+        freed_transfer_matrices={
+            "": replace(raw, omega=raw.omega[1:], H=1.25 * raw.H[1:], covariance=raw.covariance[1:])
+        },
+    )
+    rows = list(csv.DictReader(io.StringIO(transfer_matrix_table(found))))
+    assert rows[0]["H12_without_friction_and_delay_re"] == ""  # this frequency was not to be inverted
+    for name, H in (("H12", raw.H), ("H12_without_friction_and_delay", 1.25 * raw.H)):
+        read = [complex(float(r[f"{name}_re"]), float(r[f"{name}_im"])) for r in rows[1:]]
+        np.testing.assert_array_equal(read, H[1:, 0, 1])
+    mat = loadmat(io.BytesIO(to_mat(found)), squeeze_me=True, struct_as_record=False)
+    assert mat["transfer"].H.shape == (2, 2, 6)
+    free = mat["transfer_without_friction_and_delay"]
+    np.testing.assert_array_equal(np.moveaxis(free.H, -1, 0), 1.25 * raw.H[1:])
+
+
 # --- models
 
 

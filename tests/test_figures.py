@@ -123,14 +123,14 @@ def test_where_friction_was_found_the_freed_measurement_stands_beside_the_raw_on
         freed_transfer_matrices={"": replace(raw, H=1.1 * raw.H)},
     )
     figure = element_response(found, 0, 0)
-    full, hollow = trace(figure, "measured H₁₁, friction removed"), trace(figure, "measured H₁₁")
+    full, hollow = trace(figure, "without friction"), trace(figure, "as measured")
     np.testing.assert_allclose(full.y, 1.1 * hollow.y)
     np.testing.assert_allclose(hollow.y, np.abs(raw.H[:, 0, 0]))
     assert (full.marker.symbol, hollow.marker.symbol) == ("circle", "circle-open")
     np.testing.assert_allclose(
-        trace(model_over_measurement(found, 0), "measured, friction removed").y, full.y
+        trace(model_over_measurement(found, 0), "measured, without friction").y, full.y
     )
-    assert not any("removed" in t.name for t in element_response(plain, 0, 0).data)
+    assert not any("without" in t.name for t in element_response(plain, 0, 0).data)
 
 
 def test_single_records_show_every_record_once_on_the_scale_of_h(analyses: dict[int, Analysis]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
@@ -12,7 +13,9 @@ from jointid.errors import JointIdError
 from jointid.exporting.identification import identification
 from jointid.exporting.identification_files import to_document
 from jointid.exporting.state_space import state_space
+from jointid.exporting.tables import without_friction_and_delay
 from jointid.study import Analysis
+from jointid.transfer_matrix import TransferMatrix
 
 _HEADER = b"MATLAB 5.0 MAT-file, written by jointid"
 _HEADER_BYTES = 116
@@ -31,7 +34,9 @@ def to_mat(analysis: Analysis) -> bytes:
         Variables: ``identification`` (struct as in JSON: K, D, covariance, obtained ...); ``model``
         (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque to acceleration of
         the motors; missing when the estimate is no spring); ``transfer`` (struct array by pose:
-        ``frd(transfer(1).H, transfer(1).omega)``); ``phasors`` (struct omega, q, tau, std, labels).
+        ``frd(transfer(1).H, transfer(1).omega)``, H as measured);
+        ``transfer_without_friction_and_delay`` (the same from torques without what was found of
+        these; missing when nothing was); ``phasors`` (struct omega, q, tau, std, labels).
     """
     document = to_document(identification(analysis))
     if poses := document.pop("poses", None):
@@ -48,16 +53,9 @@ def to_mat(analysis: Analysis) -> bytes:
         },
     }
     if analysis.transfer_matrices:
-        contents["transfer"] = _structs(
-            {
-                "pose": pose,
-                "omega": _column(matrix.omega),
-                "H": np.moveaxis(matrix.H, 0, -1),
-                "std": np.moveaxis(matrix.standard_deviation, 0, -1),
-                "condition": _column(matrix.condition),
-            }
-            for pose, matrix in analysis.transfer_matrices.items()
-        )
+        contents["transfer"] = _transfer(analysis.transfer_matrices)
+    if free := without_friction_and_delay(analysis):
+        contents["transfer_without_friction_and_delay"] = _transfer(free)
     try:
         model = state_space(analysis.study.inertia, analysis.fit.elasticity)
     except JointIdError:  # an estimate that is no spring has no model
@@ -68,6 +66,19 @@ def to_mat(analysis: Analysis) -> bytes:
     savemat(file, contents, long_field_names=True, do_compression=True)  # type: ignore[arg-type]
     data = file.getvalue()
     return _HEADER.ljust(_HEADER_BYTES) + data[_HEADER_BYTES:]  # without the time of writing
+
+
+def _transfer(matrices: Mapping[str, TransferMatrix]) -> np.ndarray:
+    return _structs(
+        {
+            "pose": pose,
+            "omega": _column(matrix.omega),
+            "H": np.moveaxis(matrix.H, 0, -1),
+            "std": np.moveaxis(matrix.standard_deviation, 0, -1),
+            "condition": _column(matrix.condition),
+        }
+        for pose, matrix in matrices.items()
+    )
 
 
 def _prepared(value: Any) -> Any:

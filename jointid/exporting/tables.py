@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from io import StringIO
 
 import numpy as np
 
 from jointid.study import Analysis
+from jointid.transfer_matrix import TransferMatrix
 
 
 def phasor_table(analysis: Analysis) -> str:
@@ -48,24 +49,44 @@ def transfer_matrix_table(analysis: Analysis) -> str:
     Returns
     -------
     str
-        CSV with a header row; only the header when the records allow no transfer matrix.
+        CSV with a header row; only the header when the records allow no transfer matrix. H as measured;
+        where friction or a delay was found, also from torques without them, in columns
+        ``H11_without_friction_and_delay_re`` and so on.
     """
     n = analysis.study.inertia.n
-    header = ["pose", "frequency_hz"]
-    for i in range(n):
-        for j in range(n):
-            header += [f"H{i + 1}{j + 1}_{part}" for part in ("re", "im", "std")]
-    header += ["condition", "reciprocity_error"]
+    free = without_friction_and_delay(analysis)
+    names = [f"H{i + 1}{j + 1}" for i in range(n) for j in range(n)]
+    header = ["pose", "frequency_hz", *_parts(names), "condition", "reciprocity_error"]
+    if free:
+        header += _parts([f"{name}_without_friction_and_delay" for name in names])
     rows: list[list[object]] = []
     for pose, matrix in analysis.transfer_matrices.items():
-        f = matrix.omega / (2 * np.pi)
-        values = np.stack([matrix.H.real, matrix.H.imag, matrix.standard_deviation], axis=3)
         quality = zip(matrix.condition.tolist(), matrix.reciprocity_error.tolist(), strict=True)
-        for frequency, row, more in zip(
-            f.tolist(), values.reshape(f.size, -1).tolist(), quality, strict=True
-        ):
-            rows.append([pose, frequency, *row, *more])
+        cleaned = dict(zip(free[pose].omega.tolist(), _cells(free[pose]), strict=True)) if free else {}
+        nothing = [""] * (3 * n * n if free else 0)
+        for omega, row, more in zip(matrix.omega.tolist(), _cells(matrix), quality, strict=True):
+            frequency = omega / (2 * np.pi)
+            rows.append([pose, frequency, *row, *more, *cleaned.get(omega, nothing)])
     return _csv(header, rows)
+
+
+def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:
+    """Transfer matrices by pose from torques without what was found of these; empty when nothing was."""
+    nothing = analysis.fit.friction is None and analysis.fit.delay is None
+    poses = analysis.transfer_matrices.keys() & analysis.freed_transfer_matrices.keys()
+    if nothing or len(poses) < len(analysis.transfer_matrices):
+        return {}
+    return analysis.freed_transfer_matrices
+
+
+def _parts(names: Iterable[str]) -> list[str]:
+    return [f"{name}_{part}" for name in names for part in ("re", "im", "std")]
+
+
+def _cells(matrix: TransferMatrix) -> list[list[float]]:
+    values = np.stack([matrix.H.real, matrix.H.imag, matrix.standard_deviation], axis=3)
+    cells: list[list[float]] = values.reshape(matrix.omega.size, -1).tolist()
+    return cells
 
 
 def _csv(header: list[str], rows: Iterable[list[object]]) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.figures.style import (
@@ -47,8 +48,8 @@ def element_response(
 ) -> go.Figure:
     """Magnitude and phase of H_ij: measured points with ± one standard error, models as lines.
 
-    Where friction or a delay was found, the points freed of it are drawn full, those as measured
-    open. Off the diagonal H_ji is shown too: without errors it equals H_ij.
+    Where friction or a delay was found, points from torques without it are drawn full, those as
+    measured open. Off the diagonal H_ji is shown too: without errors it equals H_ij.
 
     Parameters
     ----------
@@ -60,14 +61,16 @@ def element_response(
     """
     ink = colours(dark)
     freed, removed = freed_or_measured(analysis, pose)
-    name = f"measured {_label(i, j)}{removed}"
+    name = removed or f"measured {_label(i, j)}"
+    if i != j:
+        name = f"measured {_label(i, j)}{removed and ', ' + removed}"
     curves = [_measured(freed, i, j, ink.measured, "circle", name=name)]
     if i != j:
-        name = f"measured {_label(j, i)}{removed}"
+        name = f"measured {_label(j, i)}{removed and ', ' + removed}"
         curves.append(_measured(freed, j, i, ink.measured, "square-open", name=name))
     elif freed is not analysis.transfer_matrices[pose]:
         raw = analysis.transfer_matrices[pose]
-        curves.append(_measured(raw, i, j, ink.measured, "circle-open", name=f"measured {_label(i, j)}"))
+        curves.append(_measured(raw, i, j, ink.measured, "circle-open", name="as measured"))
     models = _models(analysis, pose, i, j, dark)
     return _bode([*models, *curves], dark, _magnitudes(analysis, pose, i) if i == j else None)
 
@@ -101,9 +104,10 @@ def model_over_measurement(
     The measurement is freed of the friction and the delay that were found.
     """
     matrix, removed = freed_or_measured(analysis, pose)
+    name = f"measured{removed and ', ' + removed}"
     curves = [
         *_models(analysis, pose, joint, joint, dark),
-        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=f"measured{removed}"),
+        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=name),
     ]
     traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
     title = f"|{_label(joint, joint)}| ({_UNIT})"
@@ -117,12 +121,11 @@ def model_over_measurement(
 
 
 def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
-    """Return the transfer matrix to hold against the model, and what was removed from it, in words."""
-    fit = analysis.fit
-    if (fit.friction is None and fit.delay is None) or pose not in analysis.freed_transfer_matrices:
+    """Return the transfer matrix to hold against the model, and what is not in it, in words."""
+    removed = without(analysis.fit)
+    if not removed or pose not in analysis.freed_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
-    found = [name for name, x in (("friction", fit.friction), ("delay", fit.delay)) if x is not None]
-    return analysis.freed_transfer_matrices[pose], f", {' + '.join(found)} removed"
+    return analysis.freed_transfer_matrices[pose], removed
 
 
 def _measured(matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str) -> _Curve:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia, motor_response, resonances
@@ -38,8 +39,8 @@ class Curve:
 def element_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     """H_jj of the models, then as measured by equations (17)-(18).
 
-    Where friction or a delay was found, the measured points freed of it are full, as measured they are
-    rings.
+    Where friction or a delay was found, the points from torques without it are full, as measured they
+    are rings.
     """
     curves = _models(analysis, pose, joint)
     measured = analysis.transfer_matrices[pose]
@@ -49,7 +50,7 @@ def element_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
     return [
         *curves,
         _points("measured", measured, joint, "ring", error=False),
-        _points("freed", freed, joint, "circle"),
+        _points(without(fit), freed, joint, "circle"),
     ]
 
 

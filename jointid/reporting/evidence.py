@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.cut.outcome import CUTTING_POINT_M, Outcome, Rule, millimetres, study_outcome
 from jointid.cut.toolpath import rectangle
@@ -54,10 +55,9 @@ def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Bloc
     )
     fit = analysis.fit
     if fit.friction is not None or fit.delay is not None:
-        found = " and ".join(
-            ["the friction"] * (fit.friction is not None) + ["the delay"] * (fit.delay is not None)
+        text += (
+            f"Full points are from torques {without(fit)}, as far as found here; rings are as measured. "
         )
-        text += f"Full points are freed of {found} that was found; rings are as measured. "
     yield Paragraph(
         f"{text}The blue line is the model with the identified K and D, not a curve through the points: "
         "where they agree, the model holds. Bars are ± one standard error where they exceed the mark."

@@ -135,14 +135,15 @@ def _bode(
     measured = np.concatenate([c.frequency_hz for c in curves if c.symbol])
     span = band_of(measured)
     x = (float(np.log10(span[0])), float(np.log10(span[1])))
-    left, right, legend = 36.0, 6.0, 14.0
+    left, right = 36.0, 6.0
+    keys, legend = _legend(curves, left, width - right)
     inner = width - left - right
     phases = [phase_of(curve, curves) for curve in curves]
     known = np.concatenate([p[np.isfinite(p)] for p in phases])
     lowest, highest = min(-90.0, float(known.min())), max(180.0, float(known.max()))
     size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
     turn = _Frame(left, legend + 94, inner, 46, x, (lowest - 15, highest + 15))
-    shapes: list[Line | Marks | Text] = [*_legend(curves, left)]
+    shapes: list[Line | Marks | Text] = [*keys]
     ticks = [m * 10.0**d for d in range(-4, 5) for m in (1, 2, 3, 5)]
     shapes += _frame(size, np.log10(ticks), [""] * len(ticks), *_log_ticks(size.y))
     degrees = np.arange(-720.0, 721.0, 90.0)
@@ -221,17 +222,24 @@ def _size(curve: Curve) -> float:
     return {"circle": 2.8, "ring": 3.6, "square": 3.0}[curve.symbol or "circle"]
 
 
-def _legend(curves: Sequence[Curve], left: float) -> list[Line | Marks | Text]:
+def _legend(
+    curves: Sequence[Curve], left: float, right: float
+) -> tuple[list[Line | Marks | Text], float]:
+    """Keys and names, in as many lines as they need between two edges; and their height."""
     shapes: list[Line | Marks | Text] = []
-    at = left
+    at, down = left, 5.0
     for curve in curves:
+        needed = 16 + 3.5 * len(curve.name)
+        if at > left and at + needed > right:
+            at, down = left, down + 10
         if curve.symbol is None:
-            shapes.append(Line(np.array([[at, 5.0], [at + 13, 5.0]]), curve.colour, 1.4, curve.dash))
+            key = np.array([[at, down], [at + 13, down]])
+            shapes.append(Line(key, curve.colour, 1.4, curve.dash))
         else:
-            shapes.append(Marks(np.array([[at + 8, 5.0]]), curve.colour, curve.symbol, _size(curve)))
-        shapes.append(Text(at + 16, 7.4, curve.name, 7))
-        at += 23 + 3.5 * len(curve.name)
-    return shapes
+            shapes.append(Marks(np.array([[at + 8, down]]), curve.colour, curve.symbol, _size(curve)))
+        shapes.append(Text(at + 16, down + 2.4, curve.name, 7))
+        at += needed + 7
+    return shapes, down + 9
 
 
 def _log_ticks(limits: tuple[float, float]) -> tuple[Floats, list[str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
@@ -21,13 +21,15 @@ _QUIET, _RULE = "#565B63", "#C9CDD2"
 _LEVEL_COLOURS = {"problem": "#B3261E", "warning": "#B26A00", "good": "#1B7F4D", "note": "#767676"}
 
 
-def to_pdf(report: Report) -> bytes:
+def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None) -> bytes:
     """Return a report as PDF.
 
     Parameters
     ----------
     report : Report
         As ``make_report`` wrote it. Letters outside Latin, Greek and Cyrillic show as boxes.
+    progress : callable, optional
+        Called with the share of the pieces that stand on a page. What it raises ends the work.
 
     Raises
     ------
@@ -81,6 +83,11 @@ def to_pdf(report: Report) -> bytes:
         invariant=1,
         pageCompression=1,
     )
+    if progress is not None:
+        pieces = len(story)
+        document.setProgressCallBack(
+            lambda kind, value: progress(min(value / pieces, 1.0)) if kind == "PROGRESS" else None
+        )
     document.build(story, onFirstPage=foot, onLaterPages=foot)
     return file.getvalue()
 

@@ -5,7 +5,7 @@ The same study gives the same report, to the last byte: no date, no name of a ma
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from jointid.answer import answer_sentence
 from jointid.cut.outcome import Outcome, millimetres
@@ -19,13 +19,19 @@ from jointid.reporting.settings import digit_blocks, record_rows, settings_block
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.uncertainty.chosen_model import parameter_names
+from jointid.wording import counted
 
 __all__ = ["make_report", "to_html", "to_pdf"]
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 
 
-def make_report(analysis: Analysis, *, cut: bool = True) -> Report:
+def make_report(
+    analysis: Analysis,
+    *,
+    cut: bool = True,
+    progress: Callable[[float, str], object] | None = None,
+) -> Report:
     """Write the report of an analysis.
 
     Parameters
@@ -33,6 +39,8 @@ def make_report(analysis: Analysis, *, cut: bool = True) -> Report:
     analysis : Analysis
     cut : bool
         Simulate the cut of Figure 7, which takes about a second; for two joints only.
+    progress : callable, optional
+        Called with the share done and what is done next. What it raises ends the work.
 
     Returns
     -------
@@ -40,17 +48,22 @@ def make_report(analysis: Analysis, *, cut: bool = True) -> Report:
         To be set by ``to_html`` or ``to_pdf``.
     """
     study = analysis.study
+    tell = progress or (lambda done, what: None)
+    tell(0.0, "Cutting the path before and after")
     outcome, problem = outcome_of(analysis) if cut else (None, "")
     figures = FigureNumbers()
+    tell(0.4, "Drawing the transfer matrix")
     sections = [
         Section("Answer", tuple(_answer(analysis, outcome))),
         Section("Verdict", (Verdict(analysis.findings),)),
         Section("Model over measurement", tuple(response_blocks(analysis, figures))),
     ]
+    tell(0.5, "Cutting the three corner zones")
     if outcome is not None or problem:
         sections.append(
             Section("What it is worth on the path", tuple(cut_blocks(outcome, problem, figures)))
         )
+    tell(0.9, "Writing how it was obtained")
     sections += [
         Section("How it was obtained", tuple(settings_blocks(analysis))),
         Section("Records", (record_rows(study),)),
@@ -71,13 +84,13 @@ def _facts(study: Study) -> str:
         band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
     facts = [
         _ORIGINS[study.origin],
-        _counted(study.inertia.n, "joint"),
-        _counted(len(f), "sine record"),
-        _counted(len(set(f)), "frequency", "frequencies"),
+        counted(study.inertia.n, "joint"),
+        counted(len(f), "sine record"),
+        counted(len(set(f)), "frequency"),
         band,
     ]
     if len(poses := {record.pose for record in study.records}) > 1:
-        facts.append(_counted(len(poses), "pose"))
+        facts.append(counted(len(poses), "pose"))
     return " · ".join(facts)
 
 
@@ -139,7 +152,3 @@ def _change(value: float, error: float, reference: float) -> str:
         return "agrees"
     size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
     return f"{'+' if ratio > 0 else '−'}{size} %"
-
-
-def _counted(number: int, what: str, several: str = "") -> str:
-    return f"{number} {what if number == 1 else several or what + 's'}"

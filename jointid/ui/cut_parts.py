@@ -163,7 +163,7 @@ def _less_before(outcome: Outcome) -> str:
 def _conditions(settings: CutSettings) -> str:
     """Controller and friction, the same before and after."""
     encoder = f"{settings.encoder_bits}-bit encoders" if settings.encoder_bits else "ideal encoders"
-    delay = f"{settings.delay_samples} sample{'' if settings.delay_samples == 1 else 's'}"
+    delay = counted(settings.delay_samples, "sample")
     text = f"a controller of {settings.rate_hz:g} Hz with a delay of {delay} and {encoder}; "
     if settings.friction is None:
         return text + "motors without friction."

@@ -88,12 +88,13 @@ def write_report(
     digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
 ) -> MadeReport:
     """Make the report and keep it; a function that shows progress cannot be cached by itself."""
-    progress(0.05, "Cutting the path before and after, drawing the figures")
-    report = make_report(analysis)
-    progress(0.60, "Setting the pages for the screen")
+    report = make_report(analysis, progress=lambda done, what: progress(0.6 * done, what))
+    progress(0.6, "Setting the pages for the screen")
     html = to_html(report)
-    progress(0.70, "Setting the pages for paper")
-    made = MadeReport(html, to_pdf(report))
+    paper = "Setting the pages for paper"
+    progress(0.65, paper)
+    pdf = to_pdf(report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
+    made = MadeReport(html, pdf)
     kept = _reports()
     kept[digest, method] = made
     while len(kept) > _MOST_REPORTS:

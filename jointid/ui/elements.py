@@ -38,7 +38,7 @@ def choose_element(n: int) -> tuple[int, int]:
         required=True,
         key="element",
         bind="query-params",
-        help="H_ij is the acceleration of motor i over the torque of motor j. "
+        help="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
         "On the diagonal a motor's own torque acts.",
     )
     return pairs[names.index(shown or names[0])]
@@ -51,31 +51,30 @@ def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
         st.write(
             "A condition number of 1 means that the records' torques are as different as can be; at "
             "100 their noise is amplified about a hundredfold. The reciprocity error is the largest "
-            "difference between H_ij and H_ji."
+            "difference between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
         )
         what = "Condition number and reciprocity error over frequency"
         plot(torque_condition(matrix, dark=dark), what)
     for text in matrix.rejected:
         st.info(text)
     table(matrix_table(matrix))
+    st.caption("As measured. |H| in 1/(kg·m²) with ± one standard error.")
 
 
 def matrix_table(matrix: TransferMatrix) -> Table:
     """One row per frequency: magnitude of every element with its standard error, phase, condition."""
     n = matrix.H.shape[1]
-    columns: dict[str, list[object]] = {
-        "Frequency (Hz)": [significant(f, 5) for f in matrix.omega / (2 * np.pi)]
-    }
+    columns: dict[str, list[object]] = {"Hz": [significant(f, 5) for f in matrix.omega / (2 * np.pi)]}
     error = matrix.standard_deviation / np.sqrt(2)
     for i in range(n):
         for j in range(n):
             size = np.abs(matrix.H[:, i, j])
-            columns[f"|H{i + 1}{j + 1}| (1/(kg·m²))"] = [
+            columns[f"|H{i + 1}{j + 1}|"] = [
                 with_error(a, e) for a, e in zip(size, error[:, i, j], strict=True)
             ]
             angle = np.degrees(np.angle(matrix.H[:, i, j]))
             columns[f"∠H{i + 1}{j + 1} (°)"] = [f"{a:.1f}".replace("-", "−") for a in angle]
     if n > 1:
         columns["Condition"] = [significant(c, 3) for c in matrix.condition]
-        columns["Reciprocity error (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]
+        columns["Reciprocity (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]
     return columns

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import streamlit as st
 
 from jointid import Elasticity, ElasticityFit, Finding, Study
+from jointid.answer import without
 from jointid.rounding import plain, significant, with_error
 from jointid.study_files import pack_study
 from jointid.ui.steps import METHOD
@@ -99,13 +100,13 @@ def _finding(finding: Finding) -> None:
 
 
 def freed_note(fit: ElasticityFit) -> str:
-    """Say what "removed" means in a figure's legend, when it stands there."""
-    found = [
-        name
-        for name, value in (("friction", fit.friction), ("torque delay", fit.delay))
-        if value is not None
-    ]
-    return f' "Removed": with the {" and the ".join(found)} found here taken off.' if found else ""
+    """Say what "without friction" means in a figure's legend, when it stands there."""
+    words = without(fit)
+    return (
+        f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
+        if words
+        else ""
+    )
 
 
 def show_steps(study: Study) -> None:

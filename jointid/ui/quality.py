@@ -10,6 +10,9 @@ from jointid import Phasors, SineRecord
 from jointid.rounding import significant, with_error
 from jointid.ui.charts import Table
 
+_ROUNDING_S = 1e-9
+"""Uneven time steps below a nanosecond are the rounding of the times themselves."""
+
 
 def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
     """One row per record: quality of the joint that moves most, and of the clock."""
@@ -27,7 +30,7 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
         "Dist. τ (%)": [_figure(100 * x) for x in distortion[rows, n + mover]],
         "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
         "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
-        "Jitter (ms)": [_figure(1e3 * r.jitter_s) for r in records],
+        "Jitter (ms)": [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records],
     }
 
 

@@ -63,6 +63,18 @@ def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
     return show
 
 
+def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
+    """Return what shows progress by step at ``place``, with the time left once it can be told."""
+    began = monotonic()
+
+    def show(done: float, what: str) -> None:
+        taken = monotonic() - began
+        left = f", {taken * (1 - done) / done:.0f} s left" if taken > _PATIENCE_S and done > 0.05 else ""
+        place.progress(min(done, 1.0), f"{what}: {done:.0%}{left}")
+
+    return show
+
+
 def names_of(analysis: Analysis) -> list[str]:
     """K1 ... Kn, D1 ... Dn."""
     return [f"{q}{j + 1}" for q in "KD" for j in range(analysis.fit.n)]
