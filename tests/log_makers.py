@@ -211,3 +211,111 @@ def zipped(files: dict[str, bytes]) -> bytes:
         for name, data in files.items():
             archive.writestr(name, data)
     return buffer.getvalue()
+
+
+Log = tuple[Floats, Floats, Floats]
+"""Time (s), shape (N,); motor angles (rad) and motor torques (N·m), each of shape (N, 2)."""
+
+
+def as_csv(log: Log, ratios: tuple[float, float], rated_Nm: tuple[float, float]) -> bytes:
+    """What a German cell writes: joint-side degrees, shares of the rated torque, decimal commas."""
+    time, theta, tau = log
+    rows = np.column_stack([1e3 * time, np.degrees(theta / ratios), 100 * tau / rated_Nm])
+    lines = ["Zelle 7", "Zeit [ms];Achse 1 Ist [°];Achse 2 Ist [°];Moment 1 [%];Moment 2 [%]"]
+    lines += [";".join(f"{value:.10g}".replace(".", ",") for value in row) for row in rows]
+    return "\r\n".join([*lines, ""]).encode("latin-1")
+
+
+def as_parquet(log: Log) -> bytes:
+    """Columns by their names."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    time, theta, tau = log
+    names = ["time_s", "theta_m1_rad", "theta_m2_rad", "tau_m1_Nm", "tau_m2_Nm"]
+    buffer = io.BytesIO()
+    pq.write_table(pa.table(dict(zip(names, [time, *theta.T, *tau.T], strict=True))), buffer)
+    return buffer.getvalue()
+
+
+def as_mat(log: Log) -> bytes:
+    """Arrays in a file of version 5."""
+    import scipy.io
+
+    time, theta, tau = log
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, {"t_s": time, "q_rad": theta, "tau_Nm": tau})
+    return buffer.getvalue()
+
+
+def as_mat_v73(log: Log) -> bytes:
+    """The same in a file of version 7.3, columns first."""
+    import h5py
+
+    time, theta, tau = log
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", userblock_size=512) as file:
+        for name, values in (("t_s", time[None, :]), ("q_rad", theta.T), ("tau_Nm", tau.T)):
+            file[name] = values
+            file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    return head + buffer.getvalue()[len(head) :]
+
+
+def as_hdf5(log: Log) -> bytes:
+    """Arrays with their units as attributes."""
+    import h5py
+
+    time, theta, tau = log
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        parts = [("time", 1e3 * time, "ms")]
+        parts += [(f"motor{j + 1}_pos", np.degrees(theta[:, j]), "deg") for j in (0, 1)]
+        parts += [(f"motor{j + 1}_torque", tau[:, j], "Nm") for j in (0, 1)]
+        for name, values, unit in parts:
+            file.create_dataset(f"run/{name}", data=values).attrs["units"] = unit
+    return buffer.getvalue()
+
+
+def as_excel(log: Log) -> bytes:
+    """A sheet with a row of units."""
+    import openpyxl
+
+    time, theta, tau = log
+    book = openpyxl.Workbook(write_only=True)
+    sheet = book.create_sheet("Messung")
+    sheet.append(["Zeit", "Motor 1 Position", "Motor 2 Position", "Motor 1 Moment", "Motor 2 Moment"])
+    sheet.append(["ms", "°", "°", "Nm", "Nm"])
+    for row in np.column_stack([1e3 * time, np.degrees(theta), tau]).tolist():
+        sheet.append(row)
+    buffer = io.BytesIO()
+    book.save(buffer)
+    return buffer.getvalue()
+
+
+def as_ros_bag(log: Log, folder: Path, kind: str) -> bytes:
+    """The file of a bag with joint states; kind is sqlite3 or mcap."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    state, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    plugin = StoragePlugin.SQLITE3 if kind == "sqlite3" else StoragePlugin.MCAP
+    path = folder / kind
+    with Writer(path, version=8, storage_plugin=plugin) as writer:
+        connection = writer.add_connection("/joint_states", state.__msgtype__, typestore=store)
+        for time, theta, tau in zip(*log, strict=True):
+            ns = 1_700_000_000_000_000_000 + round(1e9 * time)
+            message = state(
+                header=header(stamp=stamp(*divmod(ns, 1_000_000_000)), frame_id=""),
+                name=["motor_1", "motor_2"],
+                position=np.array(theta),
+                velocity=np.array([]),
+                effort=np.array(tau),
+            )
+            writer.write(connection, ns, store.serialize_cdr(message, state.__msgtype__))
+    (file,) = [part for part in path.iterdir() if part.suffix in (".db3", ".mcap")]
+    return file.read_bytes()

@@ -1,0 +1,198 @@
+"""Every kind of log in real Chromium, from the upload to K and D; and nothing lost in between."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browsing import PATIENCE_MS, Server, finished, rested
+from log_makers import (
+    Log,
+    as_csv,
+    as_excel,
+    as_hdf5,
+    as_mat,
+    as_mat_v73,
+    as_parquet,
+    as_ros_bag,
+    zipped,
+)
+from plants import PAPER, PARALLELOGRAM
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from jointid import Controller, Excitation, Measurement, simulate_records
+
+pytestmark = pytest.mark.browser
+
+RATIOS, RATED_NM = (100.0, -90.0), (5.0, 2.0)
+FREQUENCIES_HZ = [5.0, 8.0, 12.0, 18.0, 26.0]
+M2 = "0.004104, 0.000395; 0.000395, 0.001889"
+KINDS: dict[str, Callable[[Log, Path], bytes]] = {
+    "cell.csv": lambda log, _: as_csv(log, RATIOS, RATED_NM),
+    "log.parquet": lambda log, _: as_parquet(log),
+    "log5.mat": lambda log, _: as_mat(log),
+    "log73.mat": lambda log, _: as_mat_v73(log),
+    "log.h5": lambda log, _: as_hdf5(log),
+    "log.xlsx": lambda log, _: as_excel(log),
+    "bag.db3": lambda log, folder: as_ros_bag(log, folder, "sqlite3"),
+    "bag.mcap": lambda log, folder: as_ros_bag(log, folder, "mcap"),
+}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """Ten sine runs of one robot of two joints with a pause after each, its torque held."""
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        FREQUENCIES_HZ,
+        excitation=Excitation(duration_s=1.4),
+        controller=Controller(sample_rate_hz=500.0),
+        measurement=Measurement(encoder_counts=1 << 20, torque_noise_Nm=0.002),
+        seed=2,
+    )
+    times = [2.0 * k + record.time_s - record.time_s[0] for k, record in enumerate(records)]
+    theta = np.concatenate([record.theta_rad for record in records])
+    return np.concatenate(times), theta, np.concatenate([record.tau_Nm for record in records])
+
+
+@pytest.fixture(scope="module")
+def shared(new_server: Callable[[], Server]) -> Iterator[Server]:
+    server = new_server()
+    yield server
+    server.kill()
+
+
+@pytest.fixture
+def page(browser: Browser, shared: Server) -> Iterator[Page]:
+    """The import page, opened by somebody who was never here."""
+    context = browser.new_context()
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(f"{shared.address}/Import_a_log", wait_until="commit")
+    finished(page, "Import a log")
+    yield page
+    context.close()
+
+
+def upload(page: Page, name: str, data: bytes) -> None:
+    file = {"name": name, "mimeType": "application/octet-stream", "buffer": data}
+    page.get_by_test_id("stMain").locator("input[type=file]").first.set_input_files(file)
+    expect(page.get_by_role("heading", name="The robot")).to_be_visible(timeout=PATIENCE_MS)
+    rested(page)
+
+
+def enter(box: Locator, value: str) -> None:
+    box.fill(value)
+    box.press("Enter")
+    rested(box.page)
+    expect(box).to_have_value(value)
+
+
+def hold_torque(page: Page) -> None:
+    page.get_by_text("Torque held from sample to sample", exact=True).click()
+    expect(page.get_by_role("checkbox", name="Torque held from sample to sample")).to_be_checked()
+    rested(page)
+
+
+def correct(page: Page) -> None:
+    """What the file of the cell does not say."""
+    for j in (1, 2):
+        enter(page.get_by_role("spinbutton", name=f"Gear ratio of joint {j}"), f"{RATIOS[j - 1]:g}")
+        enter(
+            page.get_by_role("spinbutton", name="Rated torque, N·m").nth(j - 1), f"{RATED_NM[j - 1]:g}"
+        )
+
+
+def values(page: Page) -> dict[str, float]:
+    """The tiles of the first page: K1, D1, K2, D2."""
+    tiles = page.get_by_test_id("stMetric")
+    expect(tiles).to_have_count(4, timeout=PATIENCE_MS)
+    found = {}
+    for text in tiles.all_inner_texts():
+        name, value = re.search(r"([KD]\d)\D*?\s([\d.]+)", text.replace("\n", " ")).groups()  # type: ignore[union-attr]
+        found[name] = float(value)
+    return found
+
+
+def open_study(page: Page) -> None:
+    enter(page.get_by_role("textbox", name="Rotor inertias M, one per joint"), "0.0025, 0.0010")
+    enter(page.get_by_role("textbox", name="Arm inertia M2, rows separated by ;"), M2)
+    expect(page.get_by_text("As the method takes them")).to_be_visible()
+    page.get_by_role("button", name="Open as study").click()
+    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log", timeout=PATIENCE_MS)
+    rested(page)
+
+
+def near_the_truth(page: Page) -> None:
+    found = values(page)
+    truth = {f"{name}{j + 1}": float(getattr(PAPER, name)[j]) for name in "KD" for j in (0, 1)}
+    assert found.keys() == truth.keys()
+    for name, value in truth.items():
+        assert found[name] == pytest.approx(value, rel=2e-3 if name[0] == "K" else 2e-2), found
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_path: Path) -> None:
+    upload(page, name, KINDS[name](log, tmp_path))
+    if name == "cell.csv":
+        correct(page)
+    hold_torque(page)
+    expect(page.get_by_test_id("stMain").locator(".js-plotly-plot .main-svg").first).to_be_visible()
+    open_study(page)
+    expect(page.get_by_text("10 records")).to_be_visible()
+    near_the_truth(page)
+
+
+def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
+    log: Log, page: Page, browser: Browser, shared: Server, tmp_path: Path
+) -> None:
+    upload(page, "week.zip", zipped({"cell.csv": KINDS["cell.csv"](log, tmp_path)}))
+    correct(page)
+    page.reload(wait_until="commit")
+    expect(page.get_by_text("Still open: week.zip")).to_be_visible(timeout=PATIENCE_MS)
+    rested(page)
+    expect(page.get_by_role("spinbutton", name="Gear ratio of joint 2")).to_have_value("-90")
+    hold_torque(page)
+    drop_first_run(page)
+    enter(page.get_by_role("textbox", name="Rotor inertias M, one per joint"), "0.0025, 0.0010")
+    address = page.url
+    shared.kill()
+    shared.start()
+    page.context.clear_cookies()
+    page.goto("about:blank")
+    context = browser.new_context()
+    again = context.new_page()
+    again.set_default_timeout(PATIENCE_MS)
+    again.goto(address, wait_until="commit")
+    finished(again, "Import a log")
+    expect(again.get_by_text("Still open: week.zip")).to_be_visible(timeout=PATIENCE_MS)
+    rested(again)
+    expect(again.get_by_role("spinbutton", name="Gear ratio of joint 1")).to_have_value("100")
+    expect(again.get_by_role("spinbutton", name="Rated torque, N·m").nth(1)).to_have_value("2")
+    expect(again.get_by_role("checkbox", name="Torque held from sample to sample")).to_be_checked()
+    expect(again.get_by_role("textbox", name="Rotor inertias M, one per joint")).to_have_value(
+        "0.0025, 0.0010"
+    )
+    open_study(again)
+    expect(again.get_by_text("9 records")).to_be_visible()
+    near_the_truth(again)
+    again.goto(address, wait_until="commit")
+    finished(again, "Import a log")
+    expect(again.get_by_text("Still open")).to_have_count(0)
+    context.close()
+
+
+def drop_first_run(page: Page) -> None:
+    """Untick the first line of the table, whose cells are drawn on a canvas."""
+    table = page.get_by_test_id("stDataFrame").last
+    table.scroll_into_view_if_needed()
+    box = table.locator("canvas").first.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 77, box["y"] + 52)
+    page.wait_for_timeout(200)
+    rested(page)
+    expect(page.locator(".js-plotly-plot .legendtext", has_text="left out")).to_be_visible()
