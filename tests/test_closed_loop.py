@@ -12,18 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 
-from jointid.closed_loop import (
-    Controller,
-    Excitation,
-    Measurement,
-    MotorFriction,
-    _plant,
-    _step_with_friction,
-    _stretch,
-    simulate_records,
-)
+from jointid.closed_loop import simulate_records
 from jointid.errors import JointIdError
+from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
 from jointid.joints import Elasticity, Inertia, motor_response
+from jointid.motor_steps import constant_torque, plant, step_with_friction
 
 PARALLELOGRAM = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
 SERIAL = Inertia([0.0025, 0.001], [[0.006345, 0.002095], [0.002095, 0.001889]])
@@ -234,7 +227,7 @@ def test_unstable_loop_is_refused(controller):
 
 def test_friction_steps_follow_a_tight_integration_through_reversal_and_rest():
     coulomb, torque = np.array([0.3, 0.05]), np.array([0.25, 0.0])
-    A, B = _plant(SERIAL, PAPER, np.array([0.002, 0.001]))
+    A, B = plant(SERIAL, PAPER, np.array([0.002, 0.001]))
     x0 = np.array([0.1, -0.2, 0.0, 0.0, 6.0, -4.0, 0.0, 3.0])
     duration, step, width = 0.4, 1.25e-4, 1e-6
 
@@ -243,12 +236,12 @@ def test_friction_steps_follow_a_tight_integration_through_reversal_and_rest():
 
     times = np.linspace(0, duration, 41)
     wanted = solve_ivp(smooth, (0, duration), x0, method="LSODA", t_eval=times, rtol=1e-9, atol=1e-11).y
-    stretch = _stretch(A, B, step, older=False)
+    stretch = constant_torque(A, B, step, older=False)
     Z = np.concatenate([x0, torque])[:, None]
     worst, standing = np.zeros(8), False
     for k in range(round(duration / step)):
         Z[8:, 0] = torque
-        _step_with_friction(Z, stretch, coulomb[:, None])
+        step_with_friction(Z, stretch, coulomb[:, None])
         if (k + 1) % 80 == 0:
             worst = np.maximum(worst, np.abs(Z[:8, 0] - wanted[:, (k + 1) // 80]))
         standing |= bool(Z[4, 0] == 0)

@@ -50,6 +50,8 @@ STOREYS = [
     ["arrays"],
     ["records", "joints"],
     ["experiment"],
+    ["motor_steps"],
+    ["simulated_robot"],
     ["closed_loop"],
     ["sine_fit"],
     ["phasors"],
