@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jointid.closed_loop import simulate_records
     from jointid.cut.arm import PlanarArm
-    from jointid.cut.toolpath import rectangle
+    from jointid.cut.rectangle import rectangle
     from jointid.cut.tracking import TrackingRun, track
     from jointid.elasticity import ElasticityFit, Friction, identify_elasticity
     from jointid.errors import JointIdError
@@ -98,7 +98,7 @@ _HOMES = {
     "locked_motor_response": "joints",
     "locked_resonances": "joints",
     "motor_response": "joints",
-    "rectangle": "cut.toolpath",
+    "rectangle": "cut.rectangle",
     "resonances": "joints",
     "save_study": "study_saving",
     "simulate_records": "closed_loop",

@@ -1,8 +1,8 @@
 """Least-squares fit of a sine with its harmonics, an offset and a drift to every channel of a record.
 
 Uniform records take the two-level transform (``uniform_fit``), which runs at the speed of memory;
-jittered or very short ones normal equations at their own sample times (``direct_fit``); those larger than
-memory are fitted in parts (``long_records``).
+jittered or very short ones normal equations at their own sample times (``direct_fit``); records larger
+than memory are fitted in parts (``long_records``).
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.containers import Container, Source, missing, open_container, safe_name
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.record_tables import peek_table, read_record_table
+from jointid.peeked_tables import peek_table
+from jointid.record_tables import read_record_table
 from jointid.records import SineRecord
 from jointid.study import Study
 from jointid.study_parts import is_long, read_long_record

@@ -21,11 +21,11 @@ HOMES = {
     "plotly": ["jointid/figures.py", "jointid/figures/*"],
     "pymunk": ["jointid/cut/arm_simulation.py"],
     "pandas": [
-        "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py",
+        "jointid/study_*.py", "jointid/*_tables.py",
         "jointid/containers.py", "jointid/importing/*",
     ],
     "pyarrow": [
-        "jointid/study_*.py", "jointid/record_tables.py", "jointid/csv_tables.py", "jointid/importing/*",
+        "jointid/study_*.py", "jointid/*_tables.py", "jointid/importing/*",
         "jointid/fleet/table.py",
     ],
     "distributed": ["jointid/fleet/cluster.py"],

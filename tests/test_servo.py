@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from jointid.cut.arm import PlanarArm
 from jointid.cut.feedforward import deflection, joint_motion, plan_servo
+from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo, run_servo
-from jointid.cut.toolpath import rectangle
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity

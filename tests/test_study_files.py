@@ -26,6 +26,7 @@ from jointid import (
     containers,
     record_tables,
 )
+from jointid.peeked_tables import plottable
 from jointid.study_files import PEEK_ROWS, load_study, pack_study, peek_study, save_study
 
 TOML = """\
@@ -780,7 +781,7 @@ def test_peek_goes_to_the_row_that_is_refused(cells: str, marked: int, comment: 
     assert second.frame.loc[at, "time_s"] == float(cells.split(",")[0])
     assert second.frame.loc[at + 1, "time_s"] == pytest.approx(0.401)
     assert len(second.frame) == PEEK_ROWS
-    column = record_tables.plottable(second.frame)["theta_m2_rad"]
+    column = plottable(second.frame)["theta_m2_rad"]
     assert np.isnan(column).sum() == ("0.400" in cells)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jointid.cut.arm import PlanarArm
+from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
 from jointid.cut.tolerance import path_error_distribution, tolerance_map
-from jointid.cut.toolpath import rectangle
 from jointid.cut.tracking import track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity

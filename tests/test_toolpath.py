@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointid.cut.toolpath import Toolpath, rectangle
+from jointid.cut.rectangle import rectangle
+from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 
 ZONES = (0.0, 0.001, 0.005, 0.010, 0.014)

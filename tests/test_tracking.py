@@ -11,8 +11,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jointid.cut.arm import PlanarArm
+from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
-from jointid.cut.toolpath import Toolpath, rectangle
+from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity

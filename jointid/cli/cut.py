@@ -112,7 +112,7 @@ def cut_results(
         One per zone.
     """
     from jointid.cut.outcome import CUTTING_POINT_M, assumed_elasticity, cut_outcome
-    from jointid.cut.toolpath import rectangle
+    from jointid.cut.rectangle import rectangle
 
     assumed = assumed_elasticity(robot, assumption)  # type: ignore[arg-type]  # checked there
     rows, outcomes = [], []

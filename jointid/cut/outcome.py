@@ -29,9 +29,10 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive, PlanarArm
+from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.tolerance import PathErrorDistribution, path_error_distribution
-from jointid.cut.toolpath import Toolpath, rectangle
+from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia

@@ -9,7 +9,6 @@ A cruise has v_a = v_b, a ramp v_a ∥ v_b, and a corner turns from one side's d
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -18,14 +17,10 @@ from scipy.spatial import cKDTree
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.wording import counted
 
 _STEP = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
-_STEEPEST = 35 / 16
+STEEPEST = 35 / 16
 """Largest slope of the smoothstep, at its middle."""
-_REACHED = 0.9
-"""Share of the cutting speed that the tool must reach on some side."""
-_SMALLEST_ZONE_M = 1e-9
 _REST_M_S = 1e-12
 _CHORDS = 400
 """Chords of the outline in a corner; in a zone of 10 mm they stay within 0.1 µm of the curve."""
@@ -92,7 +87,7 @@ class Toolpath:
             "time_s": finite_array("time_s", time, ndim=1),
             "knot_m": finite_array("knot_m", knot, ndim=2),
             "top_speed_m_s": float(np.linalg.norm(velocity, axis=1).max()),
-            "peak_acceleration_m_s2": float((_STEEPEST * change / duration).max()),
+            "peak_acceleration_m_s2": float((STEEPEST * change / duration).max()),
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -196,155 +191,6 @@ class Toolpath:
         cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
         size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
         return np.asarray((np.abs(cross) > 1e-6 * size) & (size > _REST_M_S**2))
-
-
-def rectangle(
-    *,
-    width_m: float = 0.028,
-    height_m: float = 0.045,
-    speed_m_s: float = 0.3,
-    zone_m: float = 0.010,
-    acceleration_m_s2: float = 15.0,
-    shortest_ramp_s: float = 0.050,
-    centre_m: ArrayLike = (1.15, 0.0),
-    angle_rad: float = 0.0,
-    repetitions: int = 1,
-    settle_s: float = 0.1,
-) -> Toolpath:
-    """Rectangle with rounded corners, counter-clockwise: the paper's Figure 7 (28 × 45 mm at 300 mm/s).
-
-    The tool starts at rest on the line of a longer side, is up to speed in the middle of that side, goes
-    round, and slows down past the same middle. A corner begins ``zone_m`` before the corner point, ends
-    as far behind it, and takes 2 zone / speed. A small zone is passed more slowly, so that neither the
-    acceleration limit nor the shortest ramp is violated, and the sides then ramp up and down. On a side
-    too short for its ramps the tool goes as fast as they allow.
-
-    Parameters
-    ----------
-    width_m, height_m : float
-        Sides along x and y, before turning by ``angle_rad``, m.
-    speed_m_s : float
-        Cutting speed, m/s.
-    zone_m : float
-        Corner zone, m; 0 stops in each corner.
-    acceleration_m_s2 : float
-        Largest acceleration, m/s².
-    shortest_ramp_s : float
-        Shortest time for a change of velocity, s.
-    centre_m : array_like, shape (2,)
-        Centre of the rectangle, m.
-    angle_rad : float
-        Turn of the rectangle about its centre, rad.
-    repetitions : int
-        How many times round.
-    settle_s : float
-        Rest after the end, s; shows what still swings.
-
-    Raises
-    ------
-    JointIdError
-        When a value is out of range, the zone does not fit the shorter side, or no side lets the tool
-        come within 10 % of the speed; the message says what would do.
-    """
-    values = {
-        "width_m": (width_m, "m"),
-        "height_m": (height_m, "m"),
-        "speed_m_s": (speed_m_s, "m/s"),
-        "acceleration_m_s2": (acceleration_m_s2, "m/s²"),
-        "shortest_ramp_s": (shortest_ramp_s, "s"),
-        "settle_s": (settle_s, "s"),
-        "zone_m": (zone_m, "m"),
-    }
-    for name, (value, unit) in values.items():
-        number = float(finite_array(f"{name} ({unit})", value, ndim=0))
-        if number < 0 or (number == 0 and name not in ("zone_m", "settle_s")):
-            rule = "not be negative" if name in ("zone_m", "settle_s") else "be positive"
-            raise JointIdError(f"{name} = {number:g} {unit}: it must {rule}.")
-    centre = finite_array("centre_m (m)", centre_m, ndim=1)
-    angle = float(finite_array("angle_rad (rad)", angle_rad, ndim=0))
-    if centre.shape != (2,):
-        raise JointIdError(f"centre_m has {counted(centre.size, 'value')}: give x and y in m.")
-    if isinstance(repetitions, bool) or not isinstance(repetitions, int | np.integer) or repetitions < 1:
-        raise JointIdError(f"repetitions = {repetitions!r}: give a whole number of rounds, at least 1.")
-    if zone_m > min(width_m, height_m) / 2:
-        raise JointIdError(
-            f"zone_m = {zone_m:g} m does not fit: two zones share the shorter side of "
-            f"{min(width_m, height_m):g} m. Use a zone of at most {min(width_m, height_m) / 2:g} m or a "
-            "longer side."
-        )
-    zone_m = zone_m if zone_m > _SMALLEST_ZONE_M else 0.0
-    limits = _Limits(speed_m_s, acceleration_m_s2, shortest_ramp_s)
-    corner = limits.corner_speed(zone_m)
-    # Counter-clockwise from the longer side, where the lead-in has more room.
-    first = 0 if width_m >= height_m else 1
-    straights = [(width_m, height_m)[(first + side) % 2] - 2 * zone_m for side in range(4)]
-    peaks = [limits.peak_speed(corner, length) for length in straights]
-    if max(peaks) < _REACHED * speed_m_s:
-        raise JointIdError(
-            f"speed_m_s = {speed_m_s:g} m/s is not reached: zones of {zone_m:g} m are passed at "
-            f"{corner:.3g} m/s, and {acceleration_m_s2:g} m/s² and ramps of {shortest_ramp_s:g} s allow "
-            f"{max(peaks):.3g} m/s on the longest straight, {max(straights):.3g} m. Lower speed_m_s to "
-            f"{np.floor(max(peaks) * 1e4) / 1e4:g} m/s, or enlarge the sides or acceleration_m_s2."
-        )
-    turn = angle + (first + np.arange(5)) * np.pi / 2
-    directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    lead = limits.ramp_time(peaks[0])
-    pieces: list[tuple[float, Floats]] = [(lead, peaks[0] * directions[0])]
-    for _ in range(int(repetitions)):
-        # A round begins and ends in the middle of the first side.
-        half = 0.5 * limits.cruise_time(peaks[0], corner, straights[0])
-        pieces.append((half, peaks[0] * directions[0]))
-        for side, (ahead, following) in enumerate(pairwise(directions)):
-            peak, rise = peaks[side], peaks[(side + 1) % 4]
-            if side > 0:
-                pieces.append((limits.cruise_time(peak, corner, straights[side]), peak * ahead))
-            if peak > corner:
-                pieces.append((limits.ramp_time(peak - corner), corner * ahead))
-            if corner > 0:
-                pieces.append((2 * zone_m / corner, corner * following))
-            if rise > corner:
-                pieces.append((limits.ramp_time(rise - corner), rise * following))
-        pieces.append((half, peaks[0] * directions[0]))
-    pieces += [(lead, np.zeros(2)), (settle_s, np.zeros(2))]
-    pieces = [piece for piece in pieces if piece[0] > 0]
-    # The first side lies half the other side's length to the right of the centre, seen along it.
-    middle = centre - 0.5 * (height_m, width_m)[first] * directions[1]
-    return Toolpath(
-        start_m=middle - 0.5 * lead * peaks[0] * directions[0],
-        velocity_m_s=np.array([np.zeros(2), *(velocity for _, velocity in pieces)]),
-        duration_s=np.array([duration for duration, _ in pieces]),
-    )
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """What bounds a change of velocity: speed, acceleration, and the shortest ramp."""
-
-    speed: float
-    acceleration: float
-    shortest: float
-
-    def ramp_time(self, change: float) -> float:
-        """Duration of a straight ramp by ``change`` m/s."""
-        return max(self.shortest, _STEEPEST * change / self.acceleration)
-
-    def corner_speed(self, zone: float) -> float:
-        """Highest speed at which a right-angled corner of this zone keeps the limits."""
-        by_acceleration = np.sqrt(self.acceleration * 2 * zone / (_STEEPEST * np.sqrt(2)))
-        return float(min(self.speed, by_acceleration, 2 * zone / self.shortest))
-
-    def peak_speed(self, corner: float, length: float) -> float:
-        """Highest speed on a straight between two corners: up and down again within its length."""
-        slow = length / self.shortest - corner
-        fast = np.sqrt(corner**2 + length * self.acceleration / _STEEPEST)
-        # Where the shortest ramp binds, the acceleration does not, and the other way round.
-        return float(np.clip(min(slow, fast), corner, self.speed))
-
-    def cruise_time(self, peak: float, corner: float, length: float) -> float:
-        """Time at the peak speed on a straight, between its two ramps."""
-        if peak > corner:
-            length -= (peak + corner) * self.ramp_time(peak - corner)
-        return length / peak if length > 1e-12 else 0.0
 
 
 def _segment_distance(point: Floats, start: Floats, end: Floats) -> Floats:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.cut.outcome import CUTTING_POINT_M, Outcome, Rule, millimetres, study_outcome
-from jointid.cut.toolpath import rectangle
+from jointid.cut.rectangle import rectangle
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.reporting.blocks import Block, Figure, Paragraph

@@ -10,8 +10,9 @@ from jointid import Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
+from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
-from jointid.cut.toolpath import Toolpath, rectangle
+from jointid.cut.toolpath import Toolpath
 from jointid.ui.numbers_in import numbers_in, numbers_out
 from jointid.wording import counted
 

@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid.arrays import Floats
 from jointid.figures import raw_columns
-from jointid.record_tables import plottable
+from jointid.peeked_tables import plottable
 from jointid.study_files import PeekedTable
 from jointid.ui.charts import is_dark, plot
 from jointid.ui.workspace import Refused
