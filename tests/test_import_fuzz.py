@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -19,9 +20,12 @@ from log_makers import (
     hdf5,
     mat_arrays,
     mat_scope,
+    mat_timeseries,
     mat_v73,
     parquet,
+    ros1_bag,
     ros_bag,
+    zipped,
 )
 
 from jointid import JointIdError
@@ -58,7 +62,15 @@ KINDS: dict[str, Callable[[Path], bytes]] = {
     "excel": lambda _: excel(),
     "ros-sqlite": lambda folder: bag("sqlite3", folder),
     "ros-mcap": lambda folder: bag("mcap", folder),
+    "ros-1": lambda folder: ros1_bag(folder).read_bytes(),
+    "matlab-series": lambda _: mat_timeseries(),
+    "zip": lambda _: zipped({"a.csv": comma_log(), "b/scope.mat": mat_scope(), "README": b"logs"}),
+    "zipped-bag": lambda folder: zipped(
+        {f"bag/{part.name}": part.read_bytes() for part in ros_bag(folder, "mcap").iterdir()}
+    ),
 }
+tried: Counter[str] = Counter()
+"""Examples of hypothesis, by test."""
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:
@@ -88,6 +100,12 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
     return bytes(out)
 
 
+def tell(capsys: pytest.CaptureFixture[str], text: str) -> None:
+    """Print what was tried, also from a worker of pytest-xdist: its standard error is the terminal's."""
+    with capsys.disabled():
+        print(f"\n[fuzz] {text}", file=sys.__stderr__, flush=True)
+
+
 def check(results: object) -> str:
     """What came out; a table that is read must be usable or refuse with a reason."""
     if isinstance(results, JointIdError):
@@ -110,8 +128,7 @@ def test_damaged_binary_logs(kind: str, tmp_path: Path, capsys: pytest.CaptureFi
     began = time.monotonic()
     sources = [(mutated(data, rng), f"{kind}.bin") for _ in range(TRIES)]
     outcome = Counter(check(result) for result in read_logs(sources))
-    with capsys.disabled():
-        print(f"\n{kind}: {TRIES} mutations, {dict(outcome)}, {time.monotonic() - began:.1f} s")
+    tell(capsys, f"{kind}: {TRIES} mutations, {dict(outcome)}, {time.monotonic() - began:.1f} s")
     assert outcome.total() == TRIES
     assert outcome["refused"] > 0
 
@@ -125,8 +142,7 @@ def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
             outcome[check(read_log(mutated(rng.choice(samples), rng), "log.csv"))] += 1
         except JointIdError as error:
             outcome[check(error)] += 1
-    with capsys.disabled():
-        print(f"\ntext: 600 mutations, {dict(outcome)}")
+    tell(capsys, f"text: 600 mutations, {dict(outcome)}")
     assert outcome["refused"] > 0
     assert outcome["read"] > 0
 
@@ -134,6 +150,7 @@ def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
 @settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.text(alphabet="0123456789.,;\t -+eE\n\"'#abZ°[]%/:", max_size=300))
 def test_any_text(content: str) -> None:
+    tried["any text"] += 1
     try:
         check(read_log(content.encode(), "log.csv"))
     except JointIdError:
@@ -143,6 +160,7 @@ def test_any_text(content: str) -> None:
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(st.binary(min_size=1, max_size=200))
 def test_any_bytes_that_claim_to_be_text(content: bytes) -> None:
+    tried["any bytes that claim to be text"] += 1
     try:
         check(read_log(b"t;q;tau\n" + content, "log.csv"))
     except JointIdError:
@@ -166,6 +184,7 @@ anything = st.recursive(
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(st.data())
 def test_mapping_with_anything_in_one_place(data: st.DataObject) -> None:
+    tried["mapping with anything in one place"] += 1
     values = json.loads(mapping_to_json(MAPPING))
     place = values
     while True:
@@ -204,3 +223,8 @@ def test_every_sound_log_of_the_fuzzed_kinds_is_read(tmp_path: Path) -> None:
         assert not isinstance(result, JointIdError), str(result)
         log = apply_mapping(result[0], guess_mapping(result[0]).mapping)
         assert [round(s.frequency_hz, 2) for s in find_segments(log)] == [10.0]
+
+
+def test_what_hypothesis_tried(capsys: pytest.CaptureFixture[str]) -> None:
+    """Last in the file: the tests above have counted."""
+    tell(capsys, ", ".join(f"{name}: {count}" for name, count in tried.items()))
