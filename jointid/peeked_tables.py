@@ -1,4 +1,4 @@
-"""The beginning of a record's table as it stands, whatever it is: for the eye, when it is refused too."""
+"""The beginning of a record's table as it stands, for the eye: also of one that is refused."""
 
 from __future__ import annotations
 
