@@ -12,6 +12,8 @@ from jointid.study import Analysis
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Why a study has no answer: its files cannot be used; it took too long; too much memory; its process
 ended; its workers were lost; a fault of this software."""
+FAILURES = ("", REFUSED, TIME, MEMORY, CRASH, LOST, FAULT)
+VERDICTS = ("", "good", "warning", "problem")
 
 Numbers = tuple[float, ...]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import io
 import math
 import os
@@ -14,7 +15,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
-from jointid.fleet.row import Row
+from jointid.fleet.row import FAILURES, VERDICTS, Row
 
 MAX_ROWS = 1_000_000
 """Most rows of a table that is read."""
@@ -70,6 +71,13 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
         raise JointIdError(f"{path} cannot be written: {error.strerror or error}.") from error
     finally:
         fresh.unlink(missing_ok=True)
+
+
+def to_parquet(rows: Sequence[Row]) -> bytes:
+    """Return a table as the bytes of a Parquet file."""
+    buffer = io.BytesIO()
+    pa_parquet.write_table(as_table(rows), buffer)
+    return buffer.getvalue()
 
 
 def as_table(rows: Sequence[Row]) -> Any:
@@ -143,11 +151,17 @@ def _row(columns: dict[str, list[Any]], k: int) -> Row:
     for name in (*_HEAD, *_TAIL):
         if name not in _TYPES and not isinstance(plain[name], str):
             raise ValueError(f"row {k + 1} has {name} = {plain[name]!r:.60}")
+    if plain["date"]:
+        datetime.datetime.fromisoformat(plain["date"])
+    if plain["verdict"] not in VERDICTS or plain["failure"] not in FAILURES:
+        raise ValueError(f"row {k + 1} has an unknown verdict or failure")
     plain["findings"] = tuple(str(text) for text in plain["findings"] or ())
     for name, column in _JOINTWISE.items():
         values = [columns.get(column.format(j + 1), [None] * (k + 1))[k] for j in range(joints)]
         whole = [value for value in values if value is not None]
         if whole and (len(whole) < joints or not all(isinstance(value, float) for value in whole)):
+            raise ValueError(f"row {k + 1} has {name} = {values!r:.60}")
+        if name.endswith("_error") and any(value < 0 for value in whole):
             raise ValueError(f"row {k + 1} has {name} = {values!r:.60}")
         plain[name] = tuple(whole)
     if plain["time_s"] is None or not math.isfinite(plain["time_s"]):

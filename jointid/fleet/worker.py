@@ -91,7 +91,7 @@ def answer(request: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]
         from jointid.fleet.table import read_rows
 
         try:
-            return {"rows": [to_plain(row) for row in read_rows(body)]}, b""
+            return {}, json.dumps([to_plain(row) for row in read_rows(body)]).encode()
         except JointIdError as error:
             return {"error": str(error)}, b""
     study, method, known = request["study"], request["method"], request["known"]

@@ -26,6 +26,7 @@ METHOD = (
     Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres."),
     Step("pages/6_Plan.py", "Next experiment", "The records that would cut the error bars most."),
     Step("pages/7_Report.py", "Report", "To hand on: a report, and files for other tools."),
+    Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, what stands out."),
 )
 """The steps of the method."""
 

@@ -1,0 +1,172 @@
+"""A fleet's results: how a quantity is spread, and how it drifts."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+
+from jointid.arrays import Floats
+from jointid.figures.style import Trace, colours, figure, line, linear_axis, points
+from jointid.fleet.spread import Drift, Spread
+from jointid.rounding import with_error
+
+_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+_MOST_BINS = 40
+_WIDE = 6.0
+"""How many robust spreads from the median the figures reach; what lies beyond stands at their edge."""
+
+
+def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
+    """How many studies have which value; the median, its robust spread, and what stands out.
+
+    Parameters
+    ----------
+    spread : Spread
+        Of at least one value.
+    """
+    ink = colours(dark)
+    low, high = _range(spread)
+    inside = (spread.value >= low) & (spread.value <= high)
+    count = int(np.clip(2 * np.sqrt(inside.sum()), 5, _MOST_BINS))
+    height, edges = np.histogram(spread.value[inside], bins=count, range=(low, high))
+    unit = _UNITS[spread.name[0]]
+    bars = {
+        "type": "bar",
+        "x": (edges[:-1] + edges[1:]) / 2,
+        "y": height,
+        "width": np.diff(edges),
+        "customdata": np.stack([edges[:-1], edges[1:]], axis=1),
+        "marker": {"color": ink.identified, "opacity": 0.75, "line": {"width": 0}},
+        "name": "studies",
+        "hovertemplate": f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}"
+        "<extra></extra>",
+    }
+    traces = [bars]
+    if spread.outstanding.any():
+        traces.append(_outstanding(spread, low, high, ink.measured))
+    shapes = [_upright(spread.median, ink.measured, "solid")]
+    if np.isfinite(spread.spread) and spread.spread > 0:
+        for side in (-1, 1):
+            shapes.append(_upright(spread.median + side * spread.spread, ink.measured, "dot"))
+    return figure(
+        traces,
+        height=270,
+        dark=dark,
+        xaxis=linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6),
+        yaxis=linear_axis("Studies", rangemode="tozero", nticks=5),
+        shapes=shapes,
+        bargap=0,
+    )
+
+
+def drift_over_time(
+    spread: Spread, all_times_s: Floats, shown: Drift | None = None, *, dark: bool = False
+) -> go.Figure:
+    """Every dated study of a fleet over time, one robot with its error bars and its line.
+
+    Parameters
+    ----------
+    spread : Spread
+    all_times_s : ndarray, shape (m,)
+        When each of its studies was measured, s since 1970; NaN where that is not stated.
+    shown : Drift, optional
+        The robot to show.
+    """
+    ink, unit = colours(dark), _UNITS[spread.name[0]]
+    low, high = _range(spread)
+    dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
+    traces = [
+        points(
+            _dates(all_times_s[dated]),
+            spread.value[dated],
+            "all robots",
+            ink.quiet,
+            marker={"size": 4, "opacity": 0.7},
+            text=[
+                _label(row.robot, row.name) for row, keep in zip(spread.rows, dated, strict=True) if keep
+            ],
+            hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{y:.4g}} {unit}<extra></extra>",
+        )
+    ]
+    if shown is not None and shown.value.size:
+        traces.append(
+            points(
+                _dates(shown.time_s),
+                shown.value,
+                _escaped(shown.robot) or "no robot stated",
+                ink.identified,
+                error={"array": shown.error},
+                text=[
+                    f"{_label(row.robot, row.name)}<br>{with_error(float(v), float(e))} {unit}"
+                    for row, v, e in zip(shown.rows, shown.value, shown.error, strict=True)
+                ],
+                hovertemplate="%{text}<br>%{x|%Y-%m-%d}<extra></extra>",
+            )
+        )
+        if np.isfinite(shown.slope_per_s):
+            traces.append(
+                line(_dates(shown.time_s), shown.line(), "its trend", ink.identified, hoverinfo="skip")
+            )
+        inside = [v for v in (shown.value.min(), shown.value.max()) if np.isfinite(v)]
+        low, high = min([low, *inside]), max([high, *inside])
+    margin = 0.03 * (high - low)
+    return figure(
+        traces,
+        height=300,
+        dark=dark,
+        xaxis={"type": "date", "nticks": 5, "title": {"text": "Date"}},
+        yaxis=linear_axis(f"{spread.name} ({unit})", range=[low - margin, high + margin], nticks=6),
+    )
+
+
+def _outstanding(spread: Spread, low: float, high: float, colour: str) -> Trace:
+    """Crosses on the axis; arrows at its ends for what lies beyond."""
+    which, unit = spread.outstanding, _UNITS[spread.name[0]]
+    value = spread.value[which]
+    symbols = np.where(value < low, "triangle-left", np.where(value > high, "triangle-right", "x"))
+    rows = [row for row, out in zip(spread.rows, which, strict=True) if out]
+    text = [
+        f"{_label(row.robot, row.name or row.study.rpartition('/')[2])}<br>"
+        f"{with_error(float(v), float(e))} {unit}<br>z = {z:.1f}"
+        for row, v, e, z in zip(rows, value, spread.error[which], spread.z[which], strict=True)
+    ]
+    return points(
+        np.clip(value, low, high),
+        np.zeros(value.size),
+        "stands out",
+        colour,
+        marker={"symbol": symbols, "size": 10},
+        text=text,
+        hovertemplate="%{text}<extra></extra>",
+        cliponaxis=False,
+    )
+
+
+def _range(spread: Spread) -> tuple[float, float]:
+    """From where to where a figure reaches: all values but those far from the median."""
+    value = spread.value
+    low, high = float(value.min()), float(value.max())
+    if np.isfinite(spread.spread) and spread.spread > 0:
+        reach = _WIDE * spread.spread
+        low, high = max(low, spread.median - reach), min(high, spread.median + reach)
+    margin = 0.04 * (high - low) or 0.05 * abs(high) or 1.0
+    return low - margin, high + margin
+
+
+def _upright(x: float, colour: str, dash: str) -> dict[str, object]:
+    stroke = {"color": colour, "width": 1.5, "dash": dash}
+    return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": stroke}
+
+
+def _dates(seconds: Floats) -> Floats:
+    """Times as a date axis takes them, ms since 1970."""
+    return 1e3 * seconds
+
+
+def _label(robot: str, name: str) -> str:
+    return _escaped(" · ".join(part for part in (robot, name) if part) or "study without a name")
+
+
+def _escaped(text: str) -> str:
+    """A text from a file, as plotly shows it unchanged."""
+    return text[:80].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

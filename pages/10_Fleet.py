@@ -1,0 +1,50 @@
+"""Many studies side by side."""
+
+import streamlit as st
+
+from jointid.fleet.table import to_parquet
+from jointid.ui.charts import is_dark
+from jointid.ui.fleet_files import open_fleet, show_samples_button
+from jointid.ui.fleet_parts import (
+    choose,
+    show_drift,
+    show_failed,
+    show_headline,
+    show_outstanding,
+    show_spread,
+    show_studies,
+    spreads_of,
+)
+from jointid.ui.page import start
+
+start("Fleet")
+st.title("Fleet", anchor=False)
+st.write(
+    "Many robots, or one robot over the years: how stiffness and damping are spread, how they drift, "
+    "and which studies stand out. Every study is analysed by itself, as on the page Study."
+)
+fleet = open_fleet()
+rows = list(fleet.rows.values())
+if not rows:
+    st.caption("Thousands of studies are analysed from the command line, on this computer or a cluster:")
+    st.code("jointid batch cells/ --out results.parquet", language="bash")
+    show_samples_button()
+    st.stop()
+
+show_headline(rows)
+if any(row.is_good for row in rows):
+    joint, within_robot = choose(rows)
+    spreads = spreads_of(rows, joint, within_robot=within_robot)
+    show_spread(spreads, dark=is_dark())
+    show_outstanding(spreads, within_robot=within_robot)
+    show_drift(spreads, joint, dark=is_dark())
+show_failed(rows)
+show_studies(fleet, rows)
+st.download_button(
+    "Save these results (.parquet)",
+    data=lambda: to_parquet(rows),
+    file_name="results.parquet",
+    mime="application/vnd.apache.parquet",
+    on_click="ignore",
+    help="One row per study: K1, K1_error, D1 and so on, verdict, errors, digests.",
+)

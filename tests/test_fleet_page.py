@@ -1,0 +1,281 @@
+"""A fleet as a person looks at it, and the rules by which values stand out and drift."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleet_studies import small_study
+from streamlit.testing.v1 import AppTest
+
+from jointid import JointIdError, Study, analyse
+from jointid.digest import study_digest
+from jointid.figures.fleet import distribution, drift_over_time
+from jointid.fleet.reading import read_apart
+from jointid.fleet.row import Row, failed
+from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
+from jointid.fleet.table import to_parquet
+from jointid.study_files import pack_study
+from jointid.ui import workspace
+
+APP = Path(__file__).parents[1] / "app.py"
+PAGE = "pages/10_Fleet.py"
+YEAR_S = 365.25 * 86400
+
+
+def row(number: int, K: float, *, error: float = 0.1, robot: str = "A", date: str = "") -> Row:
+    name = f"{number:032x}"
+    return Row(
+        f"/cells/{robot}/{number}.zip",
+        name,
+        "auto",
+        "0",
+        0.1,
+        digest=name,
+        name=f"study {number}",
+        robot=robot,
+        date=date,
+        joints=1,
+        records=3,
+        K=(K,),
+        D=(0.1,),
+        K_error=(error,),
+        D_error=(0.001,),
+        model="elasticity",
+        misfit=1.0,
+        verdict="good",
+        findings=("good: nothing to mend",),
+    )
+
+
+# --- numbers
+
+
+def test_the_robust_spread_is_that_of_the_normal_part() -> None:
+    rng = np.random.default_rng(1)
+    values = 40 + 2 * rng.standard_normal(4000)
+    assert robust_spread(values) == pytest.approx(2, rel=0.05)
+    values[:400] = 1e6
+    assert robust_spread(values) == pytest.approx(2, rel=0.2)
+    assert np.isnan(robust_spread(values[:4]))
+
+
+def test_what_stands_out_is_far_for_the_fleet_and_for_its_own_error() -> None:
+    rng = np.random.default_rng(2)
+    rows = [row(k, 40 + rng.standard_normal()) for k in range(60)]
+    far, unsure = row(60, 50.0), row(61, 50.0, error=4.0)
+    lost = failed("/x.zip", "auto", "time", "It took too long.")
+    spread = fleet_spread([*rows, far, unsure, lost], "K", 1)
+    assert spread.value.size == 62
+    assert [spread.rows[k] for k in np.flatnonzero(spread.outstanding)] == [far]
+    expected = np.hypot(spread.spread, 0.1)
+    assert spread.z[60] == pytest.approx((50 - spread.median) / expected)
+    assert fleet_spread(rows, "K", 2).value.size == 0
+    assert not fleet_spread(rows[:4], "K", 1).outstanding.any()  # too few to tell
+
+
+def test_a_robot_is_compared_with_itself_on_demand() -> None:
+    rng = np.random.default_rng(3)
+    rows = [row(k, 40 + 0.1 * rng.standard_normal(), robot="A") for k in range(20)]
+    rows += [row(20 + k, 60 + 0.1 * rng.standard_normal(), robot="B") for k in range(20)]
+    rows.append(row(40, 42.0, robot="A"))
+    fleet = fleet_spread(rows, "K", 1)
+    assert set(fleet.centre) == {fleet.median}
+    own = fleet_spread(rows, "K", 1, within_robot=True)
+    assert np.flatnonzero(own.outstanding).tolist() == [40]
+    assert own.centre[25] == pytest.approx(60, abs=0.1)
+
+
+def test_equal_values_do_not_stand_out() -> None:
+    spread = fleet_spread([row(k, 40.0, error=0.0) for k in range(9)], "K", 1)
+    assert spread.spread == 0
+    assert not spread.outstanding.any()
+
+
+@pytest.mark.parametrize("broken", [0, 3])
+def test_a_drift_is_found_with_its_error_also_among_broken_studies(broken: int) -> None:
+    scores = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        rows = []
+        for k in range(40):
+            day = datetime.date(2024, 1, 1) + datetime.timedelta(days=int(rng.integers(0, 900)))
+            years = (seconds(day.isoformat()) - seconds("2025-01-01")) / YEAR_S
+            rows.append(row(k, 40 * (1 - 0.03 * years) + 0.3 * rng.standard_normal(), date=str(day)))
+        rows[:broken] = [replace(r, K=(10.0,)) for r in rows[:broken]]
+        drift = robot_drift(
+            [*rows, row(99, 1.0, date="2024-05-05", robot="B"), row(98, 1.0)], "K", 1, "A"
+        )
+        assert drift.value.size == 40
+        assert np.all(np.diff(drift.time_s) >= 0)
+        scores.append((drift.slope_per_s * YEAR_S + 0.03 * 40) / (drift.slope_error_per_s * YEAR_S))
+    assert abs(np.mean(scores)) < 0.6
+    assert 0.6 < np.std(scores) < 1.5
+    change, _ = drift.per_year
+    assert change == pytest.approx(-0.03, abs=0.015)
+
+
+def test_few_dates_tell_no_drift() -> None:
+    rows = [row(k, 40.0, date=f"2026-01-0{k + 1}") for k in range(4)] + [row(9, 40.0, date="2026-01-04")]
+    assert np.isnan(robot_drift(rows, "K", 1, "A").slope_per_s)
+    assert robot_drift([], "K", 1, "A").value.size == 0
+
+
+def test_dates_with_and_without_an_offset_are_put_in_order() -> None:
+    assert seconds("2026-11-20T01:00:00+01:00") == seconds("2026-11-20")
+    assert seconds("1970-01-02") == 86400
+
+
+def test_the_figures_show_every_study_and_where_it_lies() -> None:
+    rng = np.random.default_rng(4)
+    rows = [row(k, 40 + rng.standard_normal(), date="2026-01-01") for k in range(50)]
+    spread = fleet_spread([*rows, row(50, 90.0, robot="<b>x", date="2026-01-02")], "K", 1)
+    bars, out = distribution(spread).data
+    assert sum(bars.y) == 50
+    assert list(out.marker.symbol) == ["triangle-right"]
+    assert "&lt;b&gt;x" in out.text[0]
+    low, high = distribution(spread).layout.xaxis.range
+    assert low < spread.value[:50].min()
+    assert spread.value[:50].max() < high < 90
+    times = np.array([seconds(r.date) for r in spread.rows])
+    points, chosen = drift_over_time(spread, times, robot_drift(rows, "K", 1, "A")).data
+    assert len(points.x) == len(chosen.x) == 50
+
+
+# --- tables of strangers
+
+
+def test_a_table_is_read_in_a_process_of_its_own() -> None:
+    rows = (row(1, 40.0, date="2026-01-01"), failed("/x.zip", "auto", "time", "…"))
+    assert read_apart(to_parquet(rows)) == rows
+    for data in (b"", b"PAR1" + b"\x00" * 50 + b"PAR1", pack_study(small_study(0))):
+        with pytest.raises(JointIdError, match=r"cannot be read|no table of a fleet's results"):
+            read_apart(data)
+
+
+@pytest.mark.parametrize("change", [{"date": "soon"}, {"verdict": "<b>"}, {"K_error": (-1.0,)}])
+def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> None:
+    with pytest.raises(JointIdError, match="was changed"):
+        read_apart(to_parquet([replace(row(1, 40.0), **change)]))
+
+
+# --- the page
+
+
+@pytest.fixture
+def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    return AppTest.from_file(str(APP), default_timeout=60)
+
+
+def shown(at: AppTest) -> AppTest:
+    assert not at.exception, at.exception[0].stack_trace
+    return at
+
+
+def drop(at: AppTest, **files: bytes) -> AppTest:
+    given = [(name.replace("_", "."), data, "application/octet-stream") for name, data in files.items()]
+    at.file_uploader(key="fleet_uploader").set_value(given)
+    return shown(at.run())
+
+
+def text_of(at: AppTest) -> str:
+    parts = [*at.markdown, *at.caption, *at.info, *at.success, *at.error, *at.subheader]
+    return "\n".join(str(part.value) for part in parts)
+
+
+def fleet(count: int = 30) -> list[Row]:
+    rng = np.random.default_rng(5)
+    rows = [
+        row(k, 40 + rng.standard_normal(), robot=f"robot {k % 2}", date=f"2026-{1 + k % 12:02d}-01")
+        for k in range(count)
+    ]
+    return [
+        *rows,
+        row(count, 60.0, robot="odd"),
+        failed("/cells/lost.zip", "auto", "time", "It took long."),
+    ]
+
+
+def test_an_empty_page_says_what_to_do(app: AppTest) -> None:
+    at = shown(app.switch_page(PAGE).run())
+    assert "jointid batch" in at.code[0].value
+    assert not at.get("plotly_chart")
+
+
+def test_the_sample_studies_are_analysed_here_and_open_from_their_row(
+    app: AppTest, studies: dict[int, Study]
+) -> None:
+    at = shown(app.switch_page(PAGE).run())
+    at = shown(at.button(key="fleet_samples").click().run())
+    assert "3 studies" in text_of(at)
+    frame = at.dataframe[-1].value
+    fit = analyse(studies[2]).fit
+    paper = frame[frame["Study"] == "paper"].iloc[0]
+    assert float(paper["K1"].split(" ± ")[0]) == pytest.approx(fit.K[0], rel=1e-3)
+    assert {"K3", "D3"} <= set(frame.columns)
+    at = shown(at.selectbox(key="fleet_study").set_value(1).run())
+    at = shown(at.button(key="fleet_open_study").click().run())
+    opened = next(iter(studies[n] for n in (1, 2, 3) if at.title[0].value == studies[n].name))
+    assert study_digest(opened)
+
+
+def test_a_table_shows_spread_drift_and_what_stands_out(app: AppTest) -> None:
+    at = drop(shown(app.switch_page(PAGE).run()), results_parquet=to_parquet(fleet()))
+    said = text_of(at)
+    assert "32 studies" in said
+    assert "1 failed" in said
+    assert re.search(r"\*\*Stiffness K1\*\*: median (39|40)\.", said)
+    assert len(at.get("plotly_chart")) == 4
+    out, _, lost, every = (frame.value for frame in at.dataframe)
+    assert out["Robot"].tolist() == ["odd"]
+    assert out["Value"].tolist() == ["K1 = 60.00 ± 0.10"]
+    assert lost["Why"].tolist() == ["It took long."]
+    assert len(every) == 32
+    at = shown(at.selectbox(key="fleet_study").set_value(30).run())
+    assert "is not in this workspace" in text_of(at)  # and no path of the table is opened
+    at = shown(at.selectbox(key="fleet_robot").set_value("robot 1").run())
+    assert "has no drift beyond its scatter" in text_of(at)
+
+
+def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> None:
+    study = small_study(3)
+    at = shown(app.run())
+    at.file_uploader(key="uploaded").set_value(("mine.zip", pack_study(study), "application/zip"))
+    at = shown(at.run())
+    at.session_state["chosen"] = "paper"
+    at = shown(at.switch_page(PAGE).run())
+    here = replace(row(0, 40.0), digest=study_digest(study))
+    at = drop(at, r_parquet=to_parquet([here]))
+    at = shown(at.selectbox(key="fleet_study").set_value(0).run())
+    at = shown(at.button(key="fleet_open_study").click().run())
+    assert at.title[0].value == study.name
+    # What is kept at the address is there in the next session.
+    again = AppTest.from_file(str(APP), default_timeout=60)
+    value = at.query_params["w"]
+    again.query_params["w"] = value if isinstance(value, str) else value[0]
+    again = shown(shown(again.run()).switch_page(PAGE).run())
+    assert again.dataframe[-1].value["Study"].tolist() == ["A/0.zip"]
+    close = next(button for button in again.button if button.label == "Close this fleet")
+    assert "jointid batch" in shown(close.click().run()).code[0].value
+
+
+def test_what_is_no_table_is_said_and_the_rest_is_shown(app: AppTest) -> None:
+    at = shown(app.switch_page(PAGE).run())
+    at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
+    assert "bad.parquet: The table cannot be read" in text_of(at)
+    frame = at.dataframe[-1].value
+    assert frame["Verdict"].tolist().count("— failed") == 1
+    assert len(frame) == 2
+
+
+def test_studies_without_a_date_say_how_to_state_one(app: AppTest) -> None:
+    at = drop(
+        shown(app.switch_page(PAGE).run()), r_parquet=to_parquet([row(k, 40.0 + k) for k in range(9)])
+    )
+    assert "date = 2026-11-20" in text_of(at)
