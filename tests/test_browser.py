@@ -170,3 +170,37 @@ def test_measured_points_are_white_on_a_dark_theme(address: str, open_in: Callab
     finished(page, PAGES[""])
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
+
+
+# What Tab should reach: in a group of which one is chosen, the others are reached by arrow keys.
+TABBABLE = """() => {
+  const all = document.querySelectorAll('a[href], button, input, textarea, summary');
+  window.wanted = [...all].filter(e => e.checkVisibility({visibilityProperty: true}) && !e.disabled
+    && e.tabIndex >= 0 && e.getClientRects().length && !e.closest('[data-testid=stElementToolbar]')
+    && !e.closest('details:not([open]) > :not(summary)')
+    && !(e.closest('[role=radiogroup]') && e.getAttribute('aria-checked') === 'false'));
+  window.unmarked = [];
+  return window.wanted.length;
+}"""
+FOCUSED = """() => {
+  const e = document.activeElement, style = getComputedStyle(e);
+  const framed = s => s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) > 0;
+  if (window.wanted.includes(e) && !framed(style)) window.unmarked.push(e.outerHTML.slice(0, 200));
+  window.wanted = window.wanted.filter(other => other !== e);
+  return window.wanted.length;
+}"""
+
+
+@pytest.mark.parametrize("path", ["", "Report", "Simulate"])
+def test_tab_reaches_every_control_and_shows_where_it_is(
+    address: str, open_in: Callable[..., Page], path: str
+) -> None:
+    page = open_in(f"{address}/{path}")
+    finished(page, PAGES[path])
+    page.wait_for_timeout(500)  # figures come a little later than the script's end
+    for _ in range(2 * page.evaluate(TABBABLE)):
+        page.keyboard.press("Tab")
+        if page.evaluate(FOCUSED) == 0:
+            break
+    assert page.evaluate("window.wanted.map(e => e.outerHTML.slice(0, 200))") == []
+    assert page.evaluate("window.unmarked") == []

@@ -47,7 +47,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
                     c.name,
                     str(c.parameters) if not c.problem else "–",
                     significant(c.cost / c.expected_cost, 3) if c.expected_cost > 0 else "–",
-                    f"{c.criterion:.1f}" if np.isfinite(c.criterion) else "–",
+                    significant(c.criterion, 5) if np.isfinite(c.criterion) else "–",
                     "chosen" if c.chosen else "",
                 )
                 for c in fit.candidates
@@ -104,7 +104,8 @@ def _inertias(study: Study) -> Table:
     return Table(
         tuple(header),
         tuple(rows),
-        "Inertias taken as known, motor side, kg·m². An error in them is an error in K and D.",
+        "Inertias taken as known, motor side, kg·m²: J_m rotors, J_a arm, J_12 coupling. An error in "
+        "them is an error in K and D.",
     )
 
 
@@ -149,7 +150,12 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
         + (f" --method {fit.method}" if fit.method != "auto" else "")
         + " --json"
     )
-    yield Table(("", "value", "standard error"), tuple(rows))
+    caption = "K in N·m/rad, D in N·m·s/rad"
+    if fit.friction is not None:
+        caption += "; F_c Coulomb friction in N·m, F_v viscous friction in N·m·s/rad"
+    if fit.delay is not None:
+        caption += "; delay in s"
+    yield Table(("", "value", "standard error"), tuple(rows), f"{caption}.")
 
 
 def _two(value: float) -> str:

@@ -112,7 +112,9 @@ def freed_note(fit: ElasticityFit) -> str:
 def show_steps(study: Study) -> None:
     """The way on: each step of the method in a line, and the study as a file."""
     for step in METHOD:
-        st.page_link(step.path, label=f"**{step.name}** · {step.line}")
+        name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
+        name.page_link(step.path, label=f"**{step.name}**")
+        line.caption(step.line)  # a link's label is cut off where it is too long for a phone
     st.download_button(
         "Save this study (.zip)",
         data=lambda: pack_study(study),
