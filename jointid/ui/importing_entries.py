@@ -33,6 +33,7 @@ class Entries:
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self.reasons = {reason.what: reason for reason in guess.reasons}
+        self.sure: list[str] = []
 
     def ask(self) -> Mapping:
         with st.container(border=True):
@@ -55,6 +56,10 @@ class Entries:
                 persist_state="session",
             )
             self._why(("torque hold", not held))
+        if self.sure:
+            with st.expander("Why the other entries were guessed as they are"):
+                for text in self.sure:
+                    st.caption(text)
         return Mapping(
             TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
         )
@@ -180,18 +185,18 @@ class Entries:
         )
 
     def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
-        """Say why entries were guessed as they are, those that are not sure first; not once changed."""
+        """Say what was guessed without being sure, and remember the other reasons; not once changed."""
         found = [
             self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
         ]
-        for sure, mark in ((False, ":orange-badge[To check] "), (True, ":gray-badge[Why] ")):
-            said = [
-                f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
-                for reason in found
-                if reason.sure == sure
-            ]
-            if said:
-                st.caption(mark + " ".join(said))
+        check = [
+            f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
+            for reason in found
+            if not reason.sure
+        ]
+        if check:
+            st.caption(f":orange-badge[To check] {' '.join(check)}")
+        self.sure += [f"**{_upper(r.what)}:** {r.text}" for r in found if r.sure]
 
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"

@@ -17,7 +17,6 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.rounding import significant
 from jointid.ui.numbers_in import matrix_in, numbers_in, numbers_out
 
 _SOURCES = ("Numbers", "TOML", "Links of the arm")
@@ -95,7 +94,11 @@ def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
     with right:
         number = st.session_state.get(_UPLOADS, 0)
         st.file_uploader(
-            "TOML file (.toml)", ["toml"], key=f"import_toml_file {number}", on_change=_take_toml
+            "TOML file (.toml)",
+            ["toml"],
+            max_upload_size=1,
+            key=f"import_toml_file {number}",
+            on_change=_take_toml,
         )
     text = left.text_area(
         "TOML with M and M2, motor side, kg·m²",
@@ -187,5 +190,5 @@ def _matrix(values: Floats) -> str:
 
 
 def _number(value: float) -> str:
-    mantissa, _, power = significant(float(value), 4).replace("−", "-").partition("e")
+    mantissa, _, power = f"{value:.5g}".partition("e")
     return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else mantissa
