@@ -56,6 +56,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
         yaxis=linear_axis("Studies", rangemode="tozero", nticks=5),
         shapes=shapes,
         bargap=0,
+        showlegend=True,
     )
 
 
@@ -131,7 +132,7 @@ def _outstanding(spread: Spread, low: float, high: float, colour: str) -> Trace:
         for row, v, e, z in zip(rows, value, spread.error[which], spread.z[which], strict=True)
     ]
     return points(
-        np.clip(value, low, high),
+        np.clip(value, low + 0.02 * (high - low), high - 0.02 * (high - low)),
         np.zeros(value.size),
         "stands out",
         colour,

@@ -21,6 +21,7 @@ from jointid.wording import counted
 
 _UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
+_CLEAR = 3.0
 _VERDICTS = ("good", "warning", "problem")
 _SIGNS = {"good": "✓ good", "warning": "△ warning", "problem": "✕ problem", "": "— failed"}
 
@@ -133,7 +134,8 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
         table(columns, height=300)
         st.caption(
             "Median of the slopes between all pairs of studies (Theil and Sen) over the level, ± one "
-            "standard error from the scatter around the line."
+            "standard error from the scatter around the line. Of many robots, some seem to drift by "
+            f"chance; below {_CLEAR:g} standard errors nothing is said to drift."
         )
 
 
@@ -156,7 +158,7 @@ def _drift_in_words(drift: Drift) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
         return f": {LEAST} dates or more tell a trend"
-    if abs(change) < 2 * error:
+    if abs(change) < _CLEAR * error:
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
     return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"
 
