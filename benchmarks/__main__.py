@@ -12,9 +12,9 @@ import json
 import sys
 import time
 import traceback
+from collections.abc import Iterator
 from dataclasses import asdict
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -56,45 +56,36 @@ def main(arguments: list[str] | None = None) -> int:
     print(_about(about), flush=True)
     parts: dict[str, Any] = {}
     for name in options.parts or PARTS:
-        begin = time.perf_counter()
-        tables, error = run(name, options.quick)
-        parts[name] = {
-            "seconds": time.perf_counter() - begin,
-            "error": error,
-            "tables": [table.plain() for table in tables],
-        }
         print(f"\n### {name}\n", flush=True)
-        for table in tables:
-            print(table.markdown(), end="\n\n", flush=True)
-        if error:
-            print(f"{name} failed: {error}", flush=True)
+        part = parts[name] = {"seconds": 0.0, "error": None, "tables": []}
+        begin = time.perf_counter()
+        try:
+            for table in run(name, options.quick):
+                print(table.markdown(), end="\n\n", flush=True)
+                part["tables"].append(table.plain())
+        except Exception as error:  # what keeps one part from being measured does not stop the others
+            traceback.print_exc(file=sys.stderr)
+            part["error"] = f"{type(error).__name__}: {error}"
+            print(f"{name} failed: {part['error']}", flush=True)
+        part["seconds"] = time.perf_counter() - begin
         if options.json:
             text = json.dumps({**about, "parts": parts}, indent=1, ensure_ascii=False)
             options.json.write_text(text + "\n", "utf-8")
     return int(any(part["error"] for part in parts.values()))
 
 
-def run(name: str, quick: bool) -> tuple[tuple[Table, ...], str | None]:
-    """Tables of one part; what keeps it from being measured does not stop the others."""
-    if find_spec(f"benchmarks.{name}") is None:
-        return (), "it is not part of this checkout"
-    try:
-        module = import_module(f"benchmarks.{name}")
-        if not hasattr(module, "measure"):
-            return (), f"it runs by itself: python benchmarks/{name}.py --help"
-        return _tables(name, list(module.measure(quick))), None
-    except Exception as error:
-        traceback.print_exc(file=sys.stderr)
-        return (), f"{type(error).__name__}: {error}"
-
-
-def _tables(name: str, found: list[Any]) -> tuple[Table, ...]:
-    """Tables as they are; the rows of a part that has its own kind, as one table."""
-    if all(isinstance(each, Table) for each in found):
-        return tuple(found)
-    rows = tuple(asdict(row) for row in found)
-    form = {key: "" if isinstance(value, str) else ".3g" for key, value in rows[0].items()}
-    return (Table(name, {**PARTS, **LONG}[name], form, rows),)
+def run(name: str, quick: bool) -> Iterator[Table]:
+    """Tables of one part, each as soon as it is measured."""
+    found = import_module(f"benchmarks.{name}").measure(quick)
+    rows = []
+    for each in found:
+        if isinstance(each, Table):
+            yield each
+        else:
+            rows.append(asdict(each))
+    if rows:  # of a part that has a kind of its own
+        form = {key: "" if isinstance(value, str) else ".3g" for key, value in rows[0].items()}
+        yield Table(name, {**PARTS, **LONG}[name], form, tuple(rows))
 
 
 def _about(about: dict[str, Any]) -> str:

@@ -41,7 +41,7 @@ FULL = {
     "records": (4, 16, 64, 256, 1024, 4096),
     "joints": (1, 2, 3, 4, 6, 8),
 }
-QUICK = {"samples": (1e3, 1e4), "samples, Parquet": (1e4,), "records": (4, 8), "joints": (1, 2)}
+QUICK = {"samples": (1e3, 1e4), "samples, Parquet": (1e4,), "records": (4, 8), "joints": (2,)}
 COLUMNS = {
     "grows": "",
     "size": ",.0f",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,16 +10,15 @@ import numpy as np
 from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
 
 BLUE, ORANGE, GREY, INK = "#0072B2", "#D55E00", "#B8B8B8", "#31333F"
-WIDTH, HEIGHT = 720.0, 250.0
-PANEL = 160.0, 150.0
-LEFT, TOP, GAP = 48.0, 46.0, 72.0
+WIDTH, HEIGHT = 880.0, 232.0
+PANEL = 148.0, 150.0
+LEFT, TOP, GAP = 48.0, 38.0, 70.0
 
 Points = Sequence[Mapping[str, Any]]
 
 
 def draw(series: Mapping[str, Points]) -> str:
-    """SVG of three panels."""
-    memory = [*series["samples"], *series["samples, Parquet"]]
+    """SVG of four panels: time over samples, records and joints, and memory over samples."""
     panels = [
         (
             "samples of one record",
@@ -43,14 +42,22 @@ def draw(series: Mapping[str, Points]) -> str:
             ],
         ),
     ]
-    shapes: list[Line | Marks | Text] = [Text(LEFT, 16, "Time over size", 11, bold=True)]
-    shapes.append(Text(LEFT + 92, 16, "grey: linear growth", 9, colour="#7A7A7A"))
+    shapes: list[Line | Marks | Text] = [Text(LEFT, 18, "Time", 11, bold=True)]
+    shapes.append(Text(LEFT + 34, 18, "dashed: linear growth", 9, colour="#7A7A7A"))
     for i, (title, curves) in enumerate(panels):
-        shapes += _panel(LEFT + i * (PANEL[0] + GAP), title, curves)
-    largest = max(memory, key=lambda p: p["size"])
+        shapes += _panel(LEFT + i * (PANEL[0] + GAP), title, curves, _time)
+    left = LEFT + 3 * (PANEL[0] + GAP)
+    shapes.append(Text(left, 18, "Memory, peak above imports", 11, bold=True))
+    memory = [
+        ("record in memory", series["samples"], "memory_MB", BLUE),
+        ("from Parquet, in parts", series["samples, Parquet"], "memory_MB", ORANGE),
+    ]
+    shapes += _panel(left, "samples of one record", memory, _memory)
+    largest = max(p["size"] for p in series["samples, Parquet"])
     description = (
         "Time of phasor extraction and of the estimate of K and D over the number of samples, records "
-        f"and joints, up to {largest['size']:,.0f} samples; grey lines show linear growth."
+        f"and joints, and memory over the number of samples up to {largest:,.0f}; dashed lines show "
+        "linear growth."
     )
     return _on_white(to_svg(Drawing(WIDTH, HEIGHT, tuple(shapes), description)))
 
@@ -63,7 +70,10 @@ def _on_white(svg: str) -> str:
 
 
 def _panel(
-    left: float, title: str, curves: Sequence[tuple[str, Points, str, str]]
+    left: float,
+    title: str,
+    curves: Sequence[tuple[str, Points, str, str]],
+    label: Callable[[float], str],
 ) -> list[Line | Marks | Text]:
     drawn = [(name, _values(points, key), colour) for name, points, key, colour in curves]
     every = np.concatenate([values for _, values, _ in drawn])
@@ -81,7 +91,7 @@ def _panel(
     for decade in np.arange(y0, y1 + 1):
         y = TOP + height - (decade - y0) / (y1 - y0) * height
         shapes.append(Line(np.array([[left, y], [left + width, y]]), "#E6E6E6", 0.6))
-        shapes.append(Text(left - 5, y + 3, _time(decade), 8, "end", colour=INK))
+        shapes.append(Text(left - 5, y + 3, label(decade), 8, "end", colour=INK))
     for value in _ticks(every[:, 0], x0, x1):
         x = left + (np.log10(value) - x0) / (x1 - x0) * width
         shapes.append(Text(x, TOP + height + 13, _count(value), 8, "middle", colour=INK))
@@ -92,7 +102,7 @@ def _panel(
         floor = 10**y0
         if guide[0, 1] < floor:  # cut off at the frame
             guide[0] = [last[0] * floor / last[1], floor]
-        if len(values) > 2:
+        if i == 0:
             shapes.append(Line(place(guide), GREY, 1.0, (3, 3)))
         shapes.append(Line(place(values), colour, 1.4))
         shapes.append(Marks(place(values), colour, size=4.5))
@@ -115,6 +125,11 @@ def _time(decade: float) -> str:
         if decade >= scale:
             return f"{10 ** (decade - scale):.0f} {unit}"
     return f"{10**decade:.0e} s"
+
+
+def _memory(decade: float) -> str:
+    """A power of ten of megabytes."""
+    return f"{10 ** (decade - 3):.0f} GB" if decade >= 3 else f"{10**decade:g} MB"
 
 
 def _count(value: float) -> str:

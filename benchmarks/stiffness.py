@@ -7,7 +7,7 @@ torque; without friction, with mild and with heavy Coulomb friction. Every time 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,10 +56,12 @@ FULL = Effort(20, 2, 8, 50, 9, tuple(FREQUENCIES_HZ), 12.5, 6)
 QUICK = Effort(2, 1, 1, 2, 1, (12.0, 18.0, 27.0), 6.0, 1)
 
 
-def measure(quick: bool) -> list[Table]:
+def measure(quick: bool) -> Iterator[Table]:
+    """A table per case of friction, and one of starts; minutes pass between them."""
     effort = QUICK if quick else FULL
-    cases = ["mild"] if quick else list(FRICTION)
-    return [*(_case(name, effort) for name in cases), _convergence(effort)]
+    for friction in ["mild"] if quick else FRICTION:
+        yield _case(friction, effort)
+    yield _convergence(effort)
 
 
 def campaigns(friction: str, effort: Effort) -> list[Records]:
