@@ -203,7 +203,9 @@ async def _crowd(browser: Browser, persons: int, acts: int) -> list[Row]:
         for page in pages:
             await page.evaluate("() => { window.reruns = []; }")
         kinds: dict[str, list[float]] = {}
+        began, worked = time.perf_counter(), cpu_s(pid)
         await asyncio.gather(*(_person(page, k, acts, kinds) for k, page in enumerate(pages)))
+        passed, worked = time.perf_counter() - began, cpu_s(pid) - worked
         used = resident_MB(pid)
         for k, page in enumerate(pages):
             await _sees_its_own(page, k)
@@ -215,6 +217,9 @@ async def _crowd(browser: Browser, persons: int, acts: int) -> list[Row]:
     rows += [row(f"{crowd}: {kind}", times, "s") for kind, times in sorted(kinds.items())]
     return [
         *rows,
+        # However busy the machine is with other things, these two say what the app asks of it.
+        Row(f"{crowd}: server's processor time per rerun", worked / len(every), None, "s", len(every)),
+        Row(f"{crowd}: processors that the server keeps busy", worked / passed, None, "", len(every)),
         Row("server memory, one session", alone, None, "MB", 1),
         Row("memory per further session", (opened - alone) / persons, None, "MB", persons),
         Row("same, with a study of its own", (with_studies - alone) / persons, None, "MB", persons),
@@ -377,6 +382,15 @@ def resident_MB(pid: int) -> float:
     return next(int(line.split()[1]) / 1024 for line in text.splitlines() if line.startswith("VmRSS"))
 
 
+def cpu_s(pid: int) -> float:
+    """Processor time that a process took so far; not a number where /proc does not tell."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text("utf-8").rpartition(")")[2].split()
+    except OSError:
+        return float("nan")
+    return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+
+
 def row(what: str, values: Sequence[float], unit: str) -> Row:
     """Median and 95th percentile, the latter where there are enough values for one."""
     p95 = float(np.quantile(values, 0.95)) if len(values) >= 20 else None
@@ -384,18 +398,23 @@ def row(what: str, values: Sequence[float], unit: str) -> Row:
 
 
 def markdown(rows: Sequence[Row]) -> str:
-    """The table, with the machine below it."""
+    """The table."""
     lines = ["| what | median | 95th percentile | count |", "|---|---|---|---|"]
     for r in rows:
         p95 = "" if r.p95 is None else f"{r.p95:.3g} {r.unit}"
-        lines.append(f"| {r.what} | {r.median:.3g} {r.unit} | {p95} | {r.count} |")
-    return "\n".join([*lines, "", machine()])
+        lines.append(f"| {r.what} | {r.median:.3g} {r.unit}".rstrip() + f" | {p95} | {r.count} |")
+    return "\n".join(lines)
 
 
-def machine() -> str:
-    """What it ran on, and how busy that was."""
-    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return f"Python {platform.python_version()}, {os.cpu_count()} cores, {platform.machine()}{load}."
+def machine(load: float) -> str:
+    """What it ran on, and how busy that was with other things before."""
+    python = platform.python_version()
+    return f"Python {python}, {os.cpu_count()} cores, {platform.machine()}, load before {load:.1f}."
+
+
+def load_now() -> float:
+    """Average number of processes that want a processor; not a number where nobody tells."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
 
 
 def _chromium() -> str:
@@ -410,10 +429,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer repetitions, five persons")
     parser.add_argument("--json", type=Path, help="also write the table as JSON")
     options = parser.parse_args()
+    ran_on = machine(load_now())
     rows = measure(options.quick)
-    print(markdown(rows))
+    print(f"{markdown(rows)}\n\n{ran_on}")
     if options.json:
-        document = {"machine": machine(), "rows": [asdict(r) for r in rows]}
+        document = {"machine": ran_on, "rows": [asdict(r) for r in rows]}
         options.json.write_text(json.dumps(document, indent=2) + "\n", "utf-8")
 
 

@@ -7,10 +7,9 @@ from jointid.answer import without
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.study_files import pack_study
 from jointid.ui import downloads
-from jointid.ui.downloads import download, file_stem, preview
+from jointid.ui.downloads import download, file_stem
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import open_page
-from jointid.ui.trust import steps_at
 
 page = open_page("Report")
 st.title("Report and export", anchor=False)
@@ -29,24 +28,13 @@ except JointIdError as error:
 
 st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
-place, working = st.empty(), st.empty()
+button, place = st.empty(), st.empty()
 made = downloads.made_report(page.digest, page.method)
-if made is None and place.button("Make the report", type="primary", key="make_report"):
-    place.empty()
-    with working.container():
-        bar = st.progress(0.0, "Preparing")
-        st.button("Stop", key="stop_report", help="Ends the work; nothing is kept of it.")
-    try:
-        made = downloads.write_report(page.digest, page.method, analysis, steps_at(bar))
-        working.empty()
-    except JointIdError as error:
-        working.error(str(error))
+asked = made is None and downloads.asked_for_report()
 if made is not None:
-    with place.container(horizontal=True):
-        download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
-        download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
-    with st.expander("Look at it"):
-        preview(made.html, height=700)
+    downloads.show_report(place, made, stem)
+else:
+    downloads.offer_report(button, at_work=asked)
 
 st.subheader("K, D and how they were obtained", anchor=False)
 st.write("With covariance, friction, delay and inertias. SI units, seen from the motors.")
@@ -68,7 +56,7 @@ st.subheader("Tables", anchor=False)
 st.write(
     "CSV with a header line, every number with all its digits. H stands there as measured"
     + (
-        f", and from torques {without(analysis.fit)} in the columns …_without_friction_and_delay."
+        f", and from torques {without(analysis.fit)} in columns of their own."
         if without_friction_and_delay(analysis)
         else "."
     )
@@ -122,3 +110,7 @@ with st.container(horizontal=True):
         "application/zip",
         note="Reads faster.",
     )
+
+if asked:  # last, so that the rest of the page stands meanwhile
+    downloads.make_report_at(place, page.digest, page.method, analysis, stem)
+    button.empty()

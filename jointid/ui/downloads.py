@@ -8,8 +8,9 @@ from html import escape
 from typing import Literal
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
-from jointid import Analysis
+from jointid import Analysis, JointIdError
 from jointid.arrays import Floats
 from jointid.exporting import (
     Identification,
@@ -24,6 +25,7 @@ from jointid.exporting import (
     urdf_snippet,
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.ui.trust import steps_at
 
 _MOST_REPORTS = 8
 
@@ -100,6 +102,47 @@ def write_report(
     while len(kept) > _MOST_REPORTS:
         kept.pop(next(iter(kept)), None)
     return made
+
+
+def offer_report(place: DeltaGenerator, *, at_work: bool) -> None:
+    """Draw the button; it stays while the report is made, but cannot be pressed then."""
+    place.button(
+        "Make the report",
+        type="primary",
+        key="make_report",
+        disabled=at_work,
+        on_click=lambda: st.session_state.update(report_asked=True),
+    )
+
+
+def asked_for_report() -> bool:
+    """Whether this run was asked to make the report; it is asked once."""
+    return bool(st.session_state.pop("report_asked", False))
+
+
+def make_report_at(
+    place: DeltaGenerator, digest: str, method: str, analysis: Analysis, stem: str
+) -> None:
+    """Make the report, with progress by step and a way to stop, and show it."""
+    with place.container():
+        bar = st.progress(0.0, "Preparing")
+        st.button("Stop", key="stop_report", help="Ends the work; nothing is kept of it.")
+    try:
+        made = write_report(digest, method, analysis, steps_at(bar))
+    except JointIdError as error:
+        place.error(str(error))
+    else:
+        show_report(place, made, stem)
+
+
+def show_report(place: DeltaGenerator, made: MadeReport, stem: str) -> None:
+    """Offer a report as files and for a look."""
+    with place.container():
+        with st.container(horizontal=True):
+            download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
+            download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
+        with st.expander("Look at it"):
+            preview(made.html, height=700)
 
 
 def preview(html: str, *, height: int) -> None:
