@@ -71,15 +71,16 @@ with kept_import():
         st.caption(note)
     picture = st.container()
     found: dict[str, tuple[Segment, ...]] = dict.fromkeys(ready, ())
-    watch = Watch("Search the other logs", len(ready))
+    watch, stopped = Watch("Search on", len(ready)), False
     for key, mapped_log in ready.items():
         try:
             found[key] = found_in(watch, key, rules[key], mapped_log)
         except StoppedError:
-            break  # runs can still be marked by hand
+            stopped = True  # runs can still be marked by hand
+            break
         except JointIdError as error:
             st.error(str(error))
-    if not any(found.values()):
+    if not stopped and not any(found.values()):
         st.info(
             "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
             "choose other columns: the method needs steady sines of a few periods."

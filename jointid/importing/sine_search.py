@@ -8,7 +8,7 @@ passes over the data.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,13 +40,15 @@ class Candidate:
     """How many periods it spans, weighted by how much of the motion it explains."""
 
 
-def sine_candidates(signals: Floats) -> list[Candidate]:
+def sine_candidates(signals: Floats, tell: Callable[[float], None] | None = None) -> list[Candidate]:
     """Find all stretches that a sine explains, at every frequency that explains them.
 
     Parameters
     ----------
     signals : ndarray, shape (N, n)
         Positions, evenly sampled; in each window the one counts that a sine explains best.
+    tell : callable, optional
+        Told the share that is done, 0 to 1.
 
     Returns
     -------
@@ -63,6 +65,8 @@ def sine_candidates(signals: Floats) -> list[Candidate]:
     lowest = (WINDOW_PERIODS + 0.5) / samples
     frequency = highest
     while frequency > lowest:
+        if tell is not None:
+            tell(1 - frequency / highest)  # averaging makes a search as costly as its frequency is high
         while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
             mean, power = _halved(mean), _halved(power)
             width *= 2

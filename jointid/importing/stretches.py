@@ -45,7 +45,7 @@ class Stretch:
         n = self._theta.shape[1]
         taken = np.zeros(self._time.size, bool)
         found: list[Segment] = []
-        candidates = sine_candidates(self._even[:, :n])
+        candidates = sine_candidates(self._even[:, :n], lambda share: tell(_SEARCH * share))
         for candidate in self._best_first(candidates, taken, tell):
             for begin, end in self._steady(candidate):
                 if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):

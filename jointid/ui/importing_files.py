@@ -57,7 +57,7 @@ def drop_logs() -> list[Log]:
         )
         right.button("Close these logs", on_click=_close)
     first, all_logs = [], {}
-    watch = Watch("Read the other logs", len(files))
+    watch = Watch("Read on", len(files))
     for file in files:
         try:
             tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))

@@ -86,7 +86,7 @@ class Watch:
     Parameters
     ----------
     what : str
-        For the button that goes on after a stop: "Read the other logs".
+        For the button that goes on after a stop: "Read on".
     total : int
         How many pieces there are.
     """
@@ -160,7 +160,7 @@ class Watch:
                 left = elapsed * (self._total - self._number + 1 - job.share) / done if done else 0.0
                 text += f"; about {left:.0f} s left" if left else f"; {elapsed:.0f} s so far"
                 if not stoppable:
-                    button.button("Stop", key=f"stop_{key}", on_click=job.stopped.set)
+                    button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)
                     stoppable = True
             share = (self._number - 1 + job.share) / self._total
             bar.progress(min(max(share, 0.0), 1.0), text)
