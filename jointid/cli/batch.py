@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -71,6 +73,8 @@ def batch(
     limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
     count = [0, 0]
     try:
+        if scheduler is not None:
+            _quiet_dask()
         with _shown() as show:
 
             def tell(progress: Progress) -> None:
@@ -105,6 +109,13 @@ def batch(
         print_json(_document(summary))
         return
     _print_summary(summary)
+
+
+def _quiet_dask() -> None:
+    """Leave it to this command to say what became of the cluster, in a sentence."""
+    import_module("jointid.fleet.cluster")  # Dask sets its own levels when it is loaded
+    for name in ("distributed", "distributed.client", "tornado.application", "asyncio"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
 
 def _bytes(gib: float) -> int:

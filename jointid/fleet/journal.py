@@ -62,6 +62,8 @@ class Journal:
 
     def remove(self) -> None:
         """Remove the file: its rows are kept elsewhere."""
+        if os.name == "nt":  # removes no file that is open; elsewhere the lock must outlast the file
+            self.close()
         with suppress(OSError):
             self.path.unlink()
         self.close()

@@ -76,7 +76,10 @@ def _said(error: BaseException) -> tuple[str, str]:
             "The study needs more memory than it may take: shorten its records, or allow more.",
         )
     if isinstance(error, OSError):
-        return REFUSED, f"The study cannot be read: {error.strerror or error}."
+        return REFUSED, (
+            f"{error.filename or 'The study'}: {error.strerror or error}. Give a study's folder, or "
+            "that folder as .zip."
+        )
     return FAULT, f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid."
 
 
