@@ -69,7 +69,11 @@ class Journal:
         self.close()
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Let go of the file; one without a row is removed."""
+        with suppress(OSError, ValueError):  # a ValueError: it is closed already
+            here = os.fstat(self._file.fileno())
+            if here.st_size <= len(_HEAD) and os.path.samestat(self.path.stat(), here):
+                self.path.unlink()
         with suppress(OSError):
             self._file.close()
 

@@ -120,7 +120,6 @@ def analyse_fleet(
         raise JointIdError("workers are of this computer, a scheduler has its own: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))
     meant = find_studies(studies)
-    executor = _executor(workers, scheduler, limits or Limits(), len(meant))
     if not target.parent.is_dir():
         raise JointIdError(f"{target.parent} is not a folder: make it first, or choose another path.")
     with closing(Journal(journal_path(target))) as journal:
@@ -143,6 +142,7 @@ def analyse_fleet(
                 progress(state)
 
         tell(None)
+        executor = _executor(workers, scheduler, limits or Limits())
         with closing(executor.run(jobs)) as finished:
             for done in finished:
                 row = done.row
@@ -169,7 +169,7 @@ def analyse_fleet(
     )
 
 
-def _executor(workers: int | None, scheduler: str | None, limits: Limits, studies: int) -> Executor:
+def _executor(workers: int | None, scheduler: str | None, limits: Limits) -> Executor:
     if scheduler is not None:
         from jointid.fleet.cluster import Cluster
 

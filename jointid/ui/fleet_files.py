@@ -64,6 +64,7 @@ def open_fleet() -> OpenFleet:
         "results.parquet as jointid batch writes it, or several studies (.zip)",
         type=["parquet", "zip"],
         accept_multiple_files=True,
+        help="Studies dropped here are analysed with the estimator auto.",
         key=_UPLOADER,
         on_change=_take,
     )
