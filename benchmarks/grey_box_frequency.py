@@ -2,7 +2,8 @@
 
 Its best use: the model in closed form for two joints, all frequencies at once; logarithms of K and D as
 parameters, so that they stay positive and are alike in size; bounds; columns scaled by the Jacobian;
-every element of H weighted. A default use is here as well: the parameters as they are, H as it is.
+and three weights of H to choose from. A default use is here as well: the parameters and all settings as
+they come.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from scipy.optimize import least_squares
 
 from jointid import Inertia, SineRecord, TransferMatrix, estimate_transfer_matrix, extract_phasors
 
-Weight = Literal["size", "noise"]
+Weight = Literal["plain", "size", "noise"]
 SPAN = 1e3
 """Bounds lie this factor below and above the start."""
 
@@ -44,9 +45,13 @@ def measured(records: tuple[SineRecord, ...]) -> TransferMatrix:
 
 
 def fit(H: TransferMatrix, inertia: Inertia, start: np.ndarray, weight: Weight) -> Answer:
-    """The best use. ``weight``: each element by its size, or by jointid's own estimate of its noise."""
+    """The best use. ``weight``: H as it is, by its size, or by jointid's own estimate of its noise."""
     flat = H.H.reshape(-1, 4)
-    scale = np.abs(flat) if weight == "size" else H.standard_deviation.reshape(-1, 4)
+    scale = {
+        "plain": np.full(flat.shape, np.abs(flat).max()),
+        "size": np.abs(flat),
+        "noise": H.standard_deviation.reshape(-1, 4),
+    }[weight]
 
     def residual(x: np.ndarray) -> np.ndarray:
         return ((response(np.exp(x), H.omega, inertia) - flat) / scale).ravel().view(float)

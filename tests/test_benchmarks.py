@@ -95,13 +95,13 @@ def test_transfer_matrix() -> None:
 
 def test_stiffness() -> None:
     table, starts = run("stiffness")
-    assert len(table.rows) == 7
+    assert len(table.rows) == 8
     for start in ("**jointid**", "grey box in time"):
         found = named(table, start)
         if NOT_INSTALLED not in str(found["estimator"]):
             assert all(float(str(found[name])) < 1.0 for name in ("K1", "K2", "D1", "D2"))
     assert float(str(named(table, "the paper's")["D1"])) > 2  # it does not know friction
-    assert len(starts.rows) == 5
+    assert len(starts.rows) == 7
 
 
 def test_simulation() -> None:
