@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from typer.testing import CliRunner
 
 from jointid import Study, analyse, load_study, resonances
 from jointid.cli import app
-from jointid.cli.files import inertia_from, write_file
+from jointid.cli.files import robot_from, write_file
 from jointid.cli.output import finite
 from jointid.digest import study_digest
 from jointid.errors import JointIdError
@@ -152,7 +153,7 @@ def test_a_robot_of_ones_own_is_simulated(here: Path) -> None:
     study = load_study(here / "s")
     assert study.inertia.n == 1
     assert study.origin == "simulated"
-    assert inertia_from(here / "s").M2.tolist() == [[0.005]]
+    assert robot_from(here / "s").inertia.M2.tolist() == [[0.005]]
     assert resonances(study.inertia, analyse(study).fit.elasticity)[0] == pytest.approx(20.1, abs=0.1)
 
 
@@ -353,3 +354,22 @@ def test_json_has_null_for_what_is_no_number() -> None:
         "a": [1.0, None],
         "b": [None, "x", 3],
     }
+
+
+def test_convert_takes_a_zip_of_logs_and_their_poses(here: Path) -> None:
+    """Every log of an archive is one of the study's, in its pose."""
+    rng = np.random.default_rng(3)
+    time = np.arange(4000) / 1000
+    with zipfile.ZipFile(here / "logs.zip", "w") as archive:
+        for k, hertz in enumerate((3.0, 5.0)):
+            wave = np.sin(2 * np.pi * hertz * time) + 1e-4 * rng.standard_normal(time.size)
+            rows = "\n".join(f"{t:.4f},{w:.6f},{2 * w:.6f}" for t, w in zip(time, wave, strict=True))
+            archive.writestr(f"{k}.csv", "time [s],position [rad],torque [Nm]\n" + rows)
+    (here / "robot.toml").write_text("M = [0.0025]\nM2 = [[0.004]]\n[poses.far]\nM2 = [[0.006]]\n")
+    ok("convert", "logs.zip", "--guess", "m.json")
+    known = ("--mapping", "m.json", "--inertia", "robot.toml")
+    ok("convert", "logs.zip", *known, "--pose", "far", "--output", "study")
+    study = load_study("study")
+    assert [record.frequency_hz for record in study.records] == pytest.approx([3.0, 5.0], rel=1e-4)
+    assert {record.pose for record in study.records} == {"far"}
+    assert study.poses["far"].M2.tolist() == [[0.006]]

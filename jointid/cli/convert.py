@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from jointid.cli.documents import study_document
-from jointid.cli.files import inertia_from, require_free, write_file
+from jointid.cli.files import require_free, robot_from, write_file
 from jointid.cli.options import JSON, numbers
 from jointid.cli.output import made, print_json, print_table, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, Inertia
 from jointid.rounding import significant
 from jointid.study import Study
+from jointid.wording import counted
 
 
 @reported
@@ -33,7 +34,12 @@ def convert(
         Path | None, typer.Option(help="Write the guessed mapping to this file and stop.")
     ] = None,
     inertia: Annotated[
-        Path | None, typer.Option(help="TOML with M and M2 (motor side, kg·m²), or a study.")
+        Path | None,
+        typer.Option(help="TOML with M and M2 (motor side, kg·m²), of poses too; or a study."),
+    ] = None,
+    pose: Annotated[
+        list[str] | None,
+        typer.Option(help="Pose of the logs, as the inertia file names it: once, or once per log."),
     ] = None,
     nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
     nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
@@ -48,9 +54,10 @@ def convert(
         )
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
+    from jointid.importing.tables import main_tables
 
     with status("Reading", quiet=as_json):
-        tables = [read_log(log)[0] for log in logs]
+        tables = [table for log in logs for table in main_tables(read_log(log))]
     if guess is not None:
         guessed = guess_mapping(tables[0])
         write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
@@ -70,14 +77,18 @@ def convert(
         return
     if mapping is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
-    nominal = None
+    robot = robot_from(inertia)
     if nominal_K or nominal_D:
-        nominal = Elasticity(K=numbers(nominal_K), D=numbers(nominal_D))
-    known = inertia_from(inertia)
+        robot = replace(robot, nominal=Elasticity(K=numbers(nominal_K), D=numbers(nominal_D)))
+    poses: list[str | None] = list(pose) if pose else [None]
+    if len(poses) not in (1, len(tables)):
+        raise typer.BadParameter(
+            f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
+        )
     chosen = mapping_from_json(mapping.read_bytes())
     require_free(output, overwrite)
     with status("Looking for sine runs", quiet=as_json):
-        study, notes = mapped_study(tables, chosen, known, nominal, name)
+        study, notes = mapped_study(tables, chosen, replace(robot, name=name), poses)
     save_study(study, output, overwrite=overwrite)
     made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
     for note in notes:
@@ -85,7 +96,7 @@ def convert(
 
 
 def mapped_study(
-    tables: Sequence[Any], mapping: Any, inertia: Inertia, nominal: Elasticity | None, name: str
+    tables: Sequence[Any], mapping: Any, robot: Any, poses: Sequence[str | None] = (None,)
 ) -> tuple[Study, tuple[str, ...]]:
     """Study of the sine segments of several logs with the same columns, and what was left out."""
     from jointid.importing import apply_mapping, find_segments, study_from_logs
@@ -103,5 +114,13 @@ def mapped_study(
             "which columns are position and torque, and the unit of time; a run that is there all the "
             "same can be marked by its start and stop in the app, page Import a log."
         )
-    study = study_from_logs(logs, segments, inertia, nominal=nominal, name=name)
+    study = study_from_logs(
+        logs,
+        segments,
+        robot.inertia,
+        nominal=robot.nominal,
+        poses=robot.poses,
+        pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
+        name=robot.name,
+    )
     return study, (*without, *(f"{log.name}: {note}" for log in logs for note in log.notes))

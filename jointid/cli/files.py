@@ -5,17 +5,14 @@ from __future__ import annotations
 import os
 import secrets
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jointid.checked_toml import parse_toml
 from jointid.cli.output import status
 from jointid.errors import JointIdError
-from jointid.joints import Inertia
 from jointid.study import Analysis, Study
 
-_INERTIA_KEYS = {
-    "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
-    "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
-}
+if TYPE_CHECKING:
+    from jointid.importing.robot_inertia import KnownRobot
 
 
 def loaded(path: Path) -> Study:
@@ -34,20 +31,15 @@ def analysed(path: Path, method: str, *, quiet: bool) -> Analysis:
         return analyse(study, method=method)
 
 
-def inertia_from(path: Path) -> Inertia:
-    """Inertia from a study, or from a TOML file that gives M and M2, at its top or under [inertia]."""
-    if path.suffix.lower() != ".toml" or path.name == "study.toml":
-        from jointid.study_files import load_study
+def robot_from(path: Path) -> KnownRobot:
+    """Inertias, of poses too, from a study or from a TOML file that gives M and M2."""
+    from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
-        return load_study(path.parent if path.name == "study.toml" else path).inertia
-    with path.open("rb") as file:
-        top = parse_toml(path.name, file.read(1 << 21), {"inertia": "[inertia]", **_INERTIA_KEYS})
-    table = top.table("inertia", _INERTIA_KEYS) if "inertia" in top else top
-    M, M2 = table.numbers("M"), table.matrix("M2")
-    try:
-        return Inertia(M=M, M2=M2)
-    except JointIdError as error:
-        raise JointIdError(f"{table.where}: {error}") from error
+    if path.suffix.lower() == ".toml":
+        with path.open("rb") as file:
+            return robot_from_toml(file.read(1 << 21), path.name)
+    study = loaded(path)
+    return KnownRobot(study.inertia, study.poses, study.nominal, study.name)
 
 
 def require_free(path: Path, overwrite: bool) -> None:

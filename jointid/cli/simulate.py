@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jointid.cli.documents import study_document
-from jointid.cli.files import inertia_from, require_free
+from jointid.cli.files import require_free, robot_from
 from jointid.cli.options import JSON, numbers
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
@@ -69,7 +69,7 @@ def simulate(
         arm = PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
         known = arm.inertia(arm.inverse((1.15, 0.0)))
     else:
-        known = inertia_from(inertia)
+        known = robot_from(inertia).inertia
     require_free(output, overwrite)
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
