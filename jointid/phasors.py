@@ -15,6 +15,7 @@ from jointid.errors import JointIdError
 from jointid.fitted_sine import SineFit
 from jointid.records import SineRecord
 from jointid.sine_fit import fit_sines
+from jointid.wording import counted
 
 MANY_HARMONICS = 31
 """Harmonics of Coulomb friction fall as 1/h; so many resolve a stick of a thirtieth of a period."""
@@ -179,7 +180,8 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
     for number, record in enumerate(records, start=1):
         if record.n != records[0].n:
             raise JointIdError(
-                f"{record.label or f'record {number}'} has {record.n} joint(s), the first record "
+                f"{record.label or f'record {number}'} has {counted(record.n, 'joint')}, the first "
+                "record "
                 f"{records[0].n}: records that are analysed together must have the same joints."
             )
     return records

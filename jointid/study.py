@@ -17,6 +17,7 @@ from jointid.records import SineRecord
 from jointid.threads import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.verdict.findings import Evidence, Finding, findings
+from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +81,8 @@ class Study:
             where = record.label or f"record {number}"
             if record.n != self.inertia.n:
                 raise JointIdError(
-                    f"{where} has {record.n} joint(s), the study's inertia has {self.inertia.n}."
+                    f"{where} has {counted(record.n, 'joint')}, the study's inertia has "
+                    f"{self.inertia.n}."
                 )
             if record.pose is not None and record.pose not in self.poses:
                 known = ", ".join(self.poses) or "none"
@@ -90,7 +92,7 @@ class Study:
         for what, joints in [("nominal", self.nominal), *self.poses.items()]:
             if joints is not None and joints.n != self.inertia.n:
                 raise JointIdError(
-                    f"{what} has {joints.n} joint(s), the study's inertia has {self.inertia.n}."
+                    f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
 
     def of_pose(self, pose: str) -> np.ndarray:

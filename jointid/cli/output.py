@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from jointid.study import Study
+from jointid.wording import counted
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -76,7 +77,7 @@ def made(document: dict[str, Any], study: Study, as_json: bool) -> None:
         print_json(document)
         return
     count, n = len(study.records), study.inertia.n
-    print(f"{document['study']}: {count} records of {n} joint(s), digest {document['digest']}")
+    print(f"{document['study']}: {count} records of {counted(n, 'joint')}, digest {document['digest']}")
 
 
 def written(files: list[Path], as_json: bool) -> None:

@@ -19,7 +19,7 @@ from jointid.importing.tables import (
     require_few_values,
     require_small,
 )
-from jointid.wording import listed
+from jointid.wording import counted, listed
 
 _BAG = "metadata.yaml"
 _STUDY = "study.toml"
@@ -109,7 +109,7 @@ def read_archive(
         said = f" {problems[0]}" if problems else f" Files found: {listed(files)}."
         raise JointIdError(f"{name} holds no log that can be read.{said}")
     if problems:
-        left_out = f"{len(problems)} file(s) of {name} could not be read. {problems[0]:.300}"
+        left_out = f"{counted(len(problems), 'file')} of {name} could not be read. {problems[0]:.300}"
         found[0] = replace(found[0], notes=(*found[0].notes, left_out))
     return tuple(found)
 

@@ -20,6 +20,7 @@ from jointid.importing.units import (
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
+from jointid.wording import counted
 
 
 @dataclass(frozen=True)
@@ -180,8 +181,8 @@ def _first_two(
     ]
     if len(varying) < 2:
         raise JointIdError(
-            f"{table.name} has {len(varying)} column(s) that change beside the time; a log needs a "
-            f"position and a torque. Columns found: {', '.join(table.names[:20])}."
+            f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
+            f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
     position = max(varying, key=lambda c: c.score["position"])
     rest = [c for c in varying if c is not position]

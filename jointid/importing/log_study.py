@@ -16,6 +16,7 @@ from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
 from jointid.rounding import significant
 from jointid.study import Study
+from jointid.wording import counted
 
 
 def segment_records(
@@ -109,7 +110,9 @@ def study_from_logs(
         logs, segments = [logs], cast(Sequence[Sequence[Segment]], [segments])
     each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
     if len(each) != len(logs):
-        raise JointIdError(f"{len(logs)} log(s), but segments of {len(each)}: give those of each log.")
+        raise JointIdError(
+            f"{counted(len(logs), 'log')}, but segments of {len(each)}: give those of each log."
+        )
     if not any(each):
         raise JointIdError(
             "No sine segments were found or chosen: the method needs steady sines of a few periods. "
@@ -117,11 +120,13 @@ def study_from_logs(
         )
     pose_of = pose_of or [None] * len(logs)
     if len(pose_of) != len(logs):
-        raise JointIdError(f"{len(logs)} log(s), but {len(pose_of)} pose(s): give one for each log.")
+        raise JointIdError(
+            f"{counted(len(logs), 'log')}, but {counted(len(pose_of), 'pose')}: give one for each log."
+        )
     for log in logs:
         if log.n != inertia.n:
             raise JointIdError(
-                f"{log.name or 'The log'} has {log.n} joint(s), the inertia {inertia.n}: "
+                f"{log.name or 'The log'} has {counted(log.n, 'joint')}, the inertia {inertia.n}: "
                 "they must agree."
             )
     # Frequencies of all logs together, so that runs of one set point in two logs belong together.
@@ -138,7 +143,8 @@ def study_from_logs(
         nominal=nominal,
         name=name or sources,
         origin="measured",
-        description=description or f"Imported: {len(flat)} sine segment(s) of {sources or 'a log'}.",
+        description=description
+        or f"Imported: {counted(len(flat), 'sine segment')} of {sources or 'a log'}.",
         poses=poses or {},
     )
 

@@ -11,7 +11,7 @@ from jointid.errors import JointIdError
 from jointid.importing.mapping import Mapping, TimeColumn
 from jointid.importing.tables import LogTable
 from jointid.importing.units import SAMPLES, TIME_UNITS
-from jointid.wording import listed
+from jointid.wording import counted, listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         empty = [n for n in names if not np.isfinite(table.column(n).values).any()]
         which = f" Empty columns: {listed(empty)}." if empty else ""
         raise JointIdError(
-            f"{table.name}: {kept} row(s) have all of {listed(names)}.{which} Choose other columns."
+            f"{table.name}: {counted(kept, 'row')} with all of {listed(names)}.{which} Choose other "
+            "columns."
         )
     notes = list(table.notes)
     if kept < table.rows:

@@ -12,6 +12,7 @@ from jointid.arrays import Floats, finite_array
 from jointid.checked_toml import CheckedTable, parse_toml
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
+from jointid.wording import counted
 
 INERTIA_UNITS = {
     "kg·m²": 1.0,
@@ -109,7 +110,8 @@ def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
     n = _ratios(gear_ratio)
     if M.shape != (n.size, n.size):
         raise JointIdError(
-            f"M2 has shape {M.shape}, and there are {n.size} gear ratio(s): give one row and one column "
+            f"M2 has shape {M.shape}, and there are {counted(n.size, 'gear ratio')}: give one row "
+            "and one column "
             "per joint."
         )
     return np.asarray(M / np.outer(n, n))
@@ -132,7 +134,8 @@ def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Float
     n = _ratios(gear_ratio)
     if J.shape != n.shape:
         raise JointIdError(
-            f"M has {J.size} value(s), and there are {n.size} gear ratio(s): give one per joint."
+            f"M has {counted(J.size, 'value')}, and there are {counted(n.size, 'gear ratio')}: give "
+            "one per joint."
         )
     return np.asarray(J / n**2)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.wording import listed, nearest
+from jointid.wording import counted, listed, nearest
 
 MAX_LOG_BYTES = 256 << 20
 """Largest file that is read; at 1 kHz and ten text columns about forty minutes."""
@@ -74,7 +74,8 @@ class LogTable:
         columns = _distinct(self.columns)
         if len(columns) < 2:
             raise JointIdError(
-                f"{self.name} has {len(columns)} column(s) of numbers; a log needs at least position "
+                f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at "
+                "least position "
                 f"and torque. Columns found: {listed(c.name for c in columns)}."
             )
         if len(columns) > MAX_COLUMNS:

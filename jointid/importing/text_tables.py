@@ -23,7 +23,7 @@ from jointid.importing.text_layout import (
     split_line,
 )
 from jointid.importing.text_numbers import is_number, value_of, without_thousands
-from jointid.wording import listed
+from jointid.wording import counted, listed
 
 _NULLS = [
     "",
@@ -137,7 +137,8 @@ def _read_slowly(
             continue
         if wrong is not None:
             raise JointIdError(
-                f"{file}, line {wrong[0]}: {wrong[1]} cell(s), but the table has {width} columns. "
+                f"{file}, line {wrong[0]}: {counted(wrong[1], 'cell')}, but the table has {width} "
+                "columns. "
                 "Repair or remove the line; one log must be one table."
             )
         if len(cells) != width:
@@ -156,8 +157,8 @@ def _read_slowly(
         notes.append(f"The last line ({wrong[0]}) is cut short and was left out.")
     for k, (count, line, text) in strange.items():
         notes.append(
-            f"Column {layout.names[k] or k + 1}: {count} cell(s) are no numbers and count as missing; "
-            f'the first is "{text:.40}" in line {line}.'
+            f"Column {layout.names[k] or k + 1}: {counted(count, 'cell')} without a number, "
+            f'taken as missing; the first is "{text:.40}" in line {line}.'
         )
     if not rows:
         raise JointIdError(f"{file} has a header but no rows: export the log again.")

@@ -18,6 +18,7 @@ from jointid.importing.robot_inertia import (
     rotor_at_motor,
 )
 from jointid.ui.numbers_in import matrix_in, numbers_in, numbers_out
+from jointid.wording import counted
 
 _SOURCES = ("Numbers", "TOML", "Links of the arm")
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
@@ -62,7 +63,7 @@ def show_inertia(robot: KnownRobot) -> None:
     text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
     if robot.poses:
-        st.caption(f"And M2 of {len(robot.poses)} pose(s): {', '.join(robot.poses)}.")
+        st.caption(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
 
 
 def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:

@@ -11,6 +11,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.ui.importing_inertia import ask_inertia, show_inertia
+from jointid.wording import counted
 
 _NO_POSE = "as in [inertia]"
 
@@ -33,7 +34,8 @@ def ask_robot(gear_ratios: Sequence[float], logs: Sequence[str]) -> Robot | None
         known = ask_inertia(gear_ratios)
         if known is not None and known.inertia.n != joints:
             problem = (
-                f"The inertias are those of {known.inertia.n} joint(s), the mapping has {joints}: "
+                f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has "
+                f"{joints}: "
                 "make them agree."
             )
     except JointIdError as error:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from jointid import JointIdError
 from jointid.rounding import plain
+from jointid.wording import counted
 
 
 def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float, ...]:
@@ -38,7 +39,9 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
     if count is not None and len(values) == 1:
         values *= count
     if count is not None and len(values) != count:
-        raise JointIdError(f"{name}: {len(values)} values for {count} joint(s). Give one per joint.")
+        raise JointIdError(
+            f"{name}: {len(values)} values for {counted(count, 'joint')}. Give one per joint."
+        )
     return tuple(values)
 
 
