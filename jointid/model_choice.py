@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.friction import FrictionWaveforms, friction_waveforms
 from jointid.joints import Inertia
-from jointid.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood
 from jointid.noise import Noise
 from jointid.phasors import Phasors
 
@@ -22,6 +22,8 @@ a sharp to a blunt reversal; and whether it may change with speed beyond its vis
 
 _EXPLAINED = 1.3  # cost over its expectation below which a richer model could hardly do better
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
+_HOPELESS = 30.0  # times the least cost so far: such a model is not pursued
+_WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 
 
@@ -129,6 +131,9 @@ class _Search:
     def fit(self, model: Model) -> None:
         if model in self.tried:
             return
+        if (problem := self._pointless(model)) is not None:
+            self.tried[model] = problem
+            return
         try:
             self.tried[model] = maximum_likelihood(
                 self.phasors,
@@ -137,9 +142,31 @@ class _Search:
                 friction=self._waveforms(model.reversal, model.curve),
                 delay=model.delay,
                 noise=self.noise,
+                give_up_above=_HOPELESS * self._least_cost(),
             )
         except JointIdError as error:
             self.tried[model] = error
+
+    def _pointless(self, model: Model) -> JointIdError | None:
+        """Say so where a lag could not lower the cost by what it has to."""
+        without = self.tried.get(replace(model, delay=False))
+        if not model.delay or not isinstance(without, LikelihoodEstimate):
+            return None
+        gain = gain_of_delay(
+            self.phasors,
+            self.inertia,
+            without,
+            self._waveforms(model.reversal, model.curve),
+            self.noise,
+        )
+        if gain / max(1.0, _misfit(without)) > _WORTH_A_FIT:
+            return None
+        return JointIdError("Not fitted: a lag of the torque would not lower the cost by its penalty.")
+
+    def _least_cost(self) -> float:
+        """Least cost of the models so far."""
+        fitted = [e.cost for e in self.tried.values() if isinstance(e, LikelihoodEstimate)]
+        return min(fitted, default=np.inf)
 
     def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
         if reversal is None:
@@ -157,6 +184,9 @@ class _Search:
     def widen(self, lags: Sequence[bool], frictions: Sequence[tuple[float | None, bool]]) -> Model:
         """Try friction in ever richer forms until the noise is all that is left."""
         models: list[Model] = []
+        if False in lags:  # first, so that what they leave far above is not pursued
+            for reversal, curve in frictions[:2]:
+                self.fit(Model(reversal, False, curve))
         for reversal, curve in frictions:
             if reversal is not None:
                 # From a linear start friction and delay together may end in a minimum that is none.

@@ -48,7 +48,7 @@ __all__ = [
 
 LIMIT_BYTES = 1 << 30
 """What a store holds unless told otherwise, 1 GiB."""
-PARTS = ("import", "mappings")
+PARTS = ("import", "mappings", "fleet")
 """What a workspace holds beside studies, each in a place of its own, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")

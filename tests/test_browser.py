@@ -26,6 +26,7 @@ PAGES = {
     "Report": "Report and export",
     "Simulate": "Simulate a robot",
     "Import_a_log": "Import a log",
+    "Fleet": "Fleet",
 }
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"

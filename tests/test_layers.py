@@ -58,6 +58,7 @@ STOREYS = [
     ["transfer_matrix", "noise", "friction"],
     ["springs"],
     ["linear_fit"],
+    ["torque_balance"],
     ["likelihood"],
     ["model_choice"],
     ["elasticity"],

@@ -25,6 +25,9 @@ from jointid import (
     simulate_records,
 )
 from jointid.friction import friction_waveforms
+from jointid.likelihood import gain_of_delay, maximum_likelihood
+from jointid.linear_fit import weighted
+from jointid.springs import spring_equations
 
 Law = Callable[[np.ndarray], np.ndarray]
 BAND_HZ = np.geomspace(3.0, 30.0, 10).round(2)
@@ -170,3 +173,16 @@ def test_freed_phasors_obey_the_model() -> None:
     acceleration = np.einsum("rij,rj->ri", H, fit.phasors.tau)
     measured = -(fit.phasors.omega[:, None] ** 2) * fit.phasors.q
     assert np.abs(acceleration - measured).max() < 5e-3 * np.abs(measured).max()
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 2e-5])
+def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
+    """The score test agrees with the fit itself: nothing to gain without a lag, much with a small one."""
+    phasors = extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s), harmonics=3)
+    equations = spring_equations(phasors, PARALLELOGRAM)
+    known = {"noise": equations.noise}
+    without = maximum_likelihood(phasors, PARALLELOGRAM, weighted(equations).p, **known)
+    lagging = maximum_likelihood(phasors, PARALLELOGRAM, without.p, delay=True, **known)
+    gain = gain_of_delay(phasors, PARALLELOGRAM, without, None, equations.noise)
+    assert gain == pytest.approx(without.cost - lagging.cost, rel=0.05, abs=0.05)
+    assert (gain > 100) == (delay_s > 0)

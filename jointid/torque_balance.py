@@ -1,0 +1,140 @@
+"""The balance of torques at the motors at every harmonic: what is left over, its noise, its Jacobian.
+
+At harmonic h, s = ihω, the residual is r = τ e^{-sδ} − F − Z q with the impedance Z = s²(M + S⁻¹),
+S = M2⁻¹ + s²(K + sD)⁻¹, the inverse of equation (16), and friction F. Both τ and q carry noise of
+covariance C, so that r has the covariance V = E C Eᴴ with E = [−Z, e^{-sδ} I].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.free_friction import FreeFriction
+from jointid.friction import FrictionWaveforms
+from jointid.joints import Inertia, motor_impedance
+from jointid.noise import Noise
+from jointid.phasors import Phasors
+from jointid.small_matrices import inverse
+from jointid.springs import inertia_arrays, spring_equations
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that the balance is made of beside the parameters; r records, n joints, H harmonics."""
+
+    s: Complexes  # (r, H)
+    z: Complexes  # (r, H, 2n)
+    noise: Noise
+    known: np.ndarray  # (r, H), false where the samples could not carry the harmonic
+    M: Floats  # (r, n)
+    arm: Floats  # M2⁻¹, (r, n, n)
+    friction: FrictionWaveforms | None
+    names: tuple[str, ...]  # of the parameters, K and D first
+    free: FreeFriction
+    stiffest: Floats  # far above the linear estimate: a stiffness that runs away is none
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.M.shape[1])
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Whether a joint's torque balance in a record says anything, (r, n)."""
+        return np.ones(self.M.shape, bool) if self.friction is None else ~self.friction.standing
+
+    @property
+    def rows(self) -> int:
+        """How many real equations there are."""
+        return int(2 * self.known.sum(axis=1) @ self.counts.sum(axis=1))
+
+
+def make_problem(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    start: Floats,
+    friction: FrictionWaveforms | None,
+    delay: bool,
+    noise: Noise | None,
+) -> Problem:
+    """Lay a problem out; the parameters are those of ``jointid.likelihood.maximum_likelihood``.
+
+    Raises
+    ------
+    JointIdError
+        When the start has a negative stiffness, or the inertias do not fit the records.
+    """
+    n = phasors.n
+    names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
+    if friction is not None:
+        names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
+        parts = range(friction.curve.shape[3])
+        names += [f"friction curve {c + 1} of joint {j + 1}" for j in range(n) for c in parts]
+    if delay:
+        names.append("delay")
+    if np.any(start[:n] <= 0):
+        raise JointIdError(
+            f"K{int(np.argmin(start[:n])) + 1} comes out negative by least squares: check the sign and "
+            "unit of the torque, the gear ratios, and the inertias M and M2."
+        )
+    M, arm = inertia_arrays(phasors, inertia)
+    return Problem(
+        s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
+        z=phasors.harmonics,
+        noise=noise or spring_equations(phasors, inertia).noise,
+        known=np.any(phasors.harmonics != 0, axis=2),
+        M=M,
+        arm=arm,
+        friction=friction,
+        names=tuple(names),
+        free=FreeFriction(()) if friction is None else FreeFriction.of(friction.reversals),
+        stiffest=100 * start[:n],
+    )
+
+
+def balance(problem: Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
+    """Torque left over r (r, H, n), its covariance (r, H, n, n) and Jacobian (r, H, n, P)."""
+    n, s, z = problem.n, problem.s, problem.z
+    K, D = p[:n], p[n : 2 * n]
+    spring = K + s[..., None] * D
+    Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], K, D)
+    if problem.friction is not None:  # what is viscous acts on q like the impedance
+        Z = Z + s[..., None, None] * (p[3 * n : 4 * n] * np.eye(n))
+    lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
+    E = np.concatenate([-Z, lag[..., None, None] * np.eye(n)], axis=3)
+    CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
+    V = E @ CE
+    r = (E @ z[..., None])[..., 0]
+    if problem.friction is not None:
+        r = r - sliding(problem, p, s.shape[1])
+    smooth = z - (CE @ (inverse(V) @ r[..., None]))[..., 0]
+
+    J = np.zeros((*r.shape, p.size), complex)
+    # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
+    pull = (stiff @ smooth[..., :n, None])[..., 0] / spring**2
+    J[..., :n] = -(s[..., None, None] ** 4) * stiff * pull[..., None, :]
+    J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
+    if problem.friction is not None:
+        J[..., 2 * n : 3 * n] = -problem.friction.coulomb[..., None] * np.eye(n)
+        J[..., 3 * n : 4 * n] = -(s[..., None] * smooth[..., :n])[..., None] * np.eye(n)
+        curve = problem.friction.curve
+        for j in range(n):
+            first = 4 * n + j * curve.shape[3]
+            J[..., j, first : first + curve.shape[3]] = -curve[:, :, j]
+    if problem.names[-1] == "delay":
+        J[..., -1] = -(s * lag)[..., None] * smooth[..., n:]
+    return r, V, J
+
+
+def sliding(problem: Problem, p: Floats, h: int) -> Complexes:
+    """Coulomb friction and its curve at the first h harmonics, shape (r, h, n)."""
+    assert problem.friction is not None
+    n, curve = problem.n, problem.friction.curve[:, :h]
+    weights = p[4 * n : 4 * n + n * curve.shape[3]].reshape(n, -1)
+    coulomb = p[2 * n : 3 * n] * problem.friction.coulomb[:, :h]
+    return np.asarray(coulomb + (curve * weights).sum(axis=3))
