@@ -177,7 +177,7 @@ def test_freed_phasors_obey_the_model() -> None:
 
 @pytest.mark.parametrize("delay_s", [0.0, 2e-5])
 def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
-    """The score test agrees with the fit itself: nothing to gain without a lag, much with a small one."""
+    """The score test agrees with the fit: nothing to gain without a lag, much with a small one."""
     phasors = extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s), harmonics=3)
     equations = spring_equations(phasors, PARALLELOGRAM)
     known = {"noise": equations.noise}
