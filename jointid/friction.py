@@ -60,7 +60,8 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     waves, to_phasor = _transforms(H)
     rate = 1j * phasors.omega[:, None] * orders
     angle = phasors.harmonics[..., :n]
-    velocity = ((rate[..., None] * angle).swapaxes(1, 2) @ waves).imag + phasors.drift[:, :, None]
+    swing = (rate[..., None] * angle).swapaxes(1, 2)
+    velocity = swing.real @ waves.imag + swing.imag @ waves.real + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
     largest = np.abs(velocity).max(axis=2)
@@ -87,7 +88,7 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
         record, joint = divmod(place, n)
         reversals[record, :, joint, joint, : len(shapes)] = shapes.T
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
-    coulomb = (signs @ to_phasor).swapaxes(1, 2) * reverses[:, None]
+    coulomb = (signs @ to_phasor.real + 1j * (signs @ to_phasor.imag)).swapaxes(1, 2) * reverses[:, None]
     widths = np.array(_WIDTHS if curve else ()) * largest.max(axis=0)[:, None]  # (n, c), rad/s
     with np.errstate(divide="ignore", invalid="ignore"):
         fading = np.nan_to_num(np.exp(-np.abs(velocity)[..., None] / widths[:, None]))  # (r, n, t, c)
@@ -108,13 +109,16 @@ def _free_shapes(
     """Phasors (m, H) of hats that span each reversal; puts the jump of ``sign`` in its middle."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
     direction = np.sign(velocity[slides])
-    following = np.append(slides[1:], slides[:1])
+    turns = np.flatnonzero(direction[1:] != direction[:-1]).tolist()
+    spans = [(slides[at], slides[at + 1], direction[at]) for at in turns]
+    if slides.size and direction[-1] != direction[0]:
+        spans.append((slides[-1], slides[0] + _GRID, direction[-1]))
     shapes = [np.zeros((0, to_phasor.shape[1]), complex)]
-    for at in np.flatnonzero(direction != np.append(direction[1:], direction[:1])):
-        length = int((following[at] - slides[at]) % _GRID)
+    for begin, end, before in spans:
+        length = int(end - begin)
         steps = np.arange(length + 1)
-        inside = (slides[at] + steps) % _GRID
-        sign[inside] = np.where(steps < length / 2, direction[at], -direction[at])
+        inside = (begin + steps) % _GRID
+        sign[inside] = np.where(steps < length / 2, before, -before)
         if threshold > 0:
             pieces = int(np.ceil(_HATS_PER_HARMONIC * harmonics * length / _GRID))
             hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])

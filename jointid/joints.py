@@ -164,10 +164,17 @@ def motor_impedance(
     Z, stiff : ndarray, shape (..., n, n), complex
         The impedance, N·m/rad, and S⁻¹ = (M2⁻¹ + s²(K + sD)⁻¹)⁻¹, kg·m².
     """
-    eye = np.eye(K.size)
-    s2 = (s * s)[..., None, None]
-    stiff = inverse(arm + s2 * eye / (K + s[..., None] * D)[..., None])
-    return np.asarray(s2 * (M[..., None] * eye + stiff)), np.asarray(stiff)
+    s2 = s * s
+    compliance = np.empty((*s.shape, K.size, K.size), complex)
+    compliance[...] = arm
+    for j in range(K.size):
+        compliance[..., j, j] += s2 / (K[j] + s * D[j])
+    stiff = inverse(compliance)
+    Z = stiff.copy()
+    for j in range(K.size):
+        Z[..., j, j] += M[..., j]
+    Z *= s2[..., None, None]
+    return Z, stiff
 
 
 def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:

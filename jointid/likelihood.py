@@ -196,7 +196,8 @@ def _whitener(problem: Problem, V: Complexes, scale: Floats) -> Complexes:
     """W with W V Wᴴ = I for the balances that count, zero for the others, (r, H, n, n)."""
     V = V * (problem.noise.inverse_bias[:, None] * scale)[..., None, None]
     counts = problem.counts[:, None, :, None]
-    V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
+    if not counts.all():
+        V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
     return np.asarray(whitener(V) * (problem.known[..., None, None] & counts))
 
 

@@ -102,32 +102,36 @@ def balance(problem: Problem, p: Floats) -> tuple[Complexes, Complexes, Complexe
     n, s, z = problem.n, problem.s, problem.z
     K, D = p[:n], p[n : 2 * n]
     spring = K + s[..., None] * D
+    s4 = (s * s) ** 2
     Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], K, D)
-    if problem.friction is not None:  # what is viscous acts on q like the impedance
-        Z = Z + s[..., None, None] * (p[3 * n : 4 * n] * np.eye(n))
     lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
-    E = np.concatenate([-Z, lag[..., None, None] * np.eye(n)], axis=3)
+    E = np.zeros((*Z.shape[:3], 2 * n), complex)
+    E[..., :n] = -Z
+    for j in range(n):
+        if problem.friction is not None:  # what is viscous acts on q like the impedance
+            E[..., j, j] -= s * p[3 * n + j]
+        E[..., j, n + j] = lag
     CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
     V = E @ CE
     r = (E @ z[..., None])[..., 0]
     if problem.friction is not None:
-        r = r - sliding(problem, p, s.shape[1])
+        r -= sliding(problem, p, s.shape[1])
     smooth = z - (CE @ (inverse(V) @ r[..., None]))[..., 0]
 
     J = np.zeros((*r.shape, p.size), complex)
     # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
-    pull = (stiff @ smooth[..., :n, None])[..., 0] / spring**2
-    J[..., :n] = -(s[..., None, None] ** 4) * stiff * pull[..., None, :]
+    pull = (stiff @ smooth[..., :n, None])[..., 0] * (-s4[..., None] / spring**2)
+    J[..., :n] = stiff * pull[..., None, :]
     J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
-    if problem.friction is not None:
-        J[..., 2 * n : 3 * n] = -problem.friction.coulomb[..., None] * np.eye(n)
-        J[..., 3 * n : 4 * n] = -(s[..., None] * smooth[..., :n])[..., None] * np.eye(n)
-        curve = problem.friction.curve
-        for j in range(n):
-            first = 4 * n + j * curve.shape[3]
-            J[..., j, first : first + curve.shape[3]] = -curve[:, :, j]
-    if problem.names[-1] == "delay":
-        J[..., -1] = -(s * lag)[..., None] * smooth[..., n:]
+    for j in range(n):
+        if problem.friction is not None:
+            curve = problem.friction.curve[:, :, j]
+            first = 4 * n + j * curve.shape[2]
+            J[..., j, 2 * n + j] = -problem.friction.coulomb[..., j]
+            J[..., j, 3 * n + j] = -s * smooth[..., j]
+            J[..., j, first : first + curve.shape[2]] = -curve
+        if problem.names[-1] == "delay":
+            J[..., j, -1] = -s * lag * smooth[..., n + j]
     return r, V, J
 
 
