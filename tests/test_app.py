@@ -290,7 +290,7 @@ class TestSimulating:
             ("M", "0.0025", "M2 has shape"),
             ("M2", "0.004, 0.0004; 0.0004", "rows have 2, 1 values"),
             ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
-            ("coulomb", "1, 2, 3", "3 values for 2 joint(s)"),
+            ("coulomb", "1, 2, 3", "3 values for 2 joints"),
         ],
     )
     def test_what_is_no_robot_is_said_and_the_entries_stay(

@@ -77,8 +77,10 @@ def test_phasors() -> None:
         assert len(table.rows) >= 6
         assert all(row["median"] for row in table.rows if NOT_INSTALLED not in str(row["contender"]))
         best = named(table, "**jointid**")
-        for start in ("numpy.linalg.lstsq", "compiled recurrence (numba), 1"):
+        for start in ("numpy.linalg.lstsq", "compiled recurrence (numba)"):
             other = named(table, start)
+            if NOT_INSTALLED in str(other["contender"]):
+                continue
             for column in ("error, whole periods", "error, broken periods"):
                 # Least squares is least squares: all find the same answer.
                 np.testing.assert_allclose(float(best[column]), float(other[column]), rtol=0.05)

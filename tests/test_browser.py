@@ -152,7 +152,7 @@ def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., P
     page.get_by_label("Frequencies", exact=True).fill("50")
     page.get_by_role("button", name="Simulate", exact=True).click()
     expect(page.get_by_text("Simulating 100 records")).to_be_visible(timeout=PATIENCE_MS)
-    page.get_by_role("button", name="Stop", exact=True).click()
+    page.get_by_test_id("stButton").get_by_role("button", name="Stop", exact=True).click()
     expect(page.get_by_text("Simulating 100 records")).to_have_count(0, timeout=PATIENCE_MS)
     finished(page, PAGES["Simulate"])
     expect(page.get_by_role("combobox", name="Study")).to_have_value("paper")
@@ -187,7 +187,8 @@ FOCUSED = """() => {
   const e = document.activeElement, style = getComputedStyle(e);
   const framed = s => s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) > 0;
   if (window.wanted.includes(e) && !framed(style)) window.unmarked.push(e.outerHTML.slice(0, 200));
-  window.wanted = window.wanted.filter(other => other !== e);
+  // What React has replaced meanwhile is no control any more.
+  window.wanted = window.wanted.filter(other => other !== e && other.isConnected);
   return window.wanted.length;
 }"""
 
@@ -203,5 +204,5 @@ def test_tab_reaches_every_control_and_shows_where_it_is(
         page.keyboard.press("Tab")
         if page.evaluate(FOCUSED) == 0:
             break
-    assert page.evaluate("window.wanted.map(e => e.outerHTML.slice(0, 200))") == []
+    assert page.evaluate("window.wanted.filter(e => e.isConnected).map(e => e.outerHTML.slice(0, 200))") == []
     assert page.evaluate("window.unmarked") == []

@@ -74,7 +74,7 @@ class TestArchives:
     def test_what_cannot_be_read_is_said_and_the_rest_is_open(self) -> None:
         tables = read_log(zipped({"bad.csv": b"hello", "good.csv": comma_log()}), "log.zip")
         assert [table.source for table in tables] == ["log.zip/good.csv"]
-        assert "1 file(s) of log.zip could not be read. log.zip/bad.csv" in tables[0].notes[0]
+        assert "1 file of log.zip could not be read. log.zip/bad.csv" in tables[0].notes[0]
 
     def test_a_workbook_stays_a_workbook(self) -> None:
         assert read_log(excel(), "log.zip")[0].source == ""
