@@ -21,7 +21,7 @@ import secrets
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 
@@ -32,12 +32,14 @@ from jointid.store_files import (
     Note,
     changed_s,
     checksum,
+    holds,
     latest_name,
     one_line,
     part_of,
     read_entry,
     size_text,
     user_folder,
+    write_entry,
     write_whole,
 )
 
@@ -123,20 +125,18 @@ class Store:
                 f"{name} needs {size_text(len(data))}, the store holds {size_text(self.limit_bytes)}: "
                 "shorten the records."
             )
-        before = [entry for entry in self.entries(workspace) if entry.digest == digest]
+        same = [entry.id for entry in self.entries(workspace) if entry.digest == digest]
         with self._failing("written"):
             self._make_room(len(data))
-            file = place / f"{secrets.token_hex(16)}.json"
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_whole(file.with_suffix(".data"), data)
-            now = time.time()
-            entry = Entry(file.stem, one_line(name), digest, len(data), checksum(data), now, now)
-            meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
-            write_whole(file, json.dumps({"format": 1} | meta).encode())
-            for entry in before:
-                self._remove(place / f"{entry.id}.json")
-            self._make_room(0, spare=file.stem)
-        return entry
+            # An entry that holds these very bytes keeps its id: addresses that name it stay good.
+            stays = next((id_ for id_ in same if holds(place / f"{id_}.data", data)), None)
+            kept = write_entry(place / f"{stays or secrets.token_hex(16)}.json", name, digest, data)
+            for id_ in same:
+                if id_ != kept.id:
+                    self._remove(place / f"{id_}.json")
+            self._make_room(0, spare=kept.id)
+        return kept
 
     def read(self, workspace: str, entry: str) -> bytes:
         """Return an entry's data and remember that it was opened.

@@ -6,9 +6,10 @@ import json
 import os
 import secrets
 import sys
+import time
 from base64 import urlsafe_b64encode
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,41 @@ def read_entry(file: Path) -> Entry:
     )
     if meta.get("format") != 1 or entry.size_bytes != stat.st_size:
         raise ValueError(file.name)
+    return entry
+
+
+def holds(file: Path, data: bytes) -> bool:
+    """Whether a file holds exactly these bytes."""
+    try:
+        return file.stat().st_size == len(data) and file.read_bytes() == data
+    except FileNotFoundError:
+        return False
+
+
+def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
+    """Write an entry's data, unless they are there, then its .json, which commits it under this name.
+
+    Parameters
+    ----------
+    file : Path
+        Of the .json; the data lie beside it.
+    name, digest : str
+        As for ``Store.put``.
+    data : bytes
+    """
+    now = time.time()
+    entry = Entry(file.stem, one_line(name), digest, len(data), checksum(data), now, now)
+    there = holds(file.with_suffix(".data"), data)
+    if not there:
+        write_whole(file.with_suffix(".data"), data)
+    meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
+    write_whole(file, json.dumps({"format": 1} | meta).encode())
+    if there:
+        file.with_suffix(".name").unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            os.utime(file.with_suffix(".data"))
+        if not file.with_suffix(".data").exists():  # another process removed it meanwhile
+            write_whole(file.with_suffix(".data"), data)
     return entry
 
 

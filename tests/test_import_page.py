@@ -179,6 +179,17 @@ class TestStudy:
         at = send(at, "0.001", "0.003")
         assert "6 records" in " ".join(m.value for m in at.markdown)
 
+    def test_the_same_import_again_opens_the_study_that_is_there(self, page: AppTest) -> None:
+        at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003")
+        first = at.session_state["chosen"]
+        for _ in range(2):
+            at = shown(at.switch_page(PAGE).run())
+            widget(at, "button", "Open as study").click()
+            at = shown(at.run())
+            assert at.title[0].value == "one"
+            assert at.session_state["chosen"] == first
+            assert not any("not in this workspace" in info.value for info in at.info)
+
     @pytest.mark.parametrize(
         ("M", "M2", "said"),
         [

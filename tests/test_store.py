@@ -63,6 +63,28 @@ class TestKeeping:
         assert [entry.name for entry in kept.entries(mine)] == ["a again", "b"]
         assert len(files(kept, "*.data")) == 2
 
+    def test_the_same_again_keeps_its_address_and_is_what_put_returns(
+        self, kept: Store, mine: str
+    ) -> None:
+        first = kept.put(mine, "a", "1", b"data")
+        kept.rename(mine, first.id, "renamed")
+        kept.put(mine, "b", "2", b"other")
+        again = kept.put(mine, "a again", "1", b"data")
+        assert again.id == first.id
+        assert [entry.name for entry in kept.entries(mine)] == ["a again", "b"]
+        assert kept.read(mine, again.id) == b"data"
+
+    @pytest.mark.parametrize("there", [b"datA", b"", None])
+    def test_other_bytes_of_the_same_digest_replace_what_was_there(
+        self, kept: Store, mine: str, there: bytes | None
+    ) -> None:
+        kept.put(mine, "a", "1", b"data")
+        (file,) = files(kept, "*.data")
+        file.unlink() if there is None else file.write_bytes(there)
+        again = kept.put(mine, "a", "1", b"data")
+        assert [entry.id for entry in kept.entries(mine)] == [again.id]
+        assert kept.read(mine, again.id) == b"data"
+
     def test_rename_and_delete(self, kept: Store, mine: str) -> None:
         entry = kept.put(mine, "a", "1", b"data")
         kept.rename(mine, entry.id, "  axis 2,\nworn ")

@@ -133,3 +133,12 @@ def test_a_note_of_the_store_is_shown_until_it_is_read(studies: dict[int, Study]
     assert any("mine.zip was damaged" in warning.value for warning in again.warning)
     again = shown(again.button(key=f"noted_{address['study']}").click().run())
     assert not any("mine.zip" in warning.value for warning in again.warning)
+
+
+def test_a_study_that_is_there_already_is_opened_again(studies: dict[int, Study]) -> None:
+    at = upload(begun(), studies[1])
+    first = address_of(at)
+    upload(begun(w=first["w"]), studies[1], "again.zip")
+    at = shown(at.run())
+    assert address_of(at) == first
+    assert at.selectbox(key="study").value == "again.zip"
