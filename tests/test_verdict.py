@@ -106,6 +106,19 @@ def test_transient_is_found_and_the_record_named() -> None:
     assert len(found) == 1
     assert "seven.csv" in found[0].detail
     assert "start_s" in found[0].remedy
+    assert "Import a log" in found[0].remedy
+
+
+def test_all_records_that_settle_are_named_up_to_three() -> None:
+    records = sound()
+    for k in range(5):
+        time, theta = records[k].time_s, records[k].theta_rad
+        swing = 0.3 * np.abs(theta).max() * np.exp(-time / 0.2) * np.sin(2 * np.pi * 9.5 * time)
+        records[k] = remade(records[k], theta_rad=theta + swing[:, None], label=f"r{k}.csv")
+        if k in (1, 4):
+            found = [f for f in analysed(records).findings if "settling" in f.title]
+            assert sum(f"r{i}.csv" in found[0].detail for i in range(5)) == min(k + 1, 3)
+            assert ("and 2 more" in found[0].detail) == (k == 4)
 
 
 def test_wrong_inertia_is_found() -> None:
@@ -156,15 +169,19 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
     [
         (1, -1, "sign of the torque of all joints", "−1"),
         ([1, 1], [1, -1], "sign of the torque of joint 2", "−1"),
-        ([-1, 1], [1, 1], "sign of the angle of joint 1", "−1"),
-        (180 / np.pi, 1, "angle of all joints looks logged in degrees", "57.3"),
-        ([1, 180 / np.pi], 1, "angle of joint 2 looks logged in degrees", "57.3"),
-        (1 / (2 * np.pi), 1, "revolutions", "6.283"),
+        ([-1, 1], [1, 1], "sign of the position of joint 1", "−1"),
+        (180 / np.pi, 1, "position of all joints looks given in degrees", "57.3"),
+        ([1, 180 / np.pi], 1, "position of joint 2 looks given in degrees", "57.3"),
+        (np.pi / 180, 1, "position of all joints looks converted from degrees", "57.3"),
+        ((180 / np.pi) ** 2, 1, "degrees, and its gear ratio", "3283"),
+        (1 / (2 * np.pi), 1, "revolutions", "6.28"),
         (1, 1000, "mN·m", "1000"),
-        ([1 / 100, 1 / 90], 1, "gear ratio of all joints looks not applied", "100, 90"),
-        (1, [100, 90], "gear ratio of all joints looks not applied", "100, 90"),
-        (1, [1, 90], "gear ratio of joint 2 looks not applied", "90"),
-        ([100, 90], 1, "gear ratio of all joints looks applied twice", "100, 90"),
+        ([1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
+        (1, [100, 90], "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
+        (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong in joint 2", "90"),
+        ([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
+        (1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
+        ([180 / np.pi, 1], [1, 8.12], "joint 1 looks given in degrees; the scale of joint 2", "8.12"),
     ],
 )
 def test_wrong_scales_are_named(angle: Any, torque: Any, title: str, detail: str) -> None:
@@ -174,6 +191,35 @@ def test_wrong_scales_are_named(angle: Any, torque: Any, title: str, detail: str
     assert title in found.title
     assert detail in found.detail
     assert "theta_m" in found.remedy or "tau_m" in found.remedy
+    assert "position" in found.remedy or "torque" in found.remedy
+    assert "something else is wrong" not in found.detail
+
+
+@pytest.mark.parametrize("scale", [1.0, [1 / 8.12, 1 / 2.09]])
+def test_time_in_milliseconds_is_named(scale: Any) -> None:
+    """Accelerations go with the square of time: no gear ratio, whatever the torque's scale is."""
+    slow = [
+        remade(
+            r,
+            frequency_hz=r.frequency_hz / 1e3,
+            time_s=1e3 * r.time_s,
+            tau_Nm=r.tau_Nm * np.asarray(scale),
+        )
+        for r in sound()
+    ]
+    found = scales(slow)
+    assert found is not None
+    assert "Time is probably in milliseconds" in found.title
+    assert "longest record then lasts" in found.detail
+    assert ("per cent of the rated torque" in found.remedy) == (scale != 1.0)
+
+
+def test_mended_data_that_do_not_fit_are_not_called_good() -> None:
+    """Degrees on top of inertias that are wrong: the unit is named, and that this is not all."""
+    found = scales(scaled(180 / np.pi), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]]))
+    assert found is not None
+    assert "degrees" in found.title
+    assert "something else is wrong, too" in found.detail
 
 
 def test_arm_inertia_on_the_arm_side_is_named() -> None:

@@ -20,21 +20,16 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
 from jointid.verdict.evidence import Finding, number, problem
+from jointid.verdict.scale_causes import COMMON_FACTORS, POSITION_OR_TORQUE_FACTORS, told_by_size
 
 _DEGREES = np.pi / 180
 _SNAP = 1.35  # a factor this close to a known one is taken for it
 _BETTER = 0.1  # share of the misfit that mended data may leave
+_GOOD = 10.0  # misfit above which something is left to be explained
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 
-_KNOWN = (
-    (-1.0, "sign"),
-    (_DEGREES, "degrees"),
-    (-_DEGREES, "degrees, and the sign is reversed"),
-    (2 * np.pi, "revolutions"),
-    (1e3, "torque in mN·m"),
-    (1e-3, "angle in mrad"),
-)
-"""Measured over expected ratio of torque to acceleration, and what makes it."""
+_KNOWN = (-1.0, *POSITION_OR_TORQUE_FACTORS, -_DEGREES)
+"""Measured over expected ratio of torque to acceleration that a wrong sign or unit makes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +58,10 @@ def scale_findings(
     tuple of Finding
         At most one, which explains the data best. It needs no estimate to be possible as they stand.
     """
-    if misfit is not None and misfit < 10:
+    if misfit is not None and misfit < _GOOD:
         return ()
     as_is = _misfit(phasors, inertias)
-    if as_is < 10:
+    if as_is < _GOOD:
         return ()
     found = []
     for hypothesis in _hypotheses(phasors, inertias):
@@ -77,9 +72,9 @@ def scale_findings(
         return ()
     best = min(mended for mended, _ in found)
     chosen = next(h for m, h in found if m <= 2 * max(best, 1.0))
-    if best > 10:
+    if best > _GOOD:
         chosen = _refined(chosen, phasors, inertias)
-    return (_told(chosen, as_is, _misfit(*_mend(chosen, phasors, inertias))),)
+    return (_told(chosen, phasors, as_is, _misfit(*_mend(chosen, phasors, inertias))),)
 
 
 def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inertia]) -> _Hypothesis:
@@ -148,7 +143,7 @@ def _hypotheses(phasors: Phasors, inertias: Sequence[Inertia]) -> Iterator[_Hypo
     """What to try, the simplest first."""
     n = phasors.n
     one = np.ones(n)
-    for factor, _ in _KNOWN:
+    for factor in (*_KNOWN, *COMMON_FACTORS):
         yield _one_kind(np.full(n, factor))
     measured = low_frequency_inertia(phasors, inertias)
     if measured is None or n > _MOST_JOINTS:
@@ -180,13 +175,13 @@ def _hypotheses(phasors: Phasors, inertias: Sequence[Inertia]) -> Iterator[_Hypo
 def _one_kind(factor: Floats) -> _Hypothesis:
     """All joints alike: as torque or as angle, that is the same to the equations."""
     one = np.ones(factor.size)
-    if factor[0] in (-1.0, 1e3):
+    if factor[0] in (-1.0, 1e3, *COMMON_FACTORS):
         return _Hypothesis("torque", one, factor, one)
     return _Hypothesis("angle", 1 / factor, one, one)
 
 
 def _snapped(ratio: float) -> float:
-    for known, _ in _KNOWN:
+    for known in (*_KNOWN, *COMMON_FACTORS):
         if ratio * known > 0 and 1 / _SNAP < ratio / known < _SNAP:
             return known
     return float(ratio)
@@ -217,12 +212,11 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
     return None
 
 
-def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
+def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float) -> Finding:
     n = hypothesis.angle.size
-    before = "leave no positive stiffness" if np.isinf(as_is) else f"have a misfit of {number(as_is, 2)}"
-    proof = f"As they stand, the records {before}; mended, the misfit is {number(mended, 2)}."
+    proof = _proof(as_is, mended)
     if hypothesis.kind == "inertia":
-        gears = _list(hypothesis.gear)
+        gears = ", ".join(number(value) for value in hypothesis.gear)
         return problem(
             "M2 looks given on the arm side",
             f"With gear ratios of about {gears} it would fit the torques at low frequency. {proof}",
@@ -231,54 +225,35 @@ def _told(hypothesis: _Hypothesis, as_is: float, mended: float) -> Finding:
         )
     factor = hypothesis.torque / hypothesis.angle
     wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(hypothesis.angle, 1))
-    j = int(wrong[np.argmax(np.abs(np.log(np.abs(factor[wrong]))))])
-    joints = "all joints" if wrong.size == n and n > 1 else f"joint {j + 1}"
-    numbers = [str(k + 1) for k in wrong]
-    columns = ", ".join(f"theta_m{k}_rad" for k in numbers)
-    torques = ", ".join(f"tau_m{k}_Nm" for k in numbers)
-    name = next((text for known, text in _KNOWN if np.isclose(factor[j], known)), "gear")
-    effect = float(abs(np.log10(abs(factor[j])))) + 1
-    if name == "sign":
-        what = "angle" if hypothesis.kind == "angle" else "torque"
-        column = columns if what == "angle" else torques
+    if np.all(np.isclose(np.abs(factor[wrong]), 1)):
+        joints = "all joints" if wrong.size == n and n > 1 else f"joint {int(wrong[0]) + 1}"
+        what, column = (
+            ("position", "theta_m{}_rad") if hypothesis.kind == "angle" else ("torque", "tau_m{}_Nm")
+        )
+        columns = ", ".join(column.format(int(k) + 1) for k in wrong)
         return problem(
             f"The sign of the {what} of {joints} looks reversed",
-            f"At low frequency the torque is −1 times what the inertias say. {proof}",
-            f"Reverse the sign of {column}, so that a positive torque accelerates the motor to "
-            "positive angles.",
-            effect,
+            f"At low frequency the torque is −1 times what M and M2 say. {proof}",
+            f"Reverse the sign of the {what} of {joints} ({columns} in a study's tables), so that a "
+            "positive torque accelerates the motor to positive positions.",
+            1.0,
         )
-    if name.startswith("degrees"):
-        return problem(
-            f"The angle of {joints} looks logged in degrees"
-            + (", with the sign reversed" if "sign" in name else ""),
-            f"Angles are {180 / np.pi:.1f} times what torques and inertias say. {proof}",
-            f"Multiply {columns} by π/180.",
-            effect,
-        )
-    if name != "gear":
-        quantity = "Divide the torque by 1000" if "torque" in name else "Bring the angle to radians"
-        shown = name if "in" in name.split() else f"angle in {name}"
-        return problem(
-            f"The unit of {joints} looks wrong: {shown}",
-            f"Torque over acceleration is {number(factor[j], 4)} times what the inertias say. {proof}",
-            f"{quantity} ({torques if 'torque' in name else columns}).",
-            effect,
-        )
-    twice = abs(factor[j]) < 1
-    ratios = np.abs(factor[wrong]) ** (-1 if twice else 1)
-    reversed_too = " The sign is reversed as well." if factor[j] < 0 else ""
-    return problem(
-        f"The gear ratio of {joints} looks {'applied twice' if twice else 'not applied'}",
-        f"Torque over acceleration is {_list(factor[wrong])} times what the inertias say: gear ratios "
-        f"of {_list(ratios)} on angle or torque, or of {_list(np.sqrt(ratios))} on both.{reversed_too} "
-        f"{proof}",
-        f"Give angles and torques as the motor sees them: {'divide' if twice else 'multiply'} {columns} "
-        f"by the ratio, or {'multiply' if twice else 'divide'} {torques} by it. M and M2 are on the "
-        "motor side as well.",
-        effect,
+    return told_by_size(
+        factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= _GOOD
     )
 
 
-def _list(values: Floats) -> str:
-    return ", ".join(number(value) for value in values)
+def _proof(as_is: float, mended: float) -> str:
+    """What mending changes, and whether something else is wrong, too."""
+    before = (
+        "allow no positive stiffness"
+        if np.isinf(as_is)
+        else f"leave {number(np.sqrt(as_is), 2)} times what noise explains"
+    )
+    left = f"{number(np.sqrt(mended), 2)} times what noise explains"
+    if mended <= _GOOD:
+        return f"As they stand, the records {before}; mended, they leave {left} (1 is ideal)."
+    return (
+        f"As they stand, the records {before}; mended, they still leave {left}, where 1 is ideal: "
+        "something else is wrong, too. Mend this first and look again."
+    )

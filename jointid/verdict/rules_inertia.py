@@ -44,9 +44,9 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     yield warning(
         f"The inertias look wrong{where}",
         f"The records would have {check.names[worst]} = {found} kg·m², given is "
-        f"{number(check.given[worst], 4)}. With inertias of their own choice the misfit falls "
-        f"from {number(check.misfit_given, 2)} to {number(check.misfit_found, 2)}, and {names[k]} "
-        f"changes by {percent(change[k])}.",
+        f"{number(check.given[worst], 4)}. With inertias of their own choice what is left falls from "
+        f"{number(np.sqrt(check.misfit_given), 2)} to {number(np.sqrt(check.misfit_found), 2)} times "
+        f"what noise explains, and {names[k]} changes by {percent(change[k])}.",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()),

@@ -70,11 +70,11 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     before = (
         "no positive stiffness comes out"
         if np.isinf(found.misfit_with)
-        else f"the misfit is {number(found.misfit_with, 2)}"
+        else f"the equations leave {number(np.sqrt(found.misfit_with), 2)} times what noise explains"
     )
     detail = (
-        f"With it, {before}; without it, the misfit of the other {evidence.phasors.omega.size - 1} "
-        f"records is {number(found.misfit_without, 2)}. Its own dynamic stiffness of joint {k + 1} "
+        f"With it, {before}; without it, the other {evidence.phasors.omega.size - 1} records leave "
+        f"{number(np.sqrt(found.misfit_without), 2)} times what noise explains. Its own dynamic stiffness of joint {k + 1} "
         f"is {number(float(found.stiffness[k]), 2)} times that of the others. "
     )
     title, cause, remedy = _told(found, label, n)

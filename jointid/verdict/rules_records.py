@@ -50,11 +50,16 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
     moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
     worst = int(np.argmax(moving))
     if moving[worst] > 0.01:
+        concerned = np.argsort(-moving, kind="stable")[: int((moving > 0.01).sum())]
+        names = [phasors.labels[i] for i in concerned]
+        which = f"In {names[0]}"
+        if len(names) > 1:
+            which = f"{_concerned(len(names))[:-1]}: {some(names)}. In {names[0]}"
         yield warning(
             "The motion is still settling",
-            f"In {phasors.labels[worst]} the first quarter differs by {percent(moving[worst])} from the "
-            f"second half. {_concerned(int((moving > 0.01).sum()))}",
-            "Set start_s of these records later, or wait longer before recording.",
+            f"{which} the first quarter differs by {percent(moving[worst])} from the second half.",
+            'Let these records begin later: by the start of the run on the page "Import a log", or by '
+            "start_s of the record in study.toml. Or wait longer before recording.",
             float(moving[worst]),
         )
 

@@ -1,0 +1,273 @@
+"""What makes a factor between torque and acceleration: the likely causes by its size, joint by joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.verdict.evidence import Finding, number, problem
+
+_DEGREES = np.pi / 180
+_CLOSE = 1.03
+"""A factor this close to a known one is named by it: a fit found it, with inertias somewhat off."""
+_ROUGH = 1.35
+"""The same where something else is wrong, too, and draws the factor off."""
+_SAME_FOR_ALL = 0.02
+"""Time is common to the joints: factors that differ by no more than this may come from it."""
+
+
+class _Cause(NamedTuple):
+    factor: float
+    """Torque over acceleration, measured over expected."""
+    title: str
+    """After "The position of joint 1" or the like."""
+    signal: str
+    """"position" or "torque"; "inertia" and "time" are common to all joints."""
+    why: str
+    remedy: str
+    """With {} for the joints."""
+
+
+_KNOWN = (
+    _Cause(
+        _DEGREES,
+        "looks given in degrees",
+        "position",
+        "a position in degrees that was taken for radians (180/π = 57.3)",
+        "Multiply the position of {} by π/180, or set its unit to deg",
+    ),
+    _Cause(
+        1 / _DEGREES,
+        "looks converted from degrees though it is in radians",
+        "position",
+        "a position in radians that was taken for degrees (180/π = 57.3)",
+        "Multiply the position of {} by 180/π, or set its unit to rad",
+    ),
+    _Cause(
+        _DEGREES**2,
+        "looks given in degrees, and its gear ratio 57.3 times too large",
+        "position",
+        "degrees for radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
+        "Check the unit of the position of {}, degrees or radians, and the gear ratio",
+    ),
+    _Cause(
+        _DEGREES**-2,
+        "looks converted from degrees twice",
+        "position",
+        "radians for degrees twice, in the position and in the gear ratio ((180/π)² = 3283)",
+        "Check the unit of the position of {}, degrees or radians, and the gear ratio",
+    ),
+    _Cause(
+        2 * np.pi,
+        "looks given in revolutions",
+        "position",
+        "a position in revolutions that was taken for radians (2π)",
+        "Multiply the position of {} by 2π, or set its unit to rev",
+    ),
+    _Cause(
+        1 / (2 * np.pi),
+        "looks converted from revolutions though it is in radians",
+        "position",
+        "a position in radians that was taken for revolutions (2π)",
+        "Divide the position of {} by 2π, or set its unit to rad",
+    ),
+    _Cause(
+        1e3,
+        "looks given in mN·m",
+        "torque",
+        "a torque in mN·m that was taken for N·m",
+        "Divide the torque of {} by 1000, or set its unit to mN·m",
+    ),
+    _Cause(
+        1e-3,
+        "looks given in mrad",
+        "position",
+        "a position in mrad that was taken for rad",
+        "Divide the position of {} by 1000, or set its unit to mrad",
+    ),
+)
+_COMMON = (
+    _Cause(
+        1e6,
+        "Time is probably in milliseconds, but was taken for seconds",
+        "time",
+        "accelerations go with the square of time, 1000² = 10⁶",
+        "Divide the time by 1000, or set its unit to ms; the frequencies then are 1000 times higher",
+    ),
+    _Cause(
+        1e-6,
+        "Time is probably in seconds, but was taken for milliseconds",
+        "time",
+        "accelerations go with the square of time, 1000² = 10⁶",
+        "Multiply the time by 1000, or set its unit to s; the frequencies then are 1000 times lower",
+    ),
+    _Cause(
+        1e12,
+        "Time is probably in microseconds, but was taken for seconds",
+        "time",
+        "accelerations go with the square of time, (10⁶)² = 10¹²",
+        "Divide the time by 10⁶, or set its unit to µs; the frequencies then are 10⁶ times higher",
+    ),
+    _Cause(
+        1e-12,
+        "Time is probably in seconds, but was taken for microseconds",
+        "time",
+        "accelerations go with the square of time, (10⁶)² = 10¹²",
+        "Multiply the time by 10⁶, or set its unit to s; the frequencies then are 10⁶ times lower",
+    ),
+    _Cause(
+        1e-4,
+        "M and M2 are probably in kg·cm²",
+        "inertia",
+        "1 kg·cm² is 10⁻⁴ kg·m²",
+        "Divide M and M2 by 10⁴",
+    ),
+)
+COMMON_FACTORS = tuple(cause.factor for cause in _COMMON)
+"""Factors that a wrong unit of time, or of M and M2, makes in all joints."""
+POSITION_OR_TORQUE_FACTORS = tuple(cause.factor for cause in _KNOWN)
+"""Factors that a wrong unit of position or torque makes in a joint."""
+
+
+def told_by_size(factor: Floats, *, proof: str, duration_s: float, good: bool) -> Finding:
+    """Say which units or ratios make these factors.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (n,)
+        Torque over acceleration of each joint, measured over expected.
+    proof : str
+        What the data say with and without these factors.
+    duration_s : float
+        Of the longest record, as it stands.
+    good : bool
+        Whether nothing else is wrong, once these factors are mended.
+    """
+    n = factor.size
+    effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
+    common = next((cause for cause in _COMMON if _is_common(factor, cause.factor)), None)
+    if common is not None:
+        return _told_common(common, factor, proof, duration_s, effect)
+    wrong = np.flatnonzero(~np.isclose(factor, 1))
+    groups: dict[_Cause | None, list[int]] = {}
+    for j in wrong:
+        groups.setdefault(_known(float(factor[j]), _CLOSE if good else _ROUGH), []).append(int(j))
+    if list(groups) == [None]:
+        return _told_unknown(factor, wrong, proof, effect)
+    titles, details, remedies = [], [], []
+    for cause, joints in groups.items():
+        whose = _joints(joints, n)
+        values = _values(factor, joints)
+        if cause is None:
+            titles.append(f"the scale of {whose} looks wrong")
+            details.append(f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}.")
+            remedies.append(_unknown_remedy(factor, joints))
+            continue
+        sign = " and the sign reversed" if factor[joints[0]] < 0 else ""
+        titles.append(f"the {cause.signal} of {whose} {cause.title}{sign}")
+        details.append(
+            f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
+            f"about what {cause.why} makes."
+        )
+        minus = " Reverse its sign as well." if sign else ""
+        remedies.append(f"{cause.remedy.format(whose)}{_column(cause.signal, joints)}.{minus}")
+    # A gear ratio may have the same size by chance.
+    remedies.append("If the units are right, check the gear ratio.")
+    return problem(
+        _capital("; ".join(titles)), f"{' '.join(details)} {proof}", " ".join(remedies), effect
+    )
+
+
+_SAYS = "what M and M2 say"
+
+
+def _told_common(cause: _Cause, factor: Floats, proof: str, duration_s: float, effect: float) -> Finding:
+    rest = factor / cause.factor
+    left = np.flatnonzero(np.abs(np.log(np.abs(rest))) > np.log(1.1))
+    lasts = f" The longest record then lasts {number(duration_s)} s." if cause.signal == "time" else ""
+    detail = (
+        f"Torque over acceleration is {_values(factor, range(factor.size))} times {_SAYS}: {cause.why}."
+        f"{lasts} {proof}"
+    )
+    also = ""
+    if left.size:
+        also = (
+            f" What then remains is {_values(rest, left)} in {_joints(left, factor.size)}: "
+            f"{_unknown_remedy(rest, left)}"
+        )
+    return problem(cause.title, detail, f"{cause.remedy}.{also}", effect)
+
+
+def _told_unknown(factor: Floats, wrong: np.ndarray, proof: str, effect: float) -> Finding:
+    whose = _joints(wrong, factor.size)
+    size = np.abs(factor[wrong])
+    ratios = np.maximum(size, 1 / size)
+    square = np.sqrt(ratios)
+    how = "applied once too often" if size.max() < 1 else "left out"
+    reversed_too = " The sign is reversed as well." if np.any(factor[wrong] < 0) else ""
+    return problem(
+        f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
+        f"Torque over acceleration is {_values(factor, wrong)} times {_SAYS}. A gear ratio of "
+        f"{_list(ratios)} would explain it, {how} "
+        f"in position or torque, or {_list(square)} in both; so would a torque that is not in N·m, "
+        f"{_list(1 / size)} N·m to its unit.{reversed_too} {proof}",
+        _unknown_remedy(factor, wrong),
+        effect,
+    )
+
+
+def _unknown_remedy(factor: Floats, joints: Sequence[int] | np.ndarray) -> str:
+    indices = [int(j) for j in joints]
+    each = [f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices]
+    return (
+        "Check whether position and torque are of the motor or behind the gear, with which ratio; and "
+        "the torque's unit: per cent of the rated torque, or amperes, need the rated torque or the "
+        f"torque constant: the torque times {', '.join(each)} fits{_column('torque', indices)}."
+    )
+
+
+def _known(factor: float, close: float) -> _Cause | None:
+    for cause in _KNOWN:
+        if abs(np.log(abs(factor) / cause.factor)) < np.log(close):
+            return cause
+    return None
+
+
+def _is_common(factor: Floats, of_cause: float) -> bool:
+    """Whether a common cause is behind the factors of all joints, alone or with a scale of each."""
+    rest = np.abs(factor) / of_cause
+    if np.any(factor <= 0) or factor.size == 0:
+        return False
+    alike = np.ptp(np.log(np.abs(factor))) < _SAME_FOR_ALL
+    if of_cause == 1e-4:  # nothing but the unit itself tells M and M2 from a gear ratio
+        return bool(alike and abs(np.log(rest[0])) < np.log(_CLOSE))
+    return bool(np.all((rest > 1 / 30) & (rest < 30)))
+
+
+def _joints(joints: Sequence[int] | np.ndarray, n: int) -> str:
+    names = [str(int(j) + 1) for j in joints]
+    if len(names) == n and n > 1:
+        return "all joints"
+    if len(names) == 1:
+        return f"joint {names[0]}"
+    return f"joints {', '.join(names[:-1])} and {names[-1]}"
+
+
+def _column(signal: str, joints: Sequence[int] | np.ndarray) -> str:
+    name = {"position": "theta_m{}_rad", "torque": "tau_m{}_Nm"}[signal]
+    return f" ({', '.join(name.format(int(j) + 1) for j in joints)} in a study's tables)"
+
+
+def _values(factor: Floats, joints: Sequence[int] | range | np.ndarray) -> str:
+    return _list(np.array([factor[int(j)] for j in joints]))
+
+
+def _list(values: Floats) -> str:
+    return ", ".join(number(float(value), 3) for value in values)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
