@@ -40,40 +40,47 @@ class FreeFriction:
         """How many shapes there are; their rank may be less."""
         return sum(records.size * shapes.shape[3] for records, shapes in self.groups)
 
-    def take_out(self, rows: Floats, W: Complexes) -> None:
-        """Project the free shapes out of whitened rows (r, 2Hn, c), in place.
+    def projection(self, W: Complexes) -> Projection:
+        """Return the projection in the units of noise that W, shape (r, H, n, n), makes."""
+        return Projection(
+            tuple(
+                (records, shapes[:, 0], *_whitened(shapes, W[records]))
+                for records, shapes in self.groups
+            )
+        )
 
-        Parameters
-        ----------
-        rows : ndarray
-            As ``real_rows`` makes them of (r, H, n, c).
-        W : ndarray, shape (r, H, n, n)
-            What has whitened the rows.
-        """
-        for records, shapes in self.groups:
-            free, gram = _whitened(shapes, W[records])
-            part = rows[records]
-            rows[records] = part - free @ np.linalg.solve(gram, free.swapaxes(1, 2) @ part)
 
-    def rank(self, W: Complexes) -> int:
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """What is left of whitened rows when the free shapes have taken what they can."""
+
+    groups: tuple[tuple[np.ndarray, Complexes, Floats, Floats, Floats], ...]
+    """Records, fundamental of their shapes (g, n, k), shapes in units of noise and of unit length
+    (g, m, k), that length (g, k), and the gain with which rows make sizes of the shapes (g, k, m)."""
+
+    def rest(self, rows: Floats) -> Floats:
+        """Rows (r, 2Hn, c), as ``real_rows`` makes them, without what the shapes explain."""
+        if not self.groups:
+            return rows
+        left = rows.copy()
+        for records, _, free, _, gain in self.groups:
+            left[records] -= free @ (gain @ rows[records])
+        return left
+
+    def rank(self) -> int:
         """How many real numbers the free shapes are worth: the trace of their projection."""
-        trace = 0.0
-        for records, shapes in self.groups:
-            free, gram = _whitened(shapes, W[records])
-            outer = free.swapaxes(1, 2) @ free
-            trace += float(np.einsum("rkk->", np.linalg.solve(gram, outer)))
-        return round(trace)
+        return round(
+            sum(float(np.einsum("rmk,rkm->", free, gain)) for _, _, free, _, gain in self.groups)
+        )
 
-    def fundamental(self, r: Complexes, W: Complexes) -> Complexes:
-        """Fundamental of the free friction that fits the balances r (r, H, n) best, shape (r, n)."""
-        found = np.zeros_like(r[:, 0])
-        for records, shapes in self.groups:
-            free, gram = _whitened(shapes, W[records])
-            length = np.linalg.norm(real_rows(W[records] @ shapes), axis=1)
-            rows = real_rows(W[records] @ r[records][..., None])
-            size = np.linalg.solve(gram, free.swapaxes(1, 2) @ rows)[..., 0]
-            size = size / np.where(length > 0, length, np.inf)
-            found[records] = np.einsum("rnk,rk->rn", shapes[:, 0], size)
+    def fundamental(self, rows: Floats) -> Complexes | float:
+        """Fundamental of the free friction that fits the rows (r, 2Hn, 1) best, shape (r, n)."""
+        if not self.groups:
+            return 0.0
+        found = np.zeros((len(rows), self.groups[0][1].shape[1]), complex)
+        for records, first, _, length, gain in self.groups:
+            size = (gain @ rows[records])[..., 0] / np.where(length > 0, length, np.inf)
+            found[records] = np.einsum("rnk,rk->rn", first, size)
         return found
 
 
@@ -83,11 +90,12 @@ def real_rows(values: Complexes) -> Floats:
     return np.concatenate([flat.real, flat.imag], axis=1)
 
 
-def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats]:
-    """Free shapes in units of noise, of unit length (g, m, k), and their Gram matrices."""
+def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats, Floats]:
+    """Free shapes in units of noise and of unit length, that length, and the gain of the projection."""
     free = real_rows(W @ shapes)
-    length = np.linalg.norm(free, axis=1, keepdims=True)
-    free /= np.where(length > 0, length, 1.0)
+    length = np.linalg.norm(free, axis=1)
+    free /= np.where(length > 0, length, 1.0)[:, None]
+    transposed = free.swapaxes(1, 2)
     # Neighbouring hats are nearly dependent: the ridge is where double precision ends.
-    gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
-    return free, gram
+    gram = transposed @ free + _RIDGE * np.eye(free.shape[2])
+    return free, np.asarray(length), np.asarray(np.linalg.solve(gram, transposed))

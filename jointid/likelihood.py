@@ -23,10 +23,9 @@ from jointid.linear_fit import Estimate
 from jointid.noise import Noise
 from jointid.phasors import Phasors
 from jointid.small_matrices import whitener
-from jointid.torque_balance import Problem, balance, make_problem, sliding
+from jointid.torque_balance import Balance, Problem, make_problem, sliding
 
-_PASSES = 15  # twice what any model that fits has taken
-_HOPELESS_AFTER = 4
+_PASSES = 40  # small friction and a long lag together have taken thirty
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 
@@ -46,7 +45,6 @@ def maximum_likelihood(
     friction: FrictionWaveforms | None = None,
     delay: bool = False,
     noise: Noise | None = None,
-    give_up_above: float = np.inf,
 ) -> LikelihoodEstimate:
     """Fit K and D, and on demand friction and delay, to all records and harmonics.
 
@@ -63,8 +61,6 @@ def maximum_likelihood(
         Fit a lag of the torque beyond what the records state.
     noise : Noise, optional
         Of the phasors, where it is known already.
-    give_up_above : float, optional
-        A cost above which the search ends after a few steps: another model is far better.
 
     Returns
     -------
@@ -83,12 +79,11 @@ def maximum_likelihood(
     p = np.concatenate([start, np.zeros(len(problem.names) - start.size)])
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
-    p, cost, normal = _minimise(problem, p, scale, give_up_above)
+    p, _ = _minimise(problem, p, scale)
     rank = _rank(problem, p)
-    if cost <= give_up_above:
-        # A harmonic that the model leaves unexplained counts as much less as it fits worse, never more.
-        scale = np.maximum(1.0, _misfit_by_harmonic(problem, p, rank))
-        p, _, normal = _minimise(problem, p, scale, give_up_above)
+    # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
+    scale = np.maximum(1.0, _misfit_by_harmonic(problem, p, rank))
+    p, normal = _minimise(problem, p, scale)
     information = _inverse(problem, normal)
     rows, _ = _whitened(problem, p, np.ones_like(scale))
     first = problem.z[:, 0]
@@ -135,18 +130,14 @@ def _require_rows(problem: Problem, p: Floats) -> None:
         )
 
 
-def _minimise(
-    problem: Problem, p: Floats, scale: Floats, give_up_above: float
-) -> tuple[Floats, float, Floats]:
-    """Levenberg-Marquardt; returns the parameters, the cost and the normal matrix Σ JᵀJ there.
+def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
+    """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
 
     It ends when a step is a hundredth of an error bar, as the misfit widens it.
     """
     n, damping = problem.n, 1e-3
     cost, gradient, normal = _quadratic(problem, p, scale)
-    for number in range(_PASSES):
-        if number >= _HOPELESS_AFTER and cost > give_up_above:
-            break
+    for _ in range(_PASSES):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > 0, size, 1.0)
         near = 1e-2 * np.sqrt(max(1.0, 2 * cost / problem.rows))
@@ -156,16 +147,16 @@ def _minimise(
             trial = p + step
             if np.all(trial[:n] > 0) and np.all(trial[:n] < problem.stiffest):
                 if damping < 1 and np.abs(step * size).max() < near:
-                    return trial, cost, normal
+                    return trial, normal
                 new = _quadratic(problem, trial, scale)
                 if new[0] <= cost * (1 + 1e-12):
                     break
             if damping > 1e8:
-                return p, cost, normal
+                return p, normal
             damping = max(10 * damping, 1e-6)
         p, (cost, gradient, normal) = trial, new
         damping /= 10
-    return p, cost, normal
+    return p, normal
 
 
 def _quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
@@ -177,19 +168,24 @@ def _quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Float
 
 def _whitened(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     """Residual (r, m) and Jacobian (r, m, P) in units of noise, without what friction is free to do."""
-    r, V, J = balance(problem, p)
-    W = _whitener(problem, V, scale)
-    both = real_rows(W @ np.concatenate([r[..., None], J], axis=3))
-    problem.free.take_out(both, W)
-    return both[..., 0], both[..., 1:]
+    at = Balance.at(problem, p)
+    W = _whitener(problem, at.V, scale)
+    projection = problem.free.projection(W)
+    rows = projection.rest(real_rows(W @ at.r[..., None]))
+    # What friction may do freely, and balances that say nothing, tell nothing of the true signals.
+    half = rows.shape[1] // 2
+    told = (rows[:, :half, 0] + 1j * rows[:, half:, 0]).reshape(at.r.shape)
+    pull = (W.conj().swapaxes(2, 3) @ told[..., None])[..., 0]
+    pull *= (problem.noise.inverse_bias[:, None] * scale)[..., None]
+    return rows[..., 0], projection.rest(real_rows(W @ at.jacobian(pull)))
 
 
 def _rank(problem: Problem, p: Floats) -> int:
     """How many real numbers the free shapes are worth."""
     if not problem.free.groups:
         return 0
-    _, V, _ = balance(problem, p)
-    return problem.free.rank(_whitener(problem, V, np.ones(problem.s.shape[1])))
+    W = _whitener(problem, Balance.at(problem, p).V, np.ones(problem.s.shape[1]))
+    return problem.free.projection(W).rank()
 
 
 def _whitener(problem: Problem, V: Complexes, scale: Floats) -> Complexes:
@@ -209,9 +205,10 @@ def _taken(problem: Problem, p: Floats, scale: Floats) -> Complexes:
     if problem.friction is None:
         return np.asarray(taken)
     taken = taken + sliding(problem, p, 1)[:, 0] + p[3 * n : 4 * n] * s * z[:, :n]
-    r, V, _ = balance(problem, p)
-    taken = taken + problem.free.fundamental(r, _whitener(problem, V, scale))
-    taken = np.where(problem.counts, taken, taken + r[:, 0])  # all that is left over is friction
+    at = Balance.at(problem, p)
+    W = _whitener(problem, at.V, scale)
+    taken = taken + problem.free.projection(W).fundamental(real_rows(W @ at.r[..., None]))
+    taken = np.where(problem.counts, taken, taken + at.r[:, 0])  # all that is left over is friction
     return np.asarray(taken)
 
 

@@ -41,8 +41,8 @@ class LongRecord(SineRecord):
 def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
     """Return the fit of a record from the fits of its consecutive parts.
 
-    Each part counts by its samples. The noise is what the blocks of all parts scatter by, so that
-    noise slower than a part is in it.
+    Each part counts by its samples. The noise is what the blocks of all parts scatter by; where the
+    parts differ by more, because noise is slower than a part, it is what the parts scatter by.
 
     Parameters
     ----------
@@ -73,7 +73,15 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
         "p,phij->hij", weight**2 * freedom / count, np.array([fit.covariance for fit in fits])
     )
     between = np.einsum("p,phi,phj->hij", weight**2 / count, apart, apart.conj())
-    total = int(count.sum())
+    total, parts = int(count.sum()), len(fits)
+    covariance, left = (within + between) * total / (total - 1), total - 1
+    # Where the parts differ by more than their blocks foretell, noise slower than a part is at work.
+    seen = parts / (parts - 1) * np.einsum("p,phi->hi", weight**2, np.abs(apart) ** 2)
+    told = np.maximum(np.einsum("hii->hi", covariance).real, 1e-300)
+    slow = seen > told * (1 + 3 / np.sqrt(parts - 1))
+    larger = np.sqrt(np.where(slow, seen / told, 1.0))
+    covariance = covariance * larger[:, :, None] * larger[:, None]
+    left = parts - 1 if slow[0].any() else left
     middle = np.array([fit.middle_s for fit in fits])
     offset = np.array([fit.offset for fit in fits])
     middle_s = float(weight @ middle)
@@ -90,6 +98,6 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
                 for w, y, fit in zip(weight, fundamentals, fits, strict=True)
             ]
         ),
-        covariance=(within + between) * total / (total - 1),
-        freedom=total - 1,
+        covariance=covariance,
+        freedom=left,
     )

@@ -22,7 +22,6 @@ a sharp to a blunt reversal; and whether it may change with speed beyond its vis
 
 _EXPLAINED = 1.3  # cost over its expectation below which a richer model could hardly do better
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
-_HOPELESS = 30.0  # times the least cost so far: such a model is not pursued
 _WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 
@@ -127,6 +126,7 @@ class _Search:
         self.noise = noise
         self.tried: dict[Model, LikelihoodEstimate | JointIdError] = {}
         self.waveforms: dict[tuple[float, bool], FrictionWaveforms] = {}
+        self.lag_demanded = False
 
     def fit(self, model: Model) -> None:
         if model in self.tried:
@@ -142,7 +142,6 @@ class _Search:
                 friction=self._waveforms(model.reversal, model.curve),
                 delay=model.delay,
                 noise=self.noise,
-                give_up_above=_HOPELESS * self._least_cost(),
             )
         except JointIdError as error:
             self.tried[model] = error
@@ -150,7 +149,7 @@ class _Search:
     def _pointless(self, model: Model) -> JointIdError | None:
         """Say so where a lag could not lower the cost by what it has to."""
         without = self.tried.get(replace(model, delay=False))
-        if not model.delay or not isinstance(without, LikelihoodEstimate):
+        if self.lag_demanded or not model.delay or not isinstance(without, LikelihoodEstimate):
             return None
         gain = gain_of_delay(
             self.phasors,
@@ -162,11 +161,6 @@ class _Search:
         if gain / max(1.0, _misfit(without)) > _WORTH_A_FIT:
             return None
         return JointIdError("Not fitted: a lag of the torque would not lower the cost by its penalty.")
-
-    def _least_cost(self) -> float:
-        """Least cost of the models so far."""
-        fitted = [e.cost for e in self.tried.values() if isinstance(e, LikelihoodEstimate)]
-        return min(fitted, default=np.inf)
 
     def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
         if reversal is None:
@@ -184,9 +178,7 @@ class _Search:
     def widen(self, lags: Sequence[bool], frictions: Sequence[tuple[float | None, bool]]) -> Model:
         """Try friction in ever richer forms until the noise is all that is left."""
         models: list[Model] = []
-        if False in lags:  # first, so that what they leave far above is not pursued
-            for reversal, curve in frictions[:2]:
-                self.fit(Model(reversal, False, curve))
+        self.lag_demanded = False not in lags
         for reversal, curve in frictions:
             if reversal is not None:
                 # From a linear start friction and delay together may end in a minimum that is none.
@@ -266,7 +258,8 @@ class _Search:
         clear = np.abs(estimate.p) > _CLEAR * error
         parts = []
         if model.reversal is not None:
-            parts.append((Model(None, model.delay), clear[2 * n : 4 * n].any()))
+            rubs = clear[2 * n : 4 * n] & (estimate.p[2 * n : 4 * n] > 0)  # friction takes energy
+            parts.append((Model(None, model.delay), (clear[2 * n :] if model.curve else rubs).any()))
         if model.delay:
             parts.append((Model(model.reversal, False, model.curve), clear[-1]))
         for without, stands in parts:

@@ -14,6 +14,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.fitted_sine import SineFit
 from jointid.records import SineRecord
+from jointid.sensor_steps import may_have_steps, step_variance
 from jointid.sine_fit import fit_sines
 from jointid.wording import counted
 
@@ -141,9 +142,9 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
     covariance += _rounding(fits)
-    stepped = np.ones(len(fits), bool) if count > 3 else _visible(fits)
-    for record in np.flatnonzero(stepped).tolist():
-        covariance[record] += _repeated_rounding(records[record], fits[record])
+    stepped = [count > 3 or may_have_steps(record) for record in records]
+    for record in np.flatnonzero(np.array(stepped) | _visible(fits)).tolist():
+        covariance[record] += step_variance(records[record], fits[record])
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
@@ -181,8 +182,7 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
         if record.n != records[0].n:
             raise JointIdError(
                 f"{record.label or f'record {number}'} has {counted(record.n, 'joint')}, the first "
-                "record "
-                f"{records[0].n}: records that are analysed together must have the same joints."
+                f"record {records[0].n}: records that are analysed together must have the same joints."
             )
     return records
 
@@ -193,43 +193,11 @@ def _rounding(fits: Sequence[SineFit]) -> Floats:
     return np.asarray(((1e-14 * size) ** 2)[:, None, :, None] * np.eye(size.shape[1]))
 
 
-def _repeated_rounding(record: SineRecord, fit: SineFit) -> Complexes:
-    """Variance that a sensor's quantisation adds when the same samples come back period by period.
-
-    Where the frequency divides the sample rate, or nearly so, rounding to steps of Δ repeats with the
-    motion: it does not scatter, and does not average out beyond the m samples that differ. Its variance
-    is Δ²/12 per sample, less by exp(−4π²σ²/Δ²) where other noise of σ per sample dithers it.
-    """
-    samples = record.samples
-    period = 1 / (record.frequency_hz * record.interval_s)
-    cycles = period * np.arange(1, int(record.periods) + 1)
-    repeats = np.abs(cycles - np.round(cycles)) < 0.02
-    different = round(cycles[np.argmax(repeats)]) if repeats.any() else samples
-    step = np.concatenate([_quantum(record.theta_rad), _quantum(record.tau_Nm)])
-    scatter = np.abs(np.diag(fit.covariance[0])) * samples / 4
-    with np.errstate(divide="ignore", invalid="ignore"):
-        undithered = np.exp(-4 * np.pi**2 * scatter / step**2)
-    variance = np.where(step > 0, step**2 / 3 / different * undithered, 0.0)
-    return np.diag(variance).astype(complex)
-
-
-def _quantum(signal: Floats) -> Floats:
-    """Step of which all differences between samples are multiples, shape (n,); 0 if there is none."""
-    difference = np.abs(np.diff(signal[:1024], axis=0))
-    difference[difference <= 1e-12 * np.abs(signal[:1024]).max(axis=0)] = np.inf
-    step = difference.min(axis=0)
-    moving = np.isfinite(step)
-    step = np.where(moving, step, 1.0)
-    multiple = np.where(np.isfinite(difference), difference, 0.0) / step
-    whole = np.abs(multiple - np.round(multiple)).max(axis=0) < 0.01
-    return np.where(whole & moving, step, 0.0)
-
-
 def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
     """Whether a record has harmonics that its sensors' steps do not explain either."""
     for record in np.flatnonzero(_visible(fits)).tolist():
         fit = fits[record]
-        steps = _repeated_rounding(records[record], fit)
+        steps = step_variance(records[record], fit)
         if _visible([replace(fit, covariance=fit.covariance + steps)])[0]:
             return True
     return False

@@ -19,7 +19,6 @@ from jointid.friction import FrictionWaveforms
 from jointid.joints import Inertia, motor_impedance
 from jointid.noise import Noise
 from jointid.phasors import Phasors
-from jointid.small_matrices import inverse
 from jointid.springs import inertia_arrays, spring_equations
 
 
@@ -97,42 +96,67 @@ def make_problem(
     )
 
 
-def balance(problem: Problem, p: Floats) -> tuple[Complexes, Complexes, Complexes]:
-    """Torque left over r (r, H, n), its covariance (r, H, n, n) and Jacobian (r, H, n, P)."""
-    n, s, z = problem.n, problem.s, problem.z
-    K, D = p[:n], p[n : 2 * n]
-    spring = K + s[..., None] * D
-    s4 = (s * s) ** 2
-    Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], K, D)
-    lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
-    E = np.zeros((*Z.shape[:3], 2 * n), complex)
-    E[..., :n] = -Z
-    for j in range(n):
-        if problem.friction is not None:  # what is viscous acts on q like the impedance
-            E[..., j, j] -= s * p[3 * n + j]
-        E[..., j, n + j] = lag
-    CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
-    V = E @ CE
-    r = (E @ z[..., None])[..., 0]
-    if problem.friction is not None:
-        r -= sliding(problem, p, s.shape[1])
-    smooth = z - (CE @ (inverse(V) @ r[..., None]))[..., 0]
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """The balance at one set of parameters."""
 
-    J = np.zeros((*r.shape, p.size), complex)
-    # ∂Z = −s² S⁻¹ ∂S S⁻¹ and ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
-    pull = (stiff @ smooth[..., :n, None])[..., 0] * (-s4[..., None] / spring**2)
-    J[..., :n] = stiff * pull[..., None, :]
-    J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
-    for j in range(n):
+    problem: Problem
+    p: Floats
+    r: Complexes
+    """Torque left over, shape (r, H, n)."""
+    V: Complexes
+    """Its covariance, shape (r, H, n, n)."""
+    CE: Complexes
+    """Covariance of the signals z with it, C Eᴴ, shape (r, H, 2n, n)."""
+    stiff: Complexes
+    """S⁻¹, shape (r, H, n, n)."""
+    lag: Complexes
+    """e^{-sδ}, shape (r, H)."""
+
+    @classmethod
+    def at(cls, problem: Problem, p: Floats) -> Balance:
+        """Form the balance."""
+        n, s = problem.n, problem.s
+        Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], p[:n], p[n : 2 * n])
+        lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
+        E = np.zeros((*Z.shape[:3], 2 * n), complex)
+        E[..., :n] = -Z
+        for j in range(n):
+            if problem.friction is not None:  # what is viscous acts on q like the impedance
+                E[..., j, j] -= s * p[3 * n + j]
+            E[..., j, n + j] = lag
+        CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
+        r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
-            curve = problem.friction.curve[:, :, j]
-            first = 4 * n + j * curve.shape[2]
-            J[..., j, 2 * n + j] = -problem.friction.coulomb[..., j]
-            J[..., j, 3 * n + j] = -s * smooth[..., j]
-            J[..., j, first : first + curve.shape[2]] = -curve
-        if problem.names[-1] == "delay":
-            J[..., j, -1] = -s * lag * smooth[..., n + j]
-    return r, V, J
+            r -= sliding(problem, p, s.shape[1])
+        return cls(problem, p, r, E @ CE, CE, stiff, lag)
+
+    def jacobian(self, pull: Complexes) -> Complexes:
+        """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
+
+        Parameters
+        ----------
+        pull : ndarray, shape (r, H, n)
+            V⁻¹r, of that part of r which tells of the signals.
+        """
+        problem, p, n, s = self.problem, self.p, self.problem.n, self.problem.s
+        smooth = problem.z - (self.CE @ pull[..., None])[..., 0]
+        J = np.zeros((*self.r.shape, p.size), complex)
+        # ∂Z = −s² S⁻¹ ∂S S⁻¹, ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
+        spring = p[:n] + s[..., None] * p[n : 2 * n]
+        twist = (self.stiff @ smooth[..., :n, None])[..., 0] * (-((s * s) ** 2)[..., None] / spring**2)
+        J[..., :n] = self.stiff * twist[..., None, :]
+        J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
+        for j in range(n):
+            if problem.friction is not None:
+                curve = problem.friction.curve[:, :, j]
+                first = 4 * n + j * curve.shape[2]
+                J[..., j, 2 * n + j] = -problem.friction.coulomb[..., j]
+                J[..., j, 3 * n + j] = -s * smooth[..., j]
+                J[..., j, first : first + curve.shape[2]] = -curve
+            if problem.names[-1] == "delay":
+                J[..., j, -1] = -s * self.lag * smooth[..., n + j]
+        return J
 
 
 def sliding(problem: Problem, p: Floats, h: int) -> Complexes:

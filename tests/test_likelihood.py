@@ -25,9 +25,10 @@ from jointid import (
     simulate_records,
 )
 from jointid.friction import friction_waveforms
-from jointid.likelihood import gain_of_delay, maximum_likelihood
+from jointid.likelihood import _quadratic, gain_of_delay, maximum_likelihood
 from jointid.linear_fit import weighted
 from jointid.springs import spring_equations
+from jointid.torque_balance import make_problem
 
 Law = Callable[[np.ndarray], np.ndarray]
 BAND_HZ = np.geomspace(3.0, 30.0, 10).round(2)
@@ -186,3 +187,44 @@ def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
     gain = gain_of_delay(phasors, PARALLELOGRAM, without, None, equations.noise)
     assert gain == pytest.approx(without.cost - lagging.cost, rel=0.05, abs=0.05)
     assert (gain > 100) == (delay_s > 0)
+
+
+@pytest.mark.parametrize("method", ["auto", "maximum-likelihood"])
+@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize("delay", [False, True])
+def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
+    method: str, friction: bool, delay: bool
+) -> None:
+    phasors = extract_phasors(prescribed_motion(lambda v: 0 * v), harmonics=9)
+    fit = identify_elasticity(phasors, PARALLELOGRAM, method=method, friction=friction, delay=delay)
+    assert in_standard_errors(fit).max() < 4
+    assert (fit.friction is not None) >= friction
+    assert (fit.delay is not None) >= delay
+
+
+@pytest.mark.parametrize("window", [None, 0.0, 0.1])
+@pytest.mark.parametrize("delay", [False, True])
+def test_the_gradient_is_that_of_the_cost(window: float | None, delay: bool) -> None:
+    """Against central differences, with position and torque noise that are correlated."""
+    rng = np.random.default_rng(1)
+    phasors = extract_phasors(prescribed_motion(np.sign), harmonics=9)
+    root = rng.standard_normal((4, 4))
+    size = np.diag([1e-6, 1e-6, 1e-3, 1e-3])
+    noise = replace(
+        spring_equations(phasors, PARALLELOGRAM).noise,
+        covariance=np.broadcast_to(
+            size @ (root @ root.T + np.eye(4)) @ size, phasors.harmonic_covariance.shape
+        ).astype(complex),
+    )
+    friction = None if window is None else friction_waveforms(phasors, window)
+    start = np.concatenate([1.02 * PAPER.K, 0.97 * PAPER.D])
+    problem = make_problem(phasors, PARALLELOGRAM, start, friction, delay, noise)
+    p = np.concatenate([start, 0.01 * np.ones(len(problem.names) - 4)])
+    if delay:
+        p[-1] = 2e-4
+    scale = np.linspace(1, 2, 9)
+    _, gradient, _ = _quadratic(problem, p, scale)
+    for k in range(p.size):
+        step = 1e-5 * p[k] * np.eye(p.size)[k]
+        ahead, behind = (_quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
+        assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4)

@@ -26,7 +26,8 @@ from jointid import (
 )
 from jointid.digest import study_digest
 from jointid.experiment import Excitation
-from jointid.long_records import LongRecord
+from jointid.long_records import LongRecord, joined
+from jointid.sine_fit import fit_sines
 
 INERTIA = Inertia(M=[0.0025, 0.0010], M2=[[0.0041, 0.0004], [0.0004, 0.0019]])
 TRUE = Elasticity(K=[43, 7.5], D=[0.1, 0.015])
@@ -148,3 +149,21 @@ def test_the_digest_is_that_of_the_file_and_a_long_study_is_not_saved_cut(tmp_pa
     assert study_digest(a) == study_digest(again) != study_digest(b)
     with pytest.raises(JointIdError, match="copy the study's folder"):
         save_study(a, tmp_path / "c")
+
+
+def test_noise_slower_than_a_part_is_in_the_error() -> None:
+    """Eight parts whose amplitudes wander from part to part: the parts' scatter is the error."""
+    rng = np.random.default_rng(4)
+    time = np.arange(8000) / 1000
+    claimed, seen = [], []
+    for _ in range(60):
+        parts = []
+        for k in range(8):
+            a = 1 + 0.01 * rng.standard_normal()
+            wave = a * np.sin(2 * np.pi * 10 * time[:1000]) + 1e-4 * rng.standard_normal(1000)
+            parts.append(SineRecord(10.0, time[1000 * k : 1000 * k + 1000], wave, wave))
+        fit = joined(fit_sines(parts), [1000] * 8)
+        claimed.append(fit.covariance[0, 0, 0].real)
+        seen.append(abs(fit.fundamental[0] - 1) ** 2)
+    assert np.mean(claimed) == pytest.approx(np.mean(seen), rel=0.4)
+    assert fit.freedom == 7

@@ -121,8 +121,7 @@ def record_information(
     told = counts[:, None, :, None]
     V = np.where(told & told.swapaxes(2, 3), V, np.eye(n))
     W = np.asarray(whitener(V) * told)
-    columns = real_rows(W @ J)
-    free.take_out(columns, W)
+    columns = free.projection(W).rest(real_rows(W @ J))
     return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
 
 

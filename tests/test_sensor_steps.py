@@ -1,0 +1,48 @@
+"""Steps of a sensor: found whatever they are, and no error bar is smaller for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jointid import SineRecord, extract_phasors
+from jointid.sensor_steps import quantum
+
+
+@given(
+    step=st.floats(1e-6, 1e3),
+    multiples=st.lists(st.integers(-40, 40), min_size=3, max_size=60),
+    offset=st.floats(-10, 10),
+)
+def test_the_step_is_the_common_divisor(step: float, multiples: list[int], offset: float) -> None:
+    signal = step * (np.array(multiples) + offset)
+    divisor = np.gcd.reduce(np.diff(multiples))
+    assert quantum(signal) == pytest.approx(step * divisor, rel=1e-6)
+
+
+def test_what_has_no_steps_has_none() -> None:
+    rng = np.random.default_rng(0)
+    assert quantum(rng.standard_normal(1000)) == 0
+    assert quantum(np.sin(0.1 * np.arange(1000))) == 0
+    assert quantum(np.zeros(100)) == 0
+
+
+@pytest.mark.parametrize("dither", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize(("hertz", "rate", "periods"), [(10.0, 1000.0, 30), (3.1, 4000.0, 12)])
+def test_the_error_of_a_coarse_encoder_is_claimed(
+    hertz: float, rate: float, periods: int, dither: float
+) -> None:
+    """Thirteen steps of amplitude; most of the error comes back with every period."""
+    rng = np.random.default_rng(1)
+    time = np.arange(round(periods * rate / hertz)) / rate
+    off, claimed = [], []
+    for _ in range(40):
+        y = 13 * rng.uniform(0.5, 1.5) * np.exp(1j * rng.uniform(0, 2 * np.pi))
+        wave = (y * np.exp(2j * np.pi * hertz * time)).imag + rng.uniform(-1, 1)
+        log = np.rint(wave + dither * rng.standard_normal(time.size))
+        phasors = extract_phasors([SineRecord(hertz, time, log, wave)])
+        off.append(abs(phasors.q[0, 0] - y) ** 2)
+        claimed.append(phasors.covariance[0, 0, 0].real)
+    assert 0.2 < np.sqrt(np.mean(off) / np.mean(claimed)) < 2.2
