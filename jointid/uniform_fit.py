@@ -19,6 +19,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.fitted_sine import SineFit, Window, padded, scatter
 
 _TOGETHER = 1 << 15  # numbers in the block sums of records fitted together: they stay in the cache
+_WORTH_KEEPING = 1 << 17  # numbers in a table of sines; larger ones would fill the memory
 
 
 def fit_side_by_side(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
@@ -133,9 +134,12 @@ def _plan(shapes: tuple[tuple[float, int, int, int], ...], count: int) -> _Plan:
     )
 
 
-@lru_cache(maxsize=64)
 def _columns(x: float, block: int, count: int) -> tuple[Floats, Floats]:
     """Cosines, sines, one and ramp, (block, 2H + 2), and their products with cosines and sines."""
+    return (_kept_columns if block * count < _WORTH_KEEPING else _made_columns)(x, block, count)
+
+
+def _made_columns(x: float, block: int, count: int) -> tuple[Floats, Floats]:
     waves = _powers(x, block, count)
     columns = np.empty((block, 2 * count + 2))
     columns[:, :count] = waves.real
@@ -143,6 +147,9 @@ def _columns(x: float, block: int, count: int) -> tuple[Floats, Floats]:
     columns[:, -2] = 1
     columns[:, -1] = np.arange(block)
     return columns, columns.T @ columns[:, :-2]
+
+
+_kept_columns = lru_cache(maxsize=64)(_made_columns)
 
 
 def _powers(x: float, samples: int, count: int) -> Complexes:
