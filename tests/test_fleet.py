@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -14,15 +16,19 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 from fleet_studies import batch, poison, small_study, with_poison, write_studies
+from hypothesis import given
+from hypothesis import strategies as st
 
-from jointid import JointIdError, analyse, load_study, save_study
+from jointid import JointIdError, analyse, containers, load_study, save_study, study_parts
 from jointid.digest import study_digest
-from jointid.fleet import Limits, Row, analyse_fleet, find_studies, read_fleet
+from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
 from jointid.fleet.child import Child, Ended
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
+from jointid.fleet.studies import shown
+from jointid.fleet.worker import answer, study_row
 
 COUNT = 16
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -155,6 +161,44 @@ def test_folders_are_searched_at_any_depth_and_links_only_once(tmp_path: Path) -
     assert list(find_studies([tmp_path])) == [deep / "s"]
 
 
+def test_a_study_has_one_row_by_whatever_way_it_is_reached(tmp_path: Path) -> None:
+    (tmp_path / "cells" / "deep").mkdir(parents=True)
+    save_study(small_study(0), tmp_path / "cells" / "s")
+    (tmp_path / "link").symlink_to(tmp_path / "cells" / "s")
+    (tmp_path / "way").symlink_to(tmp_path / "cells" / "deep")
+    out = tmp_path / "r.parquet"
+    analyse_fleet([tmp_path / "cells"], out, workers=1)
+    (row,) = read_fleet(out)
+    ways = [f"{tmp_path}/{way}" for way in ("link", "link/study.toml", "way/..", "way/../s", "l*")]
+    assert {find_studies([way]) for way in ways} == {(Path(row.study),)}
+    again = analyse_fleet(ways, out, workers=1)
+    assert (again.studies, again.skipped, again.kept) == (1, 1, 0)
+    assert read_fleet(out) == (row,)
+    assert row.study == os.path.realpath(tmp_path / "cells" / "s")
+
+
+@posix
+def test_two_paths_are_never_shown_alike(tmp_path: Path) -> None:
+    names = [b"x\xff", b"x\\xff", b"x\\x5cxff", b"x\\\xff", b"x\\x5\xff", "x\u00ff".encode(), b"x\\n"]
+    folders = [tmp_path / os.fsdecode(name) for name in names]
+    for k, folder in enumerate(folders):
+        save_study(small_study(k), folder)
+    out = tmp_path / "r.parquet"
+    analyse_fleet(folders, out, workers=1)
+    rows = read_fleet(out)
+    assert [row.name for row in rows] == [f"cell {k}" for k in range(len(names))]
+    assert [Path(row.study).name for row in rows[-2:]] == ["x\u00ff", "x\\n"]  # as they are
+
+
+@given(st.binary(max_size=12) | st.text("\\x5cf8\u00e4", max_size=12).map(os.fsencode))
+def test_what_a_table_shows_leads_back_to_the_path(name: bytes) -> None:
+    path = Path(os.fsdecode(b"/" + name.replace(b"\0", b"").replace(b"/", b"")))
+    text = shown(path)
+    text.encode()  # a table can hold it
+    back = re.sub(rb"\\x([89a-f][0-9a-f]|5c)", lambda found: bytes([int(found[1], 16)]), text.encode())
+    assert back == os.fsencode(path)
+
+
 def test_nothing_to_do_is_said(tmp_path: Path) -> None:
     for paths, text in (([tmp_path], "holds no study"), ([f"{tmp_path}/*.zip"], "matches no study")):
         with pytest.raises(JointIdError, match=text):
@@ -177,6 +221,90 @@ def test_the_digest_of_the_files_changes_with_any_byte(tmp_path: Path) -> None:
     file.rename(file.with_name("03.csv"))
     third = content_digest(tmp_path / "s")
     assert len({first, second, third}) == 3
+
+
+@pytest.fixture
+def scaled_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits a few thousand times smaller: 16 kB stand for 1 GiB, and records above 8 kB are long."""
+    for module in (containers, content):
+        monkeypatch.setattr(module, "MAX_TOTAL_BYTES", 1 << 14)
+    monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 13)
+    monkeypatch.setattr(study_parts, "_PART_SAMPLES", 100)
+    monkeypatch.setattr(study_parts, "_PART_PERIODS", 1)
+
+
+@pytest.mark.usefixtures("scaled_down")
+def test_a_study_beyond_the_limits_of_an_archive_is_analysed_anew_when_its_data_change(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "long"
+    save_study(small_study(1), path, record_format="parquet")
+    files = sorted((path / "records").iterdir())
+    assert sum(file.stat().st_size for file in files) > 2 * containers.MAX_TOTAL_BYTES
+    first = study_row(path, "x", "auto")
+    assert first is not None
+    assert not first.error
+    assert study_row(path, "x", "auto", known=first.content) is None
+    save_study(small_study(3), path, record_format="parquet", overwrite=True)
+    second = study_row(path, "x", "auto", known=first.content)
+    assert second is not None
+    assert second.name == "cell 3"
+    assert second.K != first.K
+    data = bytearray(files[-1].read_bytes())
+    data[len(data) // 2] ^= 1
+    files[-1].write_bytes(data)  # one bit, in the last file of all
+    assert content_digest(path) != second.content
+    assert first.version == second.version
+
+
+@pytest.mark.usefixtures("scaled_down")
+@pytest.mark.parametrize("limit", ["a long record", "the size of all files"])
+def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str
+) -> None:
+    path = tmp_path / "long"
+    save_study(small_study(1), path, record_format="parquet")
+    if limit == "a long record":
+        monkeypatch.setattr(content, "MAX_TOTAL_BYTES", 1 << 30)
+    else:
+        monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 30)
+    with pytest.raises(JointIdError, match=r"cannot be sent to a cluster, .*\.parquet is too long"):
+        packed(path)
+    about = {"do": "pack", "study": "x", "method": "auto", "known": "", "path": str(path)}
+    refused = from_plain(answer(about, b"")[0]["row"])
+    assert (refused.failure, refused.content) == ("refused", "")  # known by no content: tried again
+    monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 13)
+    assert study_row(path, "x", "auto", known=refused.content).is_good
+
+
+def test_what_cannot_be_read_counts_as_what_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_study(small_study(0), tmp_path / "s")
+    whole = content_digest(tmp_path / "s")
+    file = tmp_path / "s" / "records" / "02.csv"
+    opened = Path.open
+
+    def no_such_luck(path: Path, *arguments: str) -> object:
+        if path == file.resolve():
+            raise PermissionError(13, "Permission denied")
+        return opened(path, *arguments)
+
+    with monkeypatch.context() as context:
+        context.setattr(Path, "open", no_such_luck)
+        closed = content_digest(tmp_path / "s")
+        with pytest.raises(
+            JointIdError, match=r"records/02\.csv in .* cannot be read: Permission denied"
+        ):
+            packed(tmp_path / "s")
+    data = file.read_bytes()
+    file.unlink()
+    file.symlink_to(tmp_path / "outside.csv")
+    (tmp_path / "outside.csv").write_bytes(data)  # a link that leaves the folder
+    led_away = content_digest(tmp_path / "s")
+    assert len({whole, closed, led_away}) == 3
+    with pytest.raises(JointIdError, match=r"02\.csv is missing"):
+        load_study(packed(tmp_path / "s"))
 
 
 def test_what_is_sent_is_the_same_study(paths: list[Path]) -> None:
@@ -355,6 +483,27 @@ def test_files_of_others_are_left_alone(paths: list[Path], tmp_path: Path) -> No
         analyse_fleet(paths[:1], tmp_path / "none" / "r.parquet")
 
 
+WRONG = {
+    "study": 5,
+    "content": None,
+    "name": "\ud800",  # half a character
+    "findings": ["good", 1],
+    "joints": 10**9,
+    "records": 2.0,
+    "time_s": float("nan"),
+    "misfit": "1",
+    "K": [1.0] * 9,
+    "D": 3.0,
+    "K_error": [-1.0],
+    "delay_s": True,
+    "verdict": "<b>",
+    "failure": "bad luck",
+    "date": "soon",
+    "new": 1,
+}
+"""Values that no batch writes, by field."""
+
+
 def test_a_damaged_line_of_the_journal_costs_that_row_only(
     truth: dict[str, Row], tmp_path: Path
 ) -> None:
@@ -363,11 +512,18 @@ def test_a_damaged_line_of_the_journal_costs_that_row_only(
     for row in rows:
         journal.add(row)
     journal.close()
-    lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(lines[0] + lines[1] + b"\x00" * 20 + b"\n" + lines[3])
-    again = Journal(path)
-    assert again.rows == (rows[0], rows[2])
-    again.close()
+    head, first, middle, last = path.read_bytes().splitlines(keepends=True)
+    plain = json.loads(middle)
+    lines = [b"\x00" * 20, b"null", b"5", b"[1]", b'"x"', b"{}", b"[" * 100_000, b"\xff", b""]
+    lines += [json.dumps(plain | {name: value}).encode() for name, value in WRONG.items()]
+    lines += [json.dumps({k: v for k, v in plain.items() if k != "time_s"}).encode()]
+    for damaged in lines:
+        path.write_bytes(head + first + damaged + b"\n" + last)
+        with closing(Journal(path)) as again:
+            assert again.rows == (rows[0], rows[2]), damaged[:60]
+    path.write_bytes(head + first + middle + last)
+    with closing(Journal(path)) as whole:
+        assert whole.rows == tuple(rows)
 
 
 # --- the process

@@ -26,7 +26,7 @@ HOMES = {
     ],
     "pyarrow": [
         "jointid/study_*.py", "jointid/*_tables.py", "jointid/importing/*",
-        "jointid/fleet/table.py",
+        "jointid/fleet/table.py", "jointid/fleet/content.py",
     ],
     "distributed": ["jointid/fleet/cluster.py"],
     "dask": ["jointid/fleet/cluster.py"],

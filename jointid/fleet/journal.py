@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jointid.errors import JointIdError
-from jointid.fleet.row import Row, from_plain, to_plain
+from jointid.fleet.row import Row, checked, from_plain, to_plain
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
 
@@ -113,8 +113,9 @@ class Journal:
             self._file.flush()
             os.fsync(self._file.fileno())
         for line in data[len(_HEAD) : whole].splitlines():
-            with suppress(ValueError, TypeError):  # a damaged line: that study is analysed again
-                yield from_plain(json.loads(line.decode("utf-8", "surrogatepass")))
+            # A damaged line: that study is analysed again. Deep nesting raises a RecursionError.
+            with suppress(ValueError, TypeError, RecursionError):
+                yield checked(from_plain(json.loads(line.decode("utf-8", "surrogatepass"))))
 
 
 def _lock(file: object) -> bool:

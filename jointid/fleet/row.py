@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -14,6 +16,13 @@ REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash"
 ended; its workers were lost; a fault of this software."""
 FAILURES = ("", REFUSED, TIME, MEMORY, CRASH, LOST, FAULT)
 VERDICTS = ("", "good", "warning", "problem")
+MAX_JOINTS = 64
+"""Most joints of a row that is read."""
+JOINTWISE = (
+    "K", "K_error", "D", "D_error", "K_unseen", "D_unseen", "K_nominal", "D_nominal",
+    "coulomb", "viscous",
+)  # fmt: skip
+"""Fields with a value for each joint."""
 
 Numbers = tuple[float, ...]
 
@@ -154,16 +163,60 @@ def to_plain(row: Row) -> dict[str, Any]:
     return {f.name: getattr(row, f.name) for f in fields(Row)}
 
 
-def from_plain(document: dict[str, Any]) -> Row:
+def from_plain(document: Any) -> Row:
     """Return the row that ``to_plain`` was given.
 
     Raises
     ------
     TypeError
-        When a field is unknown or missing.
+        When it is no object, or a field is unknown or missing.
     """
+    if not isinstance(document, dict):
+        raise TypeError(f"{document!r:.60} is no row")
     plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in document.items()}
     return Row(**plain)
+
+
+def checked(row: Row) -> Row:
+    """Return the row if a batch could have written it.
+
+    Raises
+    ------
+    ValueError
+        When a field is of another kind, or what it says cannot be.
+    """
+    for f in fields(Row):
+        value = getattr(row, f.name)
+        if not _is_of_kind(str(f.type), value):
+            raise ValueError(f"{f.name} = {value!r:.60}")
+    if not 0 <= row.joints <= MAX_JOINTS:
+        raise ValueError(f"joints = {row.joints}")
+    if row.verdict not in VERDICTS or row.failure not in FAILURES:
+        raise ValueError("an unknown verdict or failure")
+    if row.date:
+        datetime.datetime.fromisoformat(row.date)
+    if not math.isfinite(row.time_s):
+        raise ValueError(f"time_s = {row.time_s}")
+    for name in JOINTWISE:
+        values = getattr(row, name)
+        if len(values) not in (0, row.joints):
+            raise ValueError(f"{name} = {values!r:.60} for {row.joints} joints")
+        if name.endswith("_error") and any(value < 0 for value in values):
+            raise ValueError(f"{name} = {values!r:.60}")
+    return row
+
+
+def _is_of_kind(kind: str, value: object) -> bool:
+    """Whether a value is what the field's annotation says."""
+    if kind.startswith("tuple") or kind == "Numbers":
+        inner = "float" if kind == "Numbers" else "str"
+        return isinstance(value, tuple) and all(_is_of_kind(inner, item) for item in value)
+    if kind == "str" and isinstance(value, str):
+        value.encode("utf-8", "surrogateescape")  # what is left over no table can hold
+        return True
+    if kind == "float | None":
+        return value is None or isinstance(value, float)
+    return type(value) is int if kind == "int" else kind == "float" and isinstance(value, float)
 
 
 def _numbers(values: Any) -> Numbers:

@@ -17,7 +17,7 @@ from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import Row
-from jointid.fleet.studies import find_studies
+from jointid.fleet.studies import find_studies, shown
 from jointid.fleet.table import read_rows, write_rows
 
 
@@ -124,7 +124,7 @@ def analyse_fleet(
         raise JointIdError(f"{target.parent} is not a folder: make it first, or choose another path.")
     with closing(Journal(journal_path(target))) as journal:
         before = _rows_before(target, journal, fresh)
-        jobs = [_job(path, method, before.get(_shown(path))) for path in meant]
+        jobs = [_job(path, method, before.get(shown(path))) for path in meant]
         rows: dict[str, Row] = {}
         state = Progress(len(jobs), 0, 0, 0, 0.0)
 
@@ -200,11 +200,6 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
     return {row.study: row for row in (*in_table, *journal.rows)}
 
 
-def _shown(path: Path) -> str:
-    """A path as a table can hold it: it may hold bytes that are no characters."""
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
-
-
 def _job(path: Path, method: str, row: Row | None) -> Job:
     same = row is not None and row.is_final and (row.method, row.version) == (method, software_version())
-    return Job(_shown(path), path, method, row.content if row is not None and same else "")
+    return Job(shown(path), path, method, row.content if row is not None and same else "")

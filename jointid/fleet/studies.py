@@ -12,6 +12,8 @@ from jointid.errors import JointIdError
 from jointid.study_saving import STUDY_FILE
 
 _MAGIC = re.compile(r"[*?\[]")
+_ESCAPE = re.compile(rb"\\(?=x(?:[89a-f][0-9a-f]|5c))")
+"""A backslash that would read as the beginning of an escape."""
 
 
 def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
@@ -27,8 +29,9 @@ def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
     Returns
     -------
     tuple of Path
-        Absolute, in the order of ``paths``, below a folder by name; numbers in names count as numbers.
-        What is named outright is there even when it is no study: its row will say why.
+        Absolute and without links, so that a study has one path by whatever way it was reached; in the
+        order of ``paths``, below a folder by name; numbers in names count as numbers. What is named
+        outright is there even when it is no study: its row will say why.
 
     Raises
     ------
@@ -38,15 +41,21 @@ def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
     given = [os.fspath(path) for path in paths]
     if not given:
         raise JointIdError("No study is named: give folders, .zip files or patterns.")
-    found: dict[str, Path] = {}
-    for text in given:
-        for path in _meant(text):
-            found.setdefault(os.path.realpath(path), path)
-    return tuple(found.values())
+    found = dict.fromkeys(os.path.realpath(path) for text in given for path in _meant(text))
+    return tuple(Path(path) for path in found)
+
+
+def shown(path: Path) -> str:
+    r"""Return a path as a table can hold it: no two paths are shown alike.
+
+    A byte that is no character becomes ``\xff``; where a name itself holds such a text, its backslash
+    becomes ``\x5c``.
+    """
+    return _ESCAPE.sub(rb"\\x5c", os.fsencode(path)).decode("utf-8", "backslashreplace")
 
 
 def _meant(text: str) -> Iterator[Path]:
-    path = Path(os.path.abspath(text))
+    path = Path(text).absolute()  # its ".." stay, for after a link they lead elsewhere
     if not _MAGIC.search(text) or os.path.lexists(text):
         if path.name == STUDY_FILE:
             yield path.parent
@@ -55,7 +64,7 @@ def _meant(text: str) -> Iterator[Path]:
         else:
             yield from _required(_below(path, set()), f"{path} holds no study")
         return
-    matches = (Path(os.path.abspath(match)) for match in glob.glob(text, recursive=True))
+    matches = (Path(match).absolute() for match in glob.glob(text, recursive=True))
     yield from _required(_matching(sorted(matches, key=_natural)), f"{text} matches no study")
 
 

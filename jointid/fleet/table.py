@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
 import io
-import math
 import os
 import secrets
 from collections.abc import Sequence
@@ -15,12 +13,10 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
-from jointid.fleet.row import FAILURES, VERDICTS, Row
+from jointid.fleet.row import MAX_JOINTS, Row, checked
 
 MAX_ROWS = 1_000_000
 """Most rows of a table that is read."""
-MAX_JOINTS = 64
-"""Most joints of a table that is read."""
 
 _KIND = {b"kind": b"jointid fleet", b"format": b"1"}
 _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
@@ -145,28 +141,14 @@ def _row(columns: dict[str, list[Any]], k: int) -> Row:
     joints = plain["joints"]
     if not isinstance(joints, int) or not 0 <= joints <= MAX_JOINTS:
         raise ValueError(f"row {k + 1} has joints = {joints!r:.60}")
-    for name, kind in _TYPES.items():
-        if kind == pa.float64() and not isinstance(plain[name], float | None):
-            raise ValueError(f"row {k + 1} has {name} = {plain[name]!r:.60}")
-    for name in (*_HEAD, *_TAIL):
-        if name not in _TYPES and not isinstance(plain[name], str):
-            raise ValueError(f"row {k + 1} has {name} = {plain[name]!r:.60}")
-    if plain["date"]:
-        datetime.datetime.fromisoformat(plain["date"])
-    if plain["verdict"] not in VERDICTS or plain["failure"] not in FAILURES:
-        raise ValueError(f"row {k + 1} has an unknown verdict or failure")
     plain["findings"] = tuple(str(text) for text in plain["findings"] or ())
     for name, column in _JOINTWISE.items():
         values = [columns.get(column.format(j + 1), [None] * (k + 1))[k] for j in range(joints)]
-        whole = [value for value in values if value is not None]
-        if whole and (len(whole) < joints or not all(isinstance(value, float) for value in whole)):
-            raise ValueError(f"row {k + 1} has {name} = {values!r:.60}")
-        if name.endswith("_error") and any(value < 0 for value in whole):
-            raise ValueError(f"row {k + 1} has {name} = {values!r:.60}")
-        plain[name] = tuple(whole)
-    if plain["time_s"] is None or not math.isfinite(plain["time_s"]):
-        raise ValueError(f"row {k + 1} has no time_s")
-    return Row(**plain)
+        plain[name] = tuple(value for value in values if value is not None)
+    try:
+        return checked(Row(**plain))
+    except ValueError as error:
+        raise ValueError(f"row {k + 1} has {error!s:.160}") from error
 
 
 def _text(value: Any) -> Any:
