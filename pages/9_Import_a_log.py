@@ -7,7 +7,13 @@ from jointid.figures.log_spans import log_spans
 from jointid.importing import MappedLog, Segment, mapping_to_json, study_from_logs
 from jointid.ui.charts import is_dark, plot
 from jointid.ui.importing_files import drop_logs
-from jointid.ui.importing_kept import forget_import, keep_import, kept_import, say_what_is_kept
+from jointid.ui.importing_kept import (
+    clear_entries,
+    forget_import,
+    keep_import,
+    kept_import,
+    say_what_is_kept,
+)
 from jointid.ui.importing_mapping import (
     choose_mapping,
     keep_mapping,
@@ -32,7 +38,7 @@ st.write(
     "found, and give the inertias. One long log with many runs is as good as one log per run."
 )
 with kept_import():
-    logs = drop_logs()
+    logs = drop_logs(clear_entries)
     keep_import()
     say_what_is_kept()
     if not logs:
@@ -45,9 +51,9 @@ with kept_import():
     show_raw(log.table, proposed_columns(log.key, log.table))
 
     st.subheader("What the columns are", anchor=False)
-    mapping = None
+    mapping, not_confirmed = None, ""
     try:
-        mapping = choose_mapping(log.key, log.table)
+        mapping, not_confirmed = choose_mapping(log.key, log.table)
         remember(log.table, mapping)
     except JointIdError as error:
         st.error(str(error))
@@ -103,7 +109,8 @@ with kept_import():
     st.subheader("The robot", anchor=False)
     try:
         ratios = [joint.gear_ratio for joint in mapping.joints]
-        robot = ask_robot(ratios, [mapped_log.name for mapped_log in ready.values()])
+        names = [mapped_log.name for mapped_log in ready.values()]
+        robot = ask_robot(ratios, names, not_confirmed)
         if robot is not None and not problems:
             with st.spinner("Cutting the records out"):
                 study = study_from_logs(

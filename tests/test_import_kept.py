@@ -137,6 +137,26 @@ def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on
     assert widget(stranger, "number_input", "Gear ratio").value == 1.0
 
 
+def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
+    def said(at: AppTest) -> list[bool]:
+        place = part_of(place_of(at), "import")
+        texts = [caption.value for caption in at.caption]
+        assert bool(kept.entries(place)) == any("kept at this page's address" in text for text in texts)
+        return ["stay open in this session only" in text for text in texts]
+
+    at = drop(begun(), ("one.csv", long_log()))
+    assert not any(said(at))
+    at = send(at, "0.001", "0.003")
+    at = shown(at.switch_page(PAGE).run())
+    assert any(said(at))
+    widget(at, "number_input", "Gear ratio").set_value(7.0)
+    at = shown(at.run())
+    at = shown(at.run())
+    assert not any(said(at))
+    widget(at, "button", "Close these logs").click()
+    assert not any(said(shown(at.run())))
+
+
 def test_more_logs_join_those_of_an_earlier_session() -> None:
     at = begun(place_of(drop(begun(), ("one.csv", long_log()))))
     at = drop(at, ("two.csv", long_log(ratio=2.0)))

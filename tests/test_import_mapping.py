@@ -27,6 +27,7 @@ from jointid.importing import (
     read_log,
     study_from_logs,
 )
+from jointid.importing.more_joints import propose_joint
 from jointid.importing.tables import numbers
 from jointid.importing.units import (
     ANGLE_UNITS,
@@ -360,6 +361,36 @@ def test_guess_of_the_cell() -> None:
     assert "position of joint 1" not in asked
     assert "unit of time" not in asked
     assert all(reason.text.endswith(".") for reason in guess.reasons)
+
+
+def test_a_position_without_a_torque_is_said() -> None:
+    names = ("Zeit", "Achse 1 Ist", "Achse 2 Ist", "Moment 1", "Moment 2")
+    columns = {
+        f"{name}__{unit}": T for name, unit in zip(names, ("ms", "deg", "deg", "%", "%"), strict=True)
+    }
+    whole = guess_mapping(table_of(**columns))
+    assert "joints" not in {reason.what for reason in whole.reasons}
+    for gone, said in (
+        ("Moment 2__%", '"Achse 2 Ist" has no torque'),
+        ("Achse 1 Ist__deg", '"Moment 1" has no position'),
+    ):
+        part = guess_mapping(table_of(**{key: v for key, v in columns.items() if key != gone}))
+        assert part.mapping.n == 1
+        (reason,) = [r for r in part.open_questions if r.what == "joints"]
+        assert said in reason.text
+
+
+def test_a_joint_more_takes_what_is_free_and_never_the_time() -> None:
+    table = table_of(Zeit__ms=T, q1=X, tau1=X, speed=X, tau9=X, q9=X)
+    like = Channel("q1", "deg", None, "joint"), Channel("tau1", "%", 5.0, "joint")
+    position, torque, why = propose_joint(table, 2, like, {"Zeit", "q1", "tau1"})
+    assert position == Channel("q9", "deg", None, "joint")
+    assert torque == Channel("tau9", "%", 1.0, "joint")
+    assert {
+        f"{role} of joint 2" for role in ("position", "torque", "scale of torque", "gear ratio")
+    } <= {reason.what for reason in why if not reason.sure}
+    position, torque, _ = propose_joint(table, 3, like, {"Zeit", "q1", "tau1", "speed", "tau9"})
+    assert (position.column, torque.column) == ("q9", "")
 
 
 def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:

@@ -152,8 +152,88 @@ class TestMapping:
         assert "signal 1" in widget(at, "selectbox", "Position of joint 1").options
         assert figures(at) >= 1
 
+    def test_a_torque_that_is_missing_is_said_and_proposed_where_it_can_be(self, page: AppTest) -> None:
+        lines = cell_log().decode("latin-1").split("\r\n")
+        lines = [line.rpartition(";")[0] if line.count(";") == 4 else line for line in lines]
+        at = drop(page, ("cell.csv", "\r\n".join(lines).encode("latin-1")))
+        assert widget(at, "number_input", "Joints").value == 1
+        checks = [c.value for c in at.caption if "To check" in c.value]
+        assert any('"Achse 2 Ist" has no torque beside it' in check for check in checks)
+        widget(at, "number_input", "Joints").set_value(2)
+        at = shown(at.run())
+        assert widget(at, "selectbox", "Position of joint 2").value == "Achse 2 Ist"
+        assert widget(at, "selectbox", "Torque of joint 2").value is None
+        assert widget(at, "selectbox", "Unit of position 2").value == "deg"
+        assert widget(at, "selectbox", "Unit of torque 2").value == "%"
+        assert [widget(at, "selectbox", "Measured at the", k).value for k in (2, 3)] == [
+            "joint",
+            "motor",
+        ]
+        assert "No column is left for the torque of joint 2" in at.error[0].value
+        assert any("mere proposal" in c.value for c in at.caption if "To check" in c.value)
+
+    def test_closing_the_logs_clears_the_robot_but_not_the_mapping(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        widget(at, "number_input", "Gear ratio").set_value(101.0)
+        at.text_input(key="import M").set_value("0.001")
+        at.text_input(key="import M2").set_value("0.003")
+        at.text_input(key="import nominal K").set_value("20")
+        at.selectbox(key="import M unit").set_value("kg·cm²")
+        at = shown(at.run())
+        for row in next(iter(at.session_state["import_segments_last"].values())):
+            object.__setattr__(row, "use", False)
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        at = shown(at.switch_page(PAGE).run())
+        assert at.text_input(key="import M").value == "0.001"
+        widget(at, "button", "Close these logs").click()
+        at = drop(shown(at.run()), ("one.csv", long_log()))
+        assert widget(at, "number_input", "Gear ratio").value == 101.0
+        assert [at.text_input(key=f"import {name}").value for name in ("M", "M2", "nominal K")] == [
+            ""
+        ] * 3
+        assert at.selectbox(key="import M unit").value == "kg·m²"
+        assert all(row.use for part in at.session_state["import_segments_last"].values() for row in part)
+        assert any("used again" in i.value and "Inertias are not" in i.value for i in at.info)
+
 
 class TestStudy:
+    def test_nominal_values_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
+        seen: list[Any] = []
+        monkeypatch.setattr(
+            "jointid.importing.study_from_logs",
+            lambda *_, nominal, **__: seen.append(nominal) or _refuse(),
+        )
+        at = drop(page, ("one.csv", long_log()))
+        at.text_input(key="import nominal K").set_value("20,5; ")
+        assert "Nominal D is missing" in send(at, "0.001", "0.003").error[0].value
+        at.text_input(key="import nominal K").set_value("20.5, 3")
+        at.text_input(key="import nominal D").set_value("0.1, 0.2")
+        assert "those of 2 joints" in send(at, "0.001", "0.003").error[0].value
+        at.text_input(key="import nominal K").set_value("20.5")
+        at.text_input(key="import nominal D").set_value("0.1")
+        assert "enough seen" in send(at, "0.001", "0.003").error[0].value
+        assert (seen[0].K.tolist(), seen[0].D.tolist()) == ([20.5], [0.1])
+
+    def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
+        def said(at: AppTest) -> str:
+            return " ".join(c.value for c in at.caption if "not confirmed" in c.value)
+
+        at = drop(page, ("cell.csv", cell_log()))
+        assert "rated torque 1 N·m of joint 2" in said(at)
+        assert "side of position of joint 1" in said(at)
+        at = drop(page, ("one.csv", long_log()))
+        assert "gear ratio 1 of joint 1" in said(at)
+        widget(at, "selectbox", "Unit of torque 1").set_value("A")
+        at = shown(at.run())
+        assert "gear ratio 1 of joint 1, torque constant 1 N·m/A of joint 1" in said(at)
+        widget(at, "number_input", "Gear ratio").set_value(50.0)
+        widget(at, "number_input", "Torque constant").set_value(0.3)
+        assert said(shown(at.run())) == ""
+
+    def test_runs_are_counted(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        assert "3 runs, 3 used" in [m.value for m in at.markdown]
+
     def test_a_jittered_log_becomes_a_study_of_one_record(
         self, page: AppTest, jittered_log: bytes
     ) -> None:
@@ -243,6 +323,12 @@ class TestCorrectedRuns:
         (segment,) = self.kept(apply_edits(rows, edits, {"one": "k"}), log)
         assert segment.start_s == pytest.approx(7.0, abs=1e-3)
         assert segment.frequency_hz == pytest.approx(11.0, rel=1e-4)
+
+    def test_a_corrected_row_has_all_its_shares(self, rows: list[Row], log: MappedLog) -> None:
+        edits = {"edited_rows": {1: {"Start (s)": 3.7, "Frequency (Hz)": 6.5}}}
+        segment = self.kept(apply_edits(rows, edits, {"one": "k"}), log)[1]
+        assert segment.share == pytest.approx(1, abs=1e-3)
+        assert segment.torque_share == pytest.approx(1, abs=1e-3)
 
     def test_an_added_row_is_measured_and_stands_in_its_place(
         self, rows: list[Row], log: MappedLog

@@ -11,6 +11,8 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.column_words import WORDS, NamedColumn, by_number, described, number_in, words_of
 from jointid.importing.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping, TimeColumn
+from jointid.importing.more_joints import lone_columns
+from jointid.importing.reasons import Reason
 from jointid.importing.tables import LogColumn, LogTable
 from jointid.importing.units import (
     ANGLE_UNITS,
@@ -21,18 +23,6 @@ from jointid.importing.units import (
     TORQUE_UNITS,
 )
 from jointid.wording import counted
-
-
-@dataclass(frozen=True)
-class Reason:
-    """Why one entry of a mapping was guessed as it is."""
-
-    what: str
-    """Which entry: "time", "position of joint 1", "gear ratio of joint 1" ..."""
-    text: str
-    """The reason as a sentence, or what the user should give."""
-    sure: bool
-    """False where the file does not say it: the user should look."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +159,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
                 )
             )
         pairs.append((group["position"].column, group["torque"].column))
+    reasons += lone_columns(best, [*complete.values()])
     return pairs
 
 

@@ -106,10 +106,12 @@ def measure_segment(
             )
         return measured(time, theta, log.tau_Nm[part], lines_worth(time, theta, lines))
     segment = Segment(float(time[0]), float(time[-1]), float(frequency_hz))
-    fit = fit_lines(time, theta, [segment.frequency_hz], harmonics=HARMONICS, free=False)
+    signals = np.column_stack([theta, log.tau_Nm[part]])
+    fit = fit_lines(time, signals, [segment.frequency_hz], harmonics=HARMONICS, free=False)
     return replace(
         segment,
-        share=float(fit.share.max()),
+        share=float(fit.share[: log.n].max()),
+        torque_share=float(fit.share[log.n :].max()),
         amplitude_rad=tuple(np.abs(fit.phasors[0, : log.n]).tolist()),
     )
 

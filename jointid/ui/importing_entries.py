@@ -9,8 +9,10 @@ from typing import TypeVar
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
+from jointid import JointIdError
 from jointid.importing import Channel, Guess, JointMapping, LogTable, Mapping, TimeColumn
 from jointid.importing.mapping import JOINT, MAX_JOINTS, MOTOR
+from jointid.importing.more_joints import propose_joint
 from jointid.importing.units import (
     ANGLE_UNITS,
     POSITION_SCALES,
@@ -34,11 +36,19 @@ class Entries:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self.reasons = {reason.what: reason for reason in guess.reasons}
         self.sure: list[str] = []
+        self.assumed: list[str] = []
+        """Ratios and scales that are 1 because nobody gave them."""
+        self.unsure: list[str] = []
+        """What else is marked "To check"."""
+        self.asked: list[tuple[Channel, Channel, float]] = []
+        self.used: set[str] = set()
 
     def ask(self) -> Mapping:
         with st.container(border=True):
             time, joints = self._time()
-        asked = [self._joint(j) for j in range(joints)]
+        self.used = {time[0], *(c for c in self.base.columns if c != self.base.time.column)}
+        for j in range(joints):
+            self.asked.append(self._joint(j))
         with st.container(border=True):
             left, right = st.columns(2, vertical_alignment="bottom")
             held = left.checkbox(
@@ -60,8 +70,15 @@ class Entries:
             with st.expander("Why the other entries were guessed as they are"):
                 for text in self.sure:
                     st.caption(text)
+        for number, (position, torque, _) in enumerate(self.asked, start=1):
+            for role, channel in (("position", position), ("torque", torque)):
+                if not channel.column:
+                    raise JointIdError(
+                        f"No column is left for the {role} of joint {number}: choose one that another "
+                        "joint does without, or give fewer joints."
+                    )
         return Mapping(
-            TimeColumn(*time), tuple(JointMapping(*a) for a in asked), held, float(delay) / 1e3
+            TimeColumn(*time), tuple(JointMapping(*a) for a in self.asked), held, float(delay) / 1e3
         )
 
     def _time(self) -> tuple[tuple[str, str, float | None], int]:
@@ -92,14 +109,21 @@ class Entries:
         guess = self.guess.mapping.time
         still = time == guess.column
         self._why(
-            ("time", still), ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz))
+            ("joints", int(joints) == self.guess.mapping.n),
+            ("time", still),
+            ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz)),
         )
         return (time, unit, rate), int(joints)
 
     def _joint(self, j: int) -> tuple[Channel, Channel, float]:
         known = self.base.joints[j] if j < self.base.n else None
-        free = [name for name in self.table.names if name not in self.base.columns]
-        free = (free[2 * (j - self.base.n) :] + [*self.table.names] * 2)[:2]
+        if known is not None:
+            first = known.position, known.torque
+        else:
+            like = self.asked[0][0], self.asked[0][1]
+            *first_two, why = propose_joint(self.table, j + 1, like, self.used)
+            first = first_two[0], first_two[1]
+            self.reasons |= {reason.what: reason for reason in why}
         with st.container(border=True):
             left, right = st.columns([3, 2], vertical_alignment="center")
             left.markdown(f"**Joint {j + 1}**")
@@ -114,32 +138,44 @@ class Entries:
                 "It counts for channels measured on the joint's side.",
             )
             position = self._channel(
-                "position", j, known.position if known else Channel(free[0], "rad"),
-                tuple(ANGLE_UNITS), POSITION_SCALES,
+                "position", j, first[0], tuple(ANGLE_UNITS), POSITION_SCALES,
             )  # fmt: skip
             torque = self._channel(
-                "torque", j, known.torque if known else Channel(free[1], "N·m"),
-                tuple(TORQUE_UNITS), TORQUE_SCALES,
+                "torque", j, first[1], tuple(TORQUE_UNITS), TORQUE_SCALES,
             )  # fmt: skip
-            if j < self.guess.mapping.n:
-                self._why_joint(j, position, torque, float(ratio))
+            if known is None:
+                self._why_joint(j, position, torque, float(ratio), first)
+            elif j < self.guess.mapping.n:
+                guess = self.guess.mapping.joints[j]
+                self._why_joint(j, position, torque, float(ratio), (guess.position, guess.torque))
+        self.used |= {position.column, torque.column}
+        self._note_assumed(j, position, torque, float(ratio))
         return position, torque, float(ratio)
 
-    def _why_joint(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
-        guess, end = self.guess.mapping.joints[j], f" of joint {j + 1}"
+    def _note_assumed(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
+        end = f" of joint {j + 1}"
+        if ratio == 1.0 and JOINT in (position.side, torque.side):
+            self.assumed.append(f"gear ratio 1{end}")
+        for channel, scales in ((position, POSITION_SCALES), (torque, TORQUE_SCALES)):
+            if channel.scale == 1.0:
+                what, _, unit = scales[channel.unit].partition(", ")
+                self.assumed.append(f"{what} 1{f' {unit}' if unit else ''}{end}")
+
+    def _why_joint(
+        self, j: int, position: Channel, torque: Channel, ratio: float, then: tuple[Channel, Channel]
+    ) -> None:
+        end = f" of joint {j + 1}"
         stands = []
-        for role, now, then in (
-            ("position", position, guess.position),
-            ("torque", torque, guess.torque),
-        ):
-            same = now.column == then.column
+        for role, now, was in (("position", position, then[0]), ("torque", torque, then[1])):
+            same = now.column == was.column
             stands += [
                 (f"{role}{end}", same),
-                (f"unit of {role}{end}", same and now.unit == then.unit),
-                (f"scale of {role}{end}", same and (now.unit, now.scale) == (then.unit, then.scale)),
-                (f"side of {role}{end}", same and now.side == then.side),
+                (f"unit of {role}{end}", same and now.unit == was.unit),
+                (f"scale of {role}{end}", same and (now.unit, now.scale) == (was.unit, was.scale)),
+                (f"side of {role}{end}", same and now.side == was.side),
             ]
-        self._why(*stands, (f"gear ratio{end}", ratio == guess.gear_ratio), part_of=end)
+        geared = JOINT in (position.side, torque.side)
+        self._why(*stands, (f"gear ratio{end}", geared and ratio == 1.0), part_of=end)
 
     def _channel(
         self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
@@ -173,21 +209,27 @@ class Entries:
         words: MappingType[T, str] | None = None,
     ) -> T:
         choices = list(options)
-        if st.session_state.get(self._id(name), value) not in choices:
+        if st.session_state.get(self._id(name), choices[0]) not in choices:
             del st.session_state[self._id(name)]  # of an earlier version
-        return place.selectbox(
+        index = choices.index(value) if value in choices else None if value == "" else 0
+        chosen = place.selectbox(
             label,
             choices,
-            index=choices.index(value) if value in choices else 0,
+            index=index,
             format_func=words.__getitem__ if words else str,
             key=self._id(name),
+            placeholder="choose",
             persist_state="session",
         )
+        return value if chosen is None else chosen
 
     def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
         """Say what was guessed without being sure, and remember the other reasons; not once changed."""
         found = [
             self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
+        ]
+        self.unsure += [
+            r.what for r in found if not r.sure and not r.what.startswith(("gear ratio", "scale"))
         ]
         check = [
             f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"

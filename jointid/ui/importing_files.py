@@ -36,14 +36,21 @@ class Log:
     table: LogTable
 
 
-def drop_logs() -> list[Log]:
-    """Ask for files, read them, say what could not be read, and ask which tables to use."""
+def drop_logs(forget: Callable[[], None]) -> list[Log]:
+    """Ask for files, read them, say what could not be read, and ask which tables to use.
+
+    Parameters
+    ----------
+    forget : callable
+        Clears what was entered for logs that are closed.
+    """
     st.file_uploader(
         "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS bags, or a .zip of them",
         accept_multiple_files=True,
         max_upload_size=MAX_LOG_BYTES >> 20,
         key=_UPLOADER,
         on_change=_take,
+        args=(forget,),
     )
     files = dropped()
     if not st.session_state.get(_UPLOADER):
@@ -51,11 +58,8 @@ def drop_logs() -> list[Log]:
     if held := st.session_state.get(_HELD):
         left, right = st.columns([4, 1], vertical_alignment="center")
         size = sum(len(file.data) for file in files) / 2**20
-        left.caption(
-            f"Still open: {', '.join(file.name for file in held)}. Logs and entries are kept at this "
-            f"page's address until they are closed or opened as a study ({size:.1f} MiB)."
-        )
-        right.button("Close these logs", on_click=_close)
+        left.caption(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)")
+        right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
     watch = Watch("Read on", len(files))
     for file in files:
@@ -95,17 +99,20 @@ def hold(files: list[Dropped]) -> None:
     st.session_state[_HELD] = st.session_state[_FILES] = files
 
 
-def _take() -> None:
+def _take(forget: Callable[[], None]) -> None:
     """Add what was uploaded to what was open before, or take away again what was uploaded."""
     files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
     for file in st.session_state.get(_UPLOADER) or []:
         data = file.getvalue()
         digest = blake2b(data, digest_size=16).hexdigest()
         files[digest] = Dropped(file.name, data, digest)
+    if not files and dropped():
+        forget()
     st.session_state[_FILES] = list(files.values())
 
 
-def _close() -> None:
+def _close(forget: Callable[[], None]) -> None:
+    forget()
     held = {file.digest for file in st.session_state.pop(_HELD, [])}
     st.session_state[_FILES] = [file for file in dropped() if file.digest not in held]
 

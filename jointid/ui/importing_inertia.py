@@ -8,7 +8,7 @@ import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
-from jointid import Inertia, JointIdError, PlanarArm
+from jointid import Elasticity, Inertia, JointIdError, PlanarArm
 from jointid.arrays import Floats
 from jointid.importing.robot_inertia import (
     INERTIA_UNITS,
@@ -26,6 +26,7 @@ _MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237}
 _ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 _MOTOR, _JOINT = "motor side", "joint side"
 _UPLOADS = "import_toml_uploads"
+_GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
     "The method takes the rigid-body inertias as known, seen from the motors: divided by both gear "
     "ratios. K and D are as right as they are. What is given on the joint side is divided by the gear "
@@ -55,6 +56,37 @@ def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
         _SOURCES[2]: _by_links,
     }
     return ask[source or _SOURCES[0]](gear_ratios)
+
+
+def inertias_given() -> bool:
+    """Whether inertias were entered, in any of the ways."""
+    return any(str(st.session_state.get(key) or "").strip() for key in _GIVEN)
+
+
+def ask_nominal(joints: int) -> Elasticity | None:
+    """Ask for the K and D that the controller assumes; None when they are left empty.
+
+    Raises
+    ------
+    JointIdError
+        When one of them is missing or is no stiffness or damping.
+    """
+    left, right = st.columns(2)
+    help_ = "What the controller assumes today: the app compares it with what is found."
+    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
+    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
+    if not K.strip() and not D.strip():
+        return None
+    for name, text in (("K", K), ("D", D)):
+        if not text.strip():
+            raise JointIdError(f"Nominal {name} is missing: give K and D of every joint, or neither.")
+    nominal = Elasticity(numbers_in("Nominal K", K), numbers_in("Nominal D", D))
+    if nominal.n != joints:
+        raise JointIdError(
+            f"Nominal K and D are those of {counted(nominal.n, 'joint')}, the mapping has {joints}: "
+            "give one of each per joint."
+        )
+    return nominal
 
 
 def show_inertia(robot: KnownRobot) -> None:

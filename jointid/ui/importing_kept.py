@@ -17,8 +17,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.store import Store
 from jointid.ui.importing_files import Dropped, dropped, hold
-from jointid.ui.importing_mapping import mappings_from_json, mappings_to_json
-from jointid.ui.importing_rows import rows_from_json, rows_to_json
+from jointid.ui.importing_mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
+from jointid.ui.importing_rows import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.workspace import keep_part, place_for, store
 
 _PART = "import"
@@ -26,6 +26,7 @@ _DRAFT = "entries"
 _ENTRY = "import "
 """How the keys of all entries of the page begin; those of buttons and tables do not."""
 _WRITTEN = "kept_import"
+_MADE = "import_made"
 _PROBLEM = "import_problem"
 _LOST = "import_lost"
 _SHARE = 4
@@ -72,6 +73,14 @@ def say_what_is_kept() -> None:
     place = place_for(_PART)
     if place is None:
         return
+    if dropped() and not st.session_state.get(_PROBLEM):
+        st.caption(
+            "A study was made of these logs: the study is kept. The logs and entries stay open in this "
+            "session only, until they are closed; with another change they are kept again."
+            if st.session_state.get(_MADE) == st.session_state[_WRITTEN]
+            else "Logs and entries are kept at this page's address until they are closed or opened as a "
+            "study."
+        )
     with suppress(JointIdError):
         for note in store().notes(place):
             left, right = st.columns([4, 1], vertical_alignment="center")
@@ -90,8 +99,18 @@ def forget_import() -> None:
     keep_import()
     try:
         _empty()
+        st.session_state[_MADE] = st.session_state[_WRITTEN]
     except JointIdError as error:
         st.session_state["store_problem"] = str(error)
+
+
+def clear_entries() -> None:
+    """Forget what was entered for the robot and the runs of logs that are closed; mappings stay."""
+    for key in [key for key in st.session_state if str(key).startswith(_ENTRY)]:
+        if not of_mapping(str(key)):
+            del st.session_state[key]
+    forget_rows()
+    offer_again()
 
 
 def _write(to: Store, place: str, files: list[Dropped], text: bytes) -> None:

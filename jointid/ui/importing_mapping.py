@@ -19,7 +19,9 @@ from jointid.importing import (
 )
 from jointid.store import Store
 from jointid.ui.importing_entries import Entries
+from jointid.ui.importing_inertia import inertias_given
 from jointid.ui.workspace import keep_part, place_for, store
+from jointid.wording import listed
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
@@ -120,8 +122,8 @@ def mappings_from_json(values: dict[str, Any]) -> None:
     st.session_state[_FIRST] = dict(values[_FIRST])
 
 
-def choose_mapping(key: str, table: LogTable) -> Mapping:
-    """Draw every entry of the mapping and return what they say.
+def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str]:
+    """Draw every entry of the mapping; return what they say, and what of it was assumed, as a line.
 
     Raises
     ------
@@ -141,12 +143,31 @@ def choose_mapping(key: str, table: LogTable) -> Mapping:
     entries = Entries(table, guess, base, f"{table.signature} {version}")
     if guessed_from.setdefault(table.signature, key) != key:
         left, right = st.columns([4, 1], vertical_alignment="center")
-        left.info("The mapping that was used for these columns before is used again.")
+        needed = "" if inertias_given() else " Inertias are not: give those of this robot below."
+        left.info(f"The mapping that was used for these columns before is used again.{needed}")
         if right.button("Guess afresh", key="guess_afresh"):
             guessed_from[table.signature] = key
             _start_from(table, guess.mapping)
             st.rerun()
-    return entries.ask()
+    mapping = entries.ask()
+    return mapping, _not_confirmed(entries)
+
+
+def _not_confirmed(entries: Entries) -> str:
+    parts = [f"Assumed and not confirmed: {', '.join(entries.assumed)}."] if entries.assumed else []
+    if entries.unsure:
+        parts.append(f"Still marked To check: {listed(entries.unsure, at_most=6)}.")
+    return " ".join(parts)
+
+
+def of_mapping(key: str) -> bool:
+    """Whether a key of the session is that of an entry of a mapping."""
+    return any(f" {signature} " in key for signature in st.session_state.get(_BASE, {}))
+
+
+def offer_again() -> None:
+    """Say of every mapping, from now on, that it was used before."""
+    st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
 
 
 def mapping_files(table: LogTable, mapping: Mapping | None) -> None:

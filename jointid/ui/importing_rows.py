@@ -10,6 +10,8 @@ import streamlit as st
 from jointid.importing import Segment
 
 _LAST = "import_segments_last"
+SHOWN = "import_segments_shown"
+"""Key of the rows that the table began with."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,12 @@ def last_rows() -> dict[str, list[Row]]:
     """Return the rows of each log, by what was found in it."""
     rows: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
     return rows
+
+
+def forget_rows() -> None:
+    """Forget every correction."""
+    for key in (_LAST, SHOWN):
+        st.session_state.pop(key, None)
 
 
 def rows_to_json() -> dict[str, list[dict[str, Any]]]:

@@ -14,11 +14,11 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_segments, measure_segment
 from jointid.rounding import significant
-from jointid.ui.importing_rows import Row, last_rows
+from jointid.ui.importing_rows import SHOWN, Row, last_rows
 from jointid.ui.importing_work import Watch
+from jointid.wording import counted
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
-_SHOWN = "import_segments_shown"
 _SETTLED = "import_segments_settled"
 
 
@@ -53,17 +53,20 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last = last_rows()
-    if key not in st.session_state or st.session_state.get(_SHOWN, ("",))[0] != key:
+    if key not in st.session_state or st.session_state.get(SHOWN, ("",))[0] != key:
         rows = [
             row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
         ]
-        st.session_state[_SHOWN] = (key, rows)
-    rows = st.session_state[_SHOWN][1]
+        st.session_state[SHOWN] = (key, rows)
+    rows = st.session_state[SHOWN][1]
     labels = _labels(names)
+    summary = st.empty()
     _table(rows, labels, key)
     edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
     for log, part in found.items():
         last[_one(log, part)] = [row for row in edited if row.log == log]
+    used = sum(row.use for row in edited)
+    summary.markdown(f"{counted(len(edited), 'run')}, {used} used")
     return edited
 
 
@@ -183,7 +186,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         options = list(labels.values())
         settings[_LOG] = column.SelectboxColumn(options=options, default=options[0], required=True)
     for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
-        columns[name] = np.array([_number(getattr(row, attribute)) for row in rows], float)
+        columns[name] = np.array([_tidy(getattr(row, attribute), attribute) for row in rows], float)
     columns["Periods"] = [_periods(row) for row in rows]
     for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
         columns[name] = [_percent(getattr(row.found, share, math.nan)) for row in rows]
@@ -215,8 +218,11 @@ def _percent(share: float) -> str:
     return "" if math.isnan(share) else f"{100 * share:.2f} %"
 
 
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value
+def _tidy(value: float | None, attribute: str) -> float:
+    """Return a number as it is typed: times to the microsecond, frequencies to seven digits."""
+    if value is None:
+        return math.nan
+    return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
 
 
 def _labels(names: Mapping[str, str]) -> dict[str, str]:

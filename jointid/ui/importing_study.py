@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.importing.robot_inertia import KnownRobot
-from jointid.ui.importing_inertia import ask_inertia, show_inertia
+from jointid.ui.importing_inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.wording import counted
 
 _NO_POSE = "as in [inertia]"
@@ -26,8 +26,20 @@ class Robot:
     """Pose of each log; None: that of ``known.inertia``."""
 
 
-def ask_robot(gear_ratios: Sequence[float], logs: Sequence[str]) -> Robot | None:
-    """Ask for name and inertias, show what they come to; None until the study is to be opened."""
+def ask_robot(
+    gear_ratios: Sequence[float], logs: Sequence[str], not_confirmed: str = ""
+) -> Robot | None:
+    """Ask for name and inertias, show what they come to; None until the study is to be opened.
+
+    Parameters
+    ----------
+    gear_ratios : sequence of float
+        One per joint.
+    logs : sequence of str
+        What they are called.
+    not_confirmed : str, optional
+        What of the mapping was assumed; it is said at the button.
+    """
     joints = len(gear_ratios)
     known, problem = None, ""
     try:
@@ -38,6 +50,8 @@ def ask_robot(gear_ratios: Sequence[float], logs: Sequence[str]) -> Robot | None
                 f"{joints}: "
                 "make them agree."
             )
+        if (nominal := ask_nominal(joints)) is not None and known is not None:
+            known = replace(known, nominal=nominal)
     except JointIdError as error:
         problem = str(error)
     poses = _ask_poses(known, logs)
@@ -50,6 +64,8 @@ def ask_robot(gear_ratios: Sequence[float], logs: Sequence[str]) -> Robot | None
     )
     # The button stands above what changes its height, so that it never moves away under a click.
     wanted = right.button("Open as study", type="primary", width="stretch")
+    if not_confirmed:
+        st.caption(f":orange-badge[To check] {not_confirmed}")
     if wanted and known is None:
         problem = problem or (
             "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
