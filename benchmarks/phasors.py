@@ -75,13 +75,13 @@ def campaign(records: int, samples: int, harmonics: int) -> Campaign:
 
 def measure(quick: bool) -> list[Table]:
     """One table without friction, one with."""
-    records, samples = (4, 2000) if quick else (64, 40_000)
+    records, samples = (3, 2000) if quick else (64, 40_000)
     tables = []
     for title, harmonics in [("no friction, 3 harmonics", 1), ("friction, 31 harmonics", MANY)]:
         data = campaign(records, samples, harmonics)
         contenders = _contenders(data, harmonics)
         found = {name: call() for name, call in contenders.items()}
-        rounds = 2 if quick else 9
+        rounds = 1 if quick else 9
         # A fit of 62 sines by lstsq takes a second per record; two rounds of it must do.
         times = interleaved(contenders, against=SUM, rounds=rounds, patience_s=6.0, warm=False)
         rows: list[dict[str, Cell]] = [

@@ -53,7 +53,7 @@ class Effort:
 
 
 FULL = Effort(20, 2, 4, 50, 9, tuple(FREQUENCIES_HZ), 12.5, 4)
-QUICK = Effort(2, 1, 1, 2, 1, (12.0, 18.0, 27.0), 6.0, 1)
+QUICK = Effort(2, 1, 1, 2, 1, (12.0, 18.0, 27.0), 4.0, 1)
 
 
 def measure(quick: bool) -> Iterator[Table]:

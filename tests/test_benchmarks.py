@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
@@ -16,6 +18,13 @@ from benchmarks import __main__ as runner  # noqa: E402
 from benchmarks.harness import NOT_INSTALLED, Table, interleaved, written  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # other people's libraries may warn
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_thread() -> Iterator[None]:
+    """Small matrices wait for each other's threads when the cores have other work."""
+    with threadpool_limits(1, "blas"):
+        yield
 
 
 def numbers(table: Table, column: str) -> list[float]:
@@ -155,7 +164,7 @@ def test_a_library_that_is_missing_is_a_row(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(stiffness, "optional", lambda _name: None)
     monkeypatch.setattr(transfer_matrix, "optional", lambda _name: None)
     assert harness.optional("no_such_library") is None
-    missing = stiffness._expensive([], stiffness.QUICK)
+    missing = stiffness._expensive([], stiffness.QUICK, with_mujoco=True)
     assert [NOT_INSTALLED in str(row["estimator"]) for row in missing] == [True, True]
     assert NOT_INSTALLED in str(named(transfer_matrix.measure(True)[0], "pyFRF")["estimator"])
 
