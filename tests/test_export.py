@@ -406,7 +406,36 @@ def test_urdf_has_spring_damping_reduction_and_rotor() -> None:
     assert float(stiffness['b"2"_spring'] or 0) == pytest.approx(7.5 * 8100)
     assert [float(e.text or 0) for e in root.iter("mechanicalReduction")] == [100.0, -90.0]
     about_axis = [float(e.attrib["izz"]) for e in root.iter("inertia")]
-    np.testing.assert_allclose(about_axis, RATIO**2 * SERIAL.M)
+    np.testing.assert_allclose(about_axis[::2], RATIO**2 * SERIAL.M)
+    children = [e.attrib["link"] for e in root.iter("child")]
+    roots = {e.attrib["name"] for e in root.findall("link")} - set(children)
+    assert len(roots) == 1  # a tree
+    assert len(children) == len(set(children)) == 4
+
+
+@pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet])
+def test_mujoco_loads_them_as_they_are(snippet: Any) -> None:
+    """Each joint alone is two masses with a spring between: ω² = K (1/J_a + 1/J_m)."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(snippet(KNOWN, RATIO))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    for column, unit in zip(mass, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    arm = arm_side(KNOWN, RATIO)
+    stiffness = np.zeros(model.nv)
+    for j in (1, 2):
+        stiffness[model.joint(f"joint{j}_spring").dofadr[0]] = arm.K[j - 1]
+    squared = np.sort(np.linalg.eigvals(np.linalg.solve(mass, np.diag(stiffness))).real)[2:]
+    expected = np.sort(arm.K * (1 / np.diag(arm.M2) + 1 / arm.rotor))
+    np.testing.assert_allclose(squared, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet, sdf_snippet])
+def test_snippets_say_that_they_are_no_arm(snippet: Any) -> None:
+    text = snippet(KNOWN, RATIO)
+    assert text.index("couplings J_12 are not in it") < text.index("joint1_motor")
 
 
 def test_sdf_has_spring_and_damping() -> None:

@@ -106,8 +106,8 @@ def mujoco_snippet(
     Returns
     -------
     str
-        XML: for each joint the two hinges to stand in the body of its link, and the motors. The
-        actuators' inputs are motor torques.
+        XML that MuJoCo loads: each joint on its own, with the two hinges that are to stand in the body
+        of its link, and the motors. The actuators' inputs are motor torques.
 
     Raises
     ------
@@ -115,8 +115,10 @@ def mujoco_snippet(
         As in ``arm_side``, or when the names do not fit.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _NESTING_NOTE, "<mujoco>", "  <worldbody>"]
+    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _NESTING_NOTE]
+    lines += ['<mujoco model="elastic_joints">', "  <worldbody>"]
     for j, name in enumerate(names):
+        about = _x(arm.M2[j, j])
         lines += [
             f"    <body name={quoteattr(f'{name}_link')}>",
             "      <!-- Both hinges stand in the body of the link: their angles add up. -->",
@@ -125,7 +127,8 @@ def mujoco_snippet(
             f'frictionloss="{_x(arm.coulomb[j])}"/>',
             f'      <joint name={quoteattr(f"{name}_spring")} type="hinge" axis="0 0 1" '
             f'stiffness="{_x(arm.K[j])}" springref="0" damping="{_x(arm.D[j])}"/>',
-            "      <!-- inertial, geoms and the next body -->",
+            f'      <inertial pos="0 0 0" mass="{_x(_LINK_MASS)}" '
+            f'diaginertia="{about} {about} {about}"/>',
             "    </body>",
         ]
     lines += ["  </worldbody>", "  <actuator>"]
@@ -145,22 +148,16 @@ def urdf_snippet(
     Parameters and errors as in ``mujoco_snippet``. URDF itself knows no spring.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _ROTOR_NOTE, '<robot name="elastic_joints">']
+    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _ROTOR_NOTE]
+    lines += ['<robot name="elastic_joints">', f'  <link name="{_BASE}"/>']
     for j, name in enumerate(names):
         motor, spring, rotor = (quoteattr(f"{name}_{part}") for part in ("motor", "spring", "rotor"))
-        base, link = quoteattr(f"{name}_base"), quoteattr(f"{name}_link")
+        link = quoteattr(f"{name}_link")
         lines += [
-            f"  <link name={base}/>",
-            f"  <link name={link}/>",
-            f"  <link name={rotor}>",
-            "    <inertial>",
-            f'      <mass value="{_x(_ROTOR_MASS)}"/>',
-            f'      <inertia ixx="{_x(arm.rotor[j] / 2)}" iyy="{_x(arm.rotor[j] / 2)}" '
-            f'izz="{_x(arm.rotor[j])}" ixy="0" ixz="0" iyz="0"/>',
-            "    </inertial>",
-            "  </link>",
+            *_urdf_link(rotor, _ROTOR_MASS, float(arm.rotor[j])),
+            *_urdf_link(link, _LINK_MASS, float(arm.M2[j, j])),
             f'  <joint name={motor} type="continuous">',
-            f"    <parent link={base}/>",
+            f'    <parent link="{_BASE}"/>',
             f"    <child link={rotor}/>",
             '    <axis xyz="0 0 1"/>',
             f'    <dynamics damping="{_x(arm.viscous[j])}" friction="{_x(arm.coulomb[j])}"/>',
@@ -194,32 +191,41 @@ def sdf_snippet(
     SDFormat joints take arm-side torques: multiply a motor torque by the gear ratio.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _ROTOR_NOTE, '<sdf version="1.9">']
-    lines.append('  <model name="elastic_joints">')
+    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _ROTOR_NOTE]
+    lines += [
+        '<sdf version="1.9">',
+        '  <model name="elastic_joints">',
+        f'    <link name="{_BASE}"/>',
+        f'    <joint name="{_BASE}_fixed" type="fixed">',
+        f"      <parent>world</parent><child>{_BASE}</child>",
+        "    </joint>",
+    ]
     for j, name in enumerate(names):
         spring = (
             f"<spring_reference>0</spring_reference><spring_stiffness>{_x(arm.K[j])}</spring_stiffness>"
         )
         lines += [
-            f"    <link name={quoteattr(f'{name}_base')}/>",
-            f"    <link name={quoteattr(f'{name}_link')}/>",
-            f"    <link name={quoteattr(f'{name}_rotor')}>",
-            f"      <inertial><mass>{_x(_ROTOR_MASS)}</mass><inertia>",
-            f"        <ixx>{_x(arm.rotor[j] / 2)}</ixx><iyy>{_x(arm.rotor[j] / 2)}</iyy>"
-            f"<izz>{_x(arm.rotor[j])}</izz>",
-            "      </inertia></inertial>",
-            "    </link>",
+            *_sdf_link(f"{name}_rotor", _ROTOR_MASS, float(arm.rotor[j])),
+            *_sdf_link(f"{name}_link", _LINK_MASS, float(arm.M2[j, j])),
             *_sdf_joint(
-                name, "motor", ("base", "rotor"),
+                name, "motor", (_BASE, f"{name}_rotor"),
                 f"<damping>{_x(arm.viscous[j])}</damping><friction>{_x(arm.coulomb[j])}</friction>",
             ),
             *_sdf_joint(
-                name, "spring", ("rotor", "link"), f"<damping>{_x(arm.D[j])}</damping>{spring}"
+                name, "spring", (f"{name}_rotor", f"{name}_link"),
+                f"<damping>{_x(arm.D[j])}</damping>{spring}",
             ),
         ]  # fmt: skip
     return "\n".join([*lines, "  </model>", "</sdf>", ""])
 
 
+_BASE = "elastic_joints_base"
+_LINK_MASS = 1.0
+_FRAGMENT_NOTE = """\
+<!-- It loads as it is, for a look: every joint stands on the base on its own, and its link has the arm
+     inertia J_a that the joint sees in this pose; couplings J_12 are not in it. For a model of the arm
+     take the joints over, nest the links as the arm does, and put the links' own masses and inertias in
+     place of J_a and the 1 kg. -->"""
 _NESTING_NOTE = """\
 <!-- Nest the bodies as your arm does. Where motor 2 turns link 2 against link 1 (serial drive) the
      hinges stand as they are; a parallelogram drive turns link 2 against the base. -->"""
@@ -231,11 +237,34 @@ _ROTOR_NOTE = """\
      rotor's mass only keeps it from being zero. -->"""
 
 
+def _urdf_link(name: str, mass: float, inertia: float) -> list[str]:
+    about = _x(inertia)
+    return [
+        f"  <link name={name}>",
+        "    <inertial>",
+        f'      <mass value="{_x(mass)}"/>',
+        f'      <inertia ixx="{about}" iyy="{about}" izz="{about}" ixy="0" ixz="0" iyz="0"/>',
+        "    </inertial>",
+        "  </link>",
+    ]
+
+
+def _sdf_link(name: str, mass: float, inertia: float) -> list[str]:
+    about = _x(inertia)
+    return [
+        f"    <link name={quoteattr(name)}>",
+        f"      <inertial><mass>{_x(mass)}</mass><inertia>",
+        f"        <ixx>{about}</ixx><iyy>{about}</iyy><izz>{about}</izz>",
+        "      </inertia></inertial>",
+        "    </link>",
+    ]
+
+
 def _sdf_joint(name: str, part: str, links: tuple[str, str], dynamics: str) -> list[str]:
     return [
         f'    <joint name={quoteattr(f"{name}_{part}")} type="continuous">',
-        f"      <parent>{escape(f'{name}_{links[0]}')}</parent>",
-        f"      <child>{escape(f'{name}_{links[1]}')}</child>",
+        f"      <parent>{escape(links[0])}</parent>",
+        f"      <child>{escape(links[1])}</child>",
         f"      <axis><xyz>0 0 1</xyz><dynamics>{dynamics}</dynamics></axis>",
         "    </joint>",
     ]
