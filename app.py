@@ -8,6 +8,7 @@ from jointid.ui.charts import plot
 from jointid.ui.cut_parts import outcome_panel
 from jointid.ui.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
 from jointid.ui.page import open_page
+from jointid.ui.trust import show_inertia_line
 
 page = open_page("Study")
 show_heading(page.study)
@@ -15,6 +16,7 @@ analysis = page.analysis()
 
 st.subheader(answer_sentence(analysis.fit, page.study.nominal), anchor=False)
 show_tiles(analysis.fit, page.study.nominal)
+show_inertia_line(page, analysis)
 outcome_panel(page, analysis)
 show_findings(analysis.findings)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from jointid.arrays import Floats
 from jointid.elasticity import ElasticityFit
 from jointid.joints import Elasticity
 from jointid.rounding import significant
@@ -39,6 +40,24 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
         return f"Every joint {whole.pop()}."
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
     return f"{_capital(_list(parts))}."
+
+
+def inertia_sentence(added: Floats, share: float = 0.03) -> str:
+    """Say what the error bars leave out: the inertias, of which the records say nothing.
+
+    Parameters
+    ----------
+    added : ndarray, shape (2n,)
+        Standard errors of K1 ... Kn, D1 ... Dn when every inertia errs by ``share`` of itself.
+    share : float
+    """
+    n = added.size // 2
+    parts = [
+        f"{q}{j + 1} ± {significant(float(added[j + k * n]), 2)}"
+        for j in range(n)
+        for k, q in enumerate("KD")
+    ]
+    return f"± is noise alone. If M and M2 are known to {100 * share:g} %, that adds {', '.join(parts)}."
 
 
 def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:

@@ -57,8 +57,7 @@ st.subheader("A plan of your own", anchor=False)
 st.write("Change the records, add some, or delete some; below stands what they would tell.")
 try:
     inertia = pose_inertia(analysis, settings.pose)
-    st.table(
-        predicted_table(predicted(edit_plan(found, page.digest), analysis, inertia)), hide_index=True
-    )
+    told = predicted(edit_plan(found, page.digest), analysis, inertia)
+    st.table(predicted_table(told, analysis.fit), hide_index=True)
 except JointIdError as error:
     st.error(str(error))

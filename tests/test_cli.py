@@ -68,6 +68,9 @@ def test_identify_prints_json_that_is_the_identification(study: Path) -> None:
     assert document["K"] == fit.K.tolist()
     assert document["covariance"] == fit.covariance.tolist()
     assert {"level", "title", "detail", "remedy"} == set(document["findings"][0])
+    added = document.pop("inertias_add")
+    assert added["relative"] == 0.03
+    assert min(added["standard_error"]) > 0
     del document["answer"], document["findings"]
     assert from_json(json.dumps(document)).K.tolist() == fit.K.tolist()
 

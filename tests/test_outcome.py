@@ -45,7 +45,8 @@ def analysis_of(
         covariance=np.diag((relative_error * value) ** 2),
         friction=friction,
     )
-    return SimpleNamespace(study=SimpleNamespace(inertia=inertia, nominal=nominal, poses={}), fit=fit)
+    study = SimpleNamespace(inertia=inertia, nominal=nominal, poses={})
+    return SimpleNamespace(study=study, fit=fit, findings=())
 
 
 def robot(relative_error: float = 0.0, drive: Any = "parallelogram") -> CutRobot:
@@ -248,6 +249,26 @@ class TestThePromise:
 
 
 class TestAStudy:
+    @pytest.mark.parametrize(("error", "told"), [(0.3, False), (0.4, True), (200.0, True)])
+    def test_whose_springs_are_hardly_known_gets_no_millimetres(self, error: float, told: bool) -> None:
+        """K = 0 ± 7000 and "3.1 mm → under 0.001 mm" must not stand on one page."""
+        analysis = analysis_of(relative_error=error)
+        if not told:
+            assert cut_robot(analysis).rule == "direct"
+            return
+        with pytest.raises(JointIdError, match=r"K1, K2, D1, D2 are not known.*more than a third"):
+            study_outcome(analysis)
+
+    def test_with_a_problem_gets_no_millimetres_and_says_which(self) -> None:
+        analysis = analysis_of()
+        analysis.findings = (SimpleNamespace(level="problem", title="The sign looks reversed"),)
+        with pytest.raises(JointIdError, match="The sign looks reversed"):
+            cut_robot(analysis)
+
+    def test_error_told_is_that_of_the_cut_shown(self, studies: dict[int, Study]) -> None:
+        outcome = study_outcome(analyse(studies[2], method="weighted"))
+        assert outcome.after_m == outcome.after.max_contour_error_m
+
     def test_of_two_joints_gains_millimetres(self, studies: dict[int, Study]) -> None:
         outcome = study_outcome(analyse(studies[2], method="weighted"))
         assert outcome.robot.rule == "direct"

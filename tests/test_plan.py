@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -263,3 +264,16 @@ def test_suggestion_from_given_frequencies_only() -> None:
     ]:
         with pytest.raises(JointIdError, match=message):
             suggest_records(phasors, SERIAL, fit, **wrong)
+
+
+def test_suggested_frequencies_stay_in_a_sensible_band() -> None:
+    """Springs that are hardly known have resonances anywhere; records there would tell nothing."""
+    records = steady_records(SERIAL, PAPER, *campaign(BAND_HZ, 2), noise=(1e-5, 3e-3), seed=1)
+    phasors = extract_phasors(records)
+    fit = identify_elasticity(phasors, SERIAL, method="weighted")
+    soft = replace(fit, K=1e-9 * fit.K)
+    low = suggest_records(phasors, SERIAL, soft, count=5, duration_s=20.0).records.frequency_hz
+    assert low.min() >= 0.0999 * BAND_HZ.min()
+    stiff = replace(fit, K=1e9 * fit.K)
+    high = suggest_records(phasors, SERIAL, stiff, count=5, highest_hz=100.0).records.frequency_hz
+    assert high.max() <= 100.1

@@ -480,6 +480,17 @@ def test_frequencies_that_miss_the_resonances() -> None:
     assert not said(analysed(sound(), method="weighted").findings, "resonance")
 
 
+@pytest.mark.parametrize(("count", "level"), [(1, "problem"), (2, "warning")])
+def test_one_frequency_is_told_and_no_senseless_one_suggested(count: int, level: str) -> None:
+    found = analysed(sound()[:count], method="weighted").findings
+    (alone,) = said(found, "at one frequency cannot give K and D")
+    assert alone.level == level
+    assert f"{count} record" in alone.detail
+    assert not any(
+        re.search(r"×10⁻|span 3.1 to 3.1", f.detail + f.remedy) for f in said(found, "resonance")
+    )
+
+
 def test_value_that_is_hardly_known_is_a_warning() -> None:
     torques = 0.2 * TORQUES
     wild = steady_records(SERIAL, PAPER, FREQUENCIES, torques, noise=(0.02, 0.4), periods=9.3)

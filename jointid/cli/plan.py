@@ -80,6 +80,7 @@ def plan_document(
         duration_s=duration_s,
         torque_limit_Nm=torque_limit,
         velocity_limit_rad_s=velocity_limit,
+        highest_hz=0.25 / max(record.interval_s for record in study.records),
     )
     records, errors = suggestion.records, suggestion.relative_error
     return {

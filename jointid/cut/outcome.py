@@ -36,7 +36,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.rounding import significant
+from jointid.rounding import significant, with_error
 from jointid.study import Analysis
 from jointid.wording import counted
 
@@ -61,6 +61,8 @@ _DEMONSTRATED = np.array([0.005, 0.005, 0.025, 0.025])
 """Relative standard errors of K1, K2, D1, D2 of the demonstration: half of 1 % and of 5 %."""
 _ALIKE = 0.1
 """Path errors within 10 % of each other do not tell robots apart."""
+_HARDLY_KNOWN = 1 / 3
+"""An error bar above this share of its value leaves nothing to be said of a path."""
 _SMALLEST_SHOWN_M = 1e-6
 """The simulated arm is exact to about 1 µm."""
 
@@ -137,8 +139,8 @@ class Outcome:
 
     @property
     def after_m(self) -> float:
-        """Largest contour error that 95 % of the robots stay below after the identification, m."""
-        return self.after.max_contour_error_m if self.distribution is None else self.distribution.p95_m
+        """Largest contour error of the robot ``edge``, m; 95 % of the robots drawn stay below it."""
+        return self.after.max_contour_error_m
 
     @property
     def spread_m(self) -> float:
@@ -170,13 +172,15 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
     Raises
     ------
     JointIdError
-        When the identified values are no spring and damper.
+        When the identified values are no spring and damper, or cannot be used for millimetres.
     """
     study, fit = analysis.study, analysis.fit
     if fit.n != 2:
         value = np.concatenate([PAPER.K, PAPER.D])
         arm = PlanarArm.example(drive or "parallelogram")
         return CutRobot("demonstration", arm, PAPER, np.diag((_DEMONSTRATED * value) ** 2), None, None)
+    if reason := useless(analysis):
+        raise JointIdError(reason)
     identified = fit.elasticity
     matching = _matching_drive([study.inertia, *study.poses.values()])
     drive = drive or matching or "parallelogram"
@@ -195,6 +199,26 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
         None if study.nominal is None else _scaled(study.nominal, factor),
         _friction(analysis, factor),
         (float(factor[0]), float(factor[1])),
+    )
+
+
+def useless(analysis: Analysis) -> str:
+    """Say why no millimetres follow from an identification; empty where they do."""
+    for finding in analysis.findings:
+        if finding.level == "problem":
+            return f"The answer cannot be used for a cut, because of what was found: {finding.title}."
+    fit = analysis.fit
+    value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
+    error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    wide = np.flatnonzero(~(error <= _HARDLY_KNOWN * np.abs(value)))
+    if wide.size == 0:
+        return ""
+    names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
+    k = int(wide[0])
+    return (
+        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for millimetres: "
+        f"{names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than a "
+        "third of the value. Add records near the resonances, or see what was found."
     )
 
 
@@ -302,7 +326,8 @@ def promised(
         problem = str(error)
     else:
         largest = distribution.max_contour_error_m
-        at = int(np.argmin(np.abs(largest - distribution.p95_m)))
+        beyond = np.where(largest >= distribution.p95_m, largest, np.inf)
+        at = int(np.argmin(beyond))  # 95 % stay below this robot's error: it is shown and told
         edge = Elasticity(K=distribution.K[at], D=distribution.D[at])
     after = track(robot.arm, toolpath, edge, identified, servo=servo, friction=friction)
     return Promise(after, edge, distribution, problem)
@@ -335,6 +360,16 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
         return None
     path = rectangle(centre_m=CUTTING_POINT_M)
     return cut_outcome(robot, path, robot.nominal, friction=robot.friction)
+
+
+def whose(robot: CutRobot) -> str:
+    """Say which robot cuts: that of the study in its springs, on the example arm's geometry."""
+    return {
+        "direct": "an arm of this study's inertias and springs",
+        "springs": "the example arm with this study's springs",
+        "relative": "the example arm with this study's springs, scaled to it",
+        "demonstration": "the example arm with the paper's springs",
+    }[robot.rule]
 
 
 def millimetres(length_m: float) -> str:

@@ -30,6 +30,8 @@ __all__ = [
 
 _CANDIDATE_FREQUENCIES = 24
 _MOST_RECORDS = 50
+_LOWEST, _HIGHEST = 0.1, 10.0
+"""Shares of the lowest and of the highest frequency so far, beyond which nothing is suggested."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +126,7 @@ def suggest_records(
     torque_limit_Nm: ArrayLike | None = None,
     velocity_limit_rad_s: ArrayLike | None = None,
     frequencies_hz: ArrayLike | None = None,
+    highest_hz: float | None = None,
     planned_inertia: Inertia | None = None,
 ) -> Suggestion:
     """Choose the next records one by one, each the best of many candidates.
@@ -141,7 +144,10 @@ def suggest_records(
         Largest amplitudes: of the motors' torques, friction included, and of the velocities of motors
         and arm, seen from the motors. By default the largest so far.
     frequencies_hz : array_like, optional
-        By default spread over the band of the records and the resonances.
+        By default spread over the band of the records and the resonances, but not below a tenth of
+        the lowest frequency so far.
+    highest_hz : float, optional
+        Limit of the default frequencies, for instance a quarter of the sample rate.
     planned_inertia : Inertia, optional
         Of the pose of the planned records; by default that of the first record.
 
@@ -166,7 +172,7 @@ def suggest_records(
             f"The torque limit of joint {j} does not overcome its friction: raise torque_limit_Nm."
         )
     if frequencies_hz is None:
-        frequency = _candidate_frequencies(phasors, pose, fit)
+        frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
     else:
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
@@ -211,11 +217,17 @@ def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
     return np.array(np.broadcast_to(limit, largest.shape))
 
 
-def _candidate_frequencies(phasors: Phasors, inertia: Inertia, fit: ElasticityFit) -> Floats:
+def _candidate_frequencies(
+    phasors: Phasors, inertia: Inertia, fit: ElasticityFit, duration_s: float, highest_hz: float | None
+) -> Floats:
+    """Over the band and the resonances; a wild estimate's resonances lead nowhere."""
     band = phasors.omega / (2 * np.pi)
     modes = resonances(inertia, fit.elasticity)
+    lowest = max(_LOWEST * float(band.min()), 1.001 / duration_s if duration_s > 0 else 0.0)
+    highest = _HIGHEST * float(band.max()) if highest_hz is None else float(highest_hz)
     low, high = min(band.min(), 0.3 * modes[0]), max(band.max(), 1.3 * modes[-1])
-    return np.asarray(np.geomspace(low, high, _CANDIDATE_FREQUENCIES))
+    low, high = max(low, lowest), min(high, max(highest, float(band.max())))
+    return np.asarray(np.geomspace(low, max(low, high), _CANDIDATE_FREQUENCIES))
 
 
 def _candidates(

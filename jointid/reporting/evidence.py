@@ -6,7 +6,14 @@ from collections.abc import Iterator
 
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.cut.outcome import CUTTING_POINT_M, Outcome, Rule, millimetres, study_outcome
+from jointid.cut.outcome import (
+    CUTTING_POINT_M,
+    EVERYDAY_SERVO,
+    Outcome,
+    Rule,
+    millimetres,
+    study_outcome,
+)
 from jointid.cut.rectangle import rectangle
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
@@ -116,7 +123,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         + (
             "and the robot is one that their uncertainty allows: "
             f"{outcome.distribution.K.shape[0]} such robots were drawn, 95 % of them stay "
-            f"{_below(outcome.after_m)}, and the one nearest to this limit is shown."
+            f"{_below(outcome.after_m)}, in the largest corner zone; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )
@@ -151,8 +158,10 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
 def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     """The cut before and after, by the robots of the outcome, with another corner zone."""
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
-    before = track(robot.arm, path, robot.elasticity, outcome.assumed, friction=robot.friction)
-    after = track(robot.arm, path, outcome.edge, robot.elasticity, friction=robot.friction)
+    before, after = (
+        track(robot.arm, path, true, assumed, servo=EVERYDAY_SERVO, friction=robot.friction)
+        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.edge, robot.elasticity))
+    )
     return before, after
 
 

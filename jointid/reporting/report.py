@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from jointid.answer import answer_sentence
-from jointid.cut.outcome import Outcome, millimetres
+from jointid.answer import answer_sentence, inertia_sentence
+from jointid.cut.outcome import Outcome, millimetres, whose
 from jointid.digest import study_digest
+from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
@@ -19,6 +20,7 @@ from jointid.reporting.settings import digit_blocks, record_rows, settings_block
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.uncertainty.chosen_model import parameter_names
+from jointid.uncertainty.sensitivity import inertia_sensitivity
 from jointid.wording import counted
 
 __all__ = ["make_report", "to_html", "to_pdf"]
@@ -112,18 +114,31 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         meaning = f"{'stiffness' if stiffness else 'damping'} of joint {j + 1}"
         rows.append((f"{name}, {meaning}", with_error(value, error), unit, nominal, change))
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = "Seen from the motor, ± one standard error. Nominal: what the controller assumes today."
+    caption = (
+        "Seen from the motor, ± one standard error from noise. "
+        "Nominal: what the controller assumes today."
+    )
     if study.nominal is None:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
+    yield Paragraph(_inertias_add(analysis))
     if others := _others(analysis):
         yield Paragraph(f"Found together with K and D: {others}.")
     if outcome is not None:
         yield Paragraph(
-            "Simulated path error, as in Figure 7 of the paper: "
+            f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
         )
+
+
+def _inertias_add(analysis: Analysis) -> str:
+    """What the error bars leave out."""
+    try:
+        found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
+    except JointIdError as error:
+        return f"± is noise alone; what inertias that are off would add is not known. {error}"
+    return inertia_sentence(found.standard_error())
 
 
 def _others(analysis: Analysis) -> str:

@@ -27,12 +27,13 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     hold = hold if len(holds) == 1 else "differs by record"
     facts = [
         ("Software", f"jointid {software_version()}"),
-        ("Study digest", study_digest(study)),
+        ("Study digest", f"{study_digest(study)}, the same for the same data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),
         (
-            "Left unexplained",
-            f"{significant(float(np.sqrt(fit.misfit)), 3)} times what the noise explains",
+            "Left over / noise",
+            f"{significant(float(np.sqrt(fit.misfit)), 3)}: the equations leave so many times what "
+            "noise explains; 1 is ideal",
         ),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
         ("Harmonics fitted", str(analysis.phasors.harmonics.shape[1])),
@@ -41,18 +42,21 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     yield _inertias(study)
     if len(fit.candidates) > 1:
         yield Table(
-            ("model", "parameters", "misfit", "criterion", ""),
+            ("model", "parameters", "left over / noise", "criterion", ""),
             tuple(
                 (
                     c.name,
                     str(c.parameters) if not c.problem else "–",
-                    significant(c.cost / c.expected_cost, 3) if c.expected_cost > 0 else "–",
+                    significant(float(np.sqrt(c.cost / c.expected_cost)), 3)
+                    if c.expected_cost > 0
+                    else "–",
                     significant(c.criterion, 5) if np.isfinite(c.criterion) else "–",
                     "chosen" if c.chosen else "",
                 )
                 for c in fit.candidates
             ),
-            "Models that were compared. Misfit: cost over what noise alone would leave, 1 is ideal. "
+            "Models that were compared. Left over / noise: what the equations leave over what noise "
+            "explains, 1 is ideal. "
             "The model of the smallest information criterion is chosen; one without a criterion could "
             "not be fitted, or what it adds does not stand out of its own error.",
         )

@@ -70,7 +70,8 @@ def _tile(fit: ElasticityFit, nominal: Elasticity | None, quantity: str, j: int)
         delta_arrow="off",
         border=True,
         width=_TILE_WIDTH,
-        help=f"{what} of joint {j + 1} seen from the motor, ± one standard error. "
+        help=f"{what} of joint {j + 1} seen from the motor, ± one standard error from noise alone; what "
+        "inertias that are off add stands below. "
         "Nominal is what the controller assumes today.",
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, Inertia, JointIdError
+from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
 from jointid.planning.plan import (
     PlannedRecords,
@@ -107,6 +107,7 @@ def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Anal
         duration_s=settings.seconds,
         torque_limit_Nm=settings.torque_Nm,
         velocity_limit_rad_s=settings.velocity_rad_s,
+        highest_hz=0.25 / max(record.interval_s for record in _analysis.study.records),
         planned_inertia=pose_inertia(_analysis, settings.pose),
     )
 
@@ -204,11 +205,13 @@ def predicted(
     )
 
 
-def predicted_table(errors: PredictedErrors) -> Table:
-    """Error bars today, with the plan alone, and with both."""
+def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
+    """Error bars today, as everywhere else, with the plan alone, and with both."""
     units = {"K": "N·m/rad", "D": "N·m·s/rad"}
     columns: dict[str, list[str]] = {"": [f"{name} ({units[name[0]]})" for name in errors.names]}
-    columns["Today"] = [with_error(v, e) for v, e in zip(errors.estimate, errors.today, strict=True)]
+    columns["Today"] = [
+        with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
+    ]
     for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
         columns[name] = [
             f"± {significant(float(e), 2)}" if np.isfinite(e) else "cannot tell" for e in values

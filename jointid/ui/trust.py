@@ -12,6 +12,7 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
+from jointid.answer import inertia_sentence
 from jointid.arrays import Floats
 from jointid.figures.trust import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
@@ -148,7 +149,7 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
     bar = st.empty()
     if st.session_state.get("inertias_wait") != waiting:
         st.session_state["inertias_wait"] = waiting
-        bar.caption("What the inertias change is computed next.")
+        bar.caption("± is noise alone. What inertias that are off would add is computed next.")
         return
     try:
         found: InertiaSensitivity | str = inertia_sensitivity(
@@ -162,6 +163,17 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
     keep(page, "inertias", found)
     del st.session_state["inertias_wait"]
     st.rerun()
+
+
+def show_inertia_line(page: Page, analysis: Analysis) -> None:
+    """What the error bars leave out, in a line; it is computed when the page stands."""
+    found: InertiaSensitivity | str | None = kept(page, "inertias")
+    if found is None:
+        _compute_what_the_inertias_add(page, analysis)
+    elif isinstance(found, str):
+        st.caption(f"± is noise alone; what inertias that are off would add is not known. {found}")
+    else:
+        st.caption(inertia_sentence(found.standard_error()))
 
 
 def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:

@@ -17,7 +17,13 @@ from jointid.verdict.rules_causes import (
     torque_lags,
 )
 from jointid.verdict.rules_inertia import inertias_look_wrong
-from jointid.verdict.rules_model import hardly_known, model_limits, not_physical, resonance_missed
+from jointid.verdict.rules_model import (
+    hardly_known,
+    model_limits,
+    not_physical,
+    one_frequency,
+    resonance_missed,
+)
 from jointid.verdict.rules_outlier import find_outlier, one_record_off
 from jointid.verdict.rules_records import (
     coarse_encoder,
@@ -44,6 +50,7 @@ _OF_RECORDS: tuple[_Rule, ...] = (
     standing_joint,
     few_periods,
     coarse_encoder,
+    one_frequency,
 )
 """What holds whatever the answer is."""
 

@@ -20,7 +20,9 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
+from jointid.wording import counted
 
+_LOWEST = 0.1  # of the lowest frequency, below which none is suggested
 _GAP = 1.4  # a resonance is covered when a frequency lies within this factor
 
 
@@ -91,6 +93,27 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
+def one_frequency(evidence: Evidence) -> Iterator[Finding]:
+    """K and D of each joint come out of one frequency whatever the records hold."""
+    f, count, n = evidence.frequency_hz, len(evidence.records), evidence.fit.n
+    if f.max() > f.min() * (1 + 1e-6):
+        return
+    make = problem if count == 1 else warning
+    yield make(
+        f"{'One record' if count == 1 else 'Records'} at one frequency cannot give K and D",
+        f"{counted(count, 'record')} at {number(f[0])} Hz: "
+        + (
+            "two equations for the two unknowns of each joint, so that some K and D always fit"
+            if count == 1
+            else "K and D always fit a single frequency, whatever inertias and units are"
+        )
+        + ". Nothing tells whether the model holds.",
+        "Add records at several frequencies, from well below to well above the resonances"
+        + (", two or more at each with other relative phases of the joints." if n > 1 else "."),
+        0.5,
+    )
+
+
 def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     """No record near a resonance: there the springs show most."""
     fit = evidence.fit
@@ -104,9 +127,11 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         f = evidence.frequency_hz[index]
         modes = [*locked_resonances(inertia, fit.elasticity), *resonances(inertia, fit.elasticity)]
         missed += [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
-    if missed:
+    low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
+    quarter = 0.25 / max(record.interval_s for record in evidence.records)
+    missed = [m for m in missed if _LOWEST * low <= m <= max(quarter, high)]  # a wild fit's are nothing
+    if missed and high > low:
         make = warning if share > 0.05 else note
-        low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
         yield make(
             "The frequencies miss a resonance",
             f"The records span {number(low)} to {number(high)} Hz; by the fit there is a resonance "

@@ -74,8 +74,9 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     )
     detail = (
         f"With it, {before}; without it, the other {evidence.phasors.omega.size - 1} records leave "
-        f"{number(np.sqrt(found.misfit_without), 2)} times what noise explains. Its own dynamic stiffness of joint {k + 1} "
-        f"is {number(float(found.stiffness[k]), 2)} times that of the others. "
+        f"{number(np.sqrt(found.misfit_without), 2)} times what noise explains. Its own dynamic "
+        f"stiffness of joint {k + 1} is {number(float(found.stiffness[k]), 2)} times that of the "
+        "others. "
     )
     title, cause, remedy = _told(found, label, n)
     return problem(title, detail + cause, remedy, 10.0)
