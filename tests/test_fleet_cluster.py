@@ -12,7 +12,7 @@ import pytest
 from fleet_studies import poison, write_studies
 
 from jointid import JointIdError, analyse, load_study
-from jointid.fleet import Progress, analyse_fleet, read_fleet
+from jointid.fleet import Progress, Summary, analyse_fleet, read_fleet
 from jointid.fleet.content import content_digest
 from jointid.fleet.row import Row, row_of
 
@@ -46,13 +46,21 @@ def truth(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Row]:
     }
 
 
-def test_a_worker_killed_in_the_middle_loses_nothing(
-    address: str, truth: dict[str, Row], tmp_path: Path
-) -> None:
+@pytest.fixture(scope="module")
+def mixed(truth: dict[str, Row], tmp_path_factory: pytest.TempPathFactory) -> list[str | Path]:
+    """All studies but the last two, and three without an answer among them."""
+    bad = poison(tmp_path_factory.mktemp("bad"))
+    *paths, _, _ = truth
+    return [*paths[:4], bad["nan"], bad["missing"], bad["broken"], *paths[4:]]
+
+
+@pytest.fixture(scope="module")
+def out(
+    address: str, mixed: list[str | Path], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Summary]:
+    """The table of a batch over which a worker was killed."""
     with distributed.Client(address, set_as_default=False) as client:
         workers = list(client.run(os.getpid).values())
-    bad = poison(tmp_path)
-    mixed = [*list(truth)[:4], bad["nan"], bad["missing"], bad["broken"], *list(truth)[4:]]
     killed: list[int] = []
 
     def kill_one(progress: Progress) -> None:
@@ -60,30 +68,36 @@ def test_a_worker_killed_in_the_middle_loses_nothing(
             killed.append(workers[0])
             os.kill(workers[0], signal.SIGKILL)
 
-    out = tmp_path / "r.parquet"
-    summary = analyse_fleet(mixed, out, scheduler=address, progress=kill_one)
+    table = tmp_path_factory.mktemp("out") / "r.parquet"
+    summary = analyse_fleet(mixed, table, scheduler=address, progress=kill_one)
     assert killed
-    assert (summary.studies, summary.good) == (COUNT + 3, COUNT)
-    rows = read_fleet(out)
+    return table, summary
+
+
+def test_a_worker_killed_in_the_middle_loses_nothing(
+    out: tuple[Path, Summary], mixed: list[str | Path], truth: dict[str, Row]
+) -> None:
+    table, summary = out
+    assert (summary.studies, summary.good) == (COUNT + 1, COUNT - 2)
+    rows = read_fleet(table)[: len(mixed)]
     assert [row.study for row in rows] == [str(path) for path in mixed]
     good = [replace(row, time_s=0.0) for row in rows if row.is_good]
-    assert good == list(truth.values())
+    assert good == list(truth.values())[:-2]
     assert {row.failure for row in rows if not row.is_good} == {"refused"}
     assert all(row.content for row in rows)
-    again = analyse_fleet(mixed, out, scheduler=address)
-    assert again.skipped == len(mixed)
 
 
 def test_cluster_and_computer_go_on_with_each_others_rows(
-    address: str, truth: dict[str, Row], tmp_path: Path
+    out: tuple[Path, Summary], address: str, mixed: list[str | Path], truth: dict[str, Row]
 ) -> None:
-    out, paths = tmp_path / "r.parquet", list(truth)
-    analyse_fleet(paths[:3], out, scheduler=address)
-    here = analyse_fleet(paths[:4], out, workers=1)
-    assert (here.skipped, here.good) == (3, 4)
-    there = analyse_fleet(paths[:5], out, scheduler=address)
-    assert (there.skipped, there.good) == (4, 5)
-    assert [replace(row, time_s=0.0) for row in read_fleet(out)] == [truth[p] for p in paths[:5]]
+    table, _ = out
+    *_, one, other = truth
+    here = analyse_fleet([*mixed, one], table, workers=1)
+    assert (here.skipped, here.good) == (len(mixed), COUNT - 1)
+    there = analyse_fleet([*mixed, one, other], table, scheduler=address)
+    assert (there.skipped, there.good) == (len(mixed) + 1, COUNT)
+    good = [replace(row, time_s=0.0) for row in read_fleet(table) if row.is_good]
+    assert good == list(truth.values())
 
 
 def test_a_cluster_that_is_not_there_is_said(

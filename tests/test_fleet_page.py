@@ -21,7 +21,7 @@ from jointid.fleet.row import Row, failed
 from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import to_parquet
 from jointid.study_files import pack_study
-from jointid.ui import workspace
+from jointid.ui import fleet_files, workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/10_Fleet.py"
@@ -142,9 +142,25 @@ def test_the_figures_show_every_study_and_where_it_lies() -> None:
     low, high = distribution(spread).layout.xaxis.range
     assert low < spread.value[:50].min()
     assert spread.value[:50].max() < high < 90
+    assert bars.marker.line.width > 0  # neighbours of one height stay apart
     times = np.array([seconds(r.date) for r in spread.rows])
     points, chosen = drift_over_time(spread, times, robot_drift(rows, "K", 1, "A")).data
     assert len(points.x) == len(chosen.x) == 50
+
+
+@pytest.mark.parametrize(("count", "step"), [(3, 1), (9, 2), (24, 5), (700, 200)])
+def test_studies_are_counted_in_whole_numbers(count: int, step: int) -> None:
+    rows = [row(k, 40.0) for k in range(count)] + [row(count, 41.0)]
+    assert distribution(fleet_spread(rows, "K", 1)).layout.yaxis.dtick == step
+
+
+def test_both_spread_lines_are_inside_the_figure() -> None:
+    """Values that all lie to one side of the median's spread must not push a line out."""
+    values = [40.0, 40.0, 40.01, 40.4, 40.5, 40.5, 40.5, 40.5]
+    figure = distribution(fleet_spread([row(k, v) for k, v in enumerate(values)], "K", 1))
+    low, high = figure.layout.xaxis.range
+    assert len(figure.layout.shapes) == 3
+    assert all(low < shape.x0 < high for shape in figure.layout.shapes)
 
 
 # --- tables of strangers
@@ -171,6 +187,8 @@ def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> N
 
 @pytest.fixture
 def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    """The page; it reads tables in this process, which takes less time to begin than another."""
+    monkeypatch.setattr(fleet_files, "read_apart", read_fleet)
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     return AppTest.from_file(str(APP), default_timeout=60)
@@ -268,7 +286,10 @@ def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> No
     assert "jointid batch" in shown(close.click().run()).code[0].value
 
 
-def test_what_is_no_table_is_said_and_the_rest_is_shown(app: AppTest) -> None:
+def test_what_is_no_table_is_said_and_the_rest_is_shown(
+    app: AppTest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fleet_files, "read_apart", read_apart)
     at = shown(app.switch_page(PAGE).run())
     at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
     assert "bad.parquet: The table cannot be read" in text_of(at)
