@@ -21,9 +21,10 @@ outcome_panel(page, analysis)
 show_findings(analysis.findings)
 
 st.subheader("Model over measurement", anchor=False)
+second = ", H22 that of motor 2" if page.study.inertia.n > 1 else ""
 st.caption(
-    "Acceleration of each motor over its own torque, the controllers taken out. Where points and line "
-    "agree, the model holds." + freed_note(analysis.fit)
+    f"H11 is the acceleration of motor 1 over its own torque, the controllers taken out{second}. Where "
+    "points and line agree, the model holds." + freed_note(analysis.fit)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))

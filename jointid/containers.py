@@ -242,8 +242,8 @@ class _Zip:
             members = self._zip.infolist()
         except _ZIP_FAULTS as error:
             raise JointIdError(
-                f"{name} is not a readable zip archive ({error!s:.200}). Give the study's folder, or "
-                "that folder as .zip."
+                f"{name} is not a readable zip archive; it is damaged or incomplete ({error!s:.200}). "
+                "Give the study's folder, or that folder as .zip."
             ) from error
         self._check_sizes(members)
         self._members: dict[str, zipfile.ZipInfo] = {}

@@ -46,5 +46,6 @@ st.download_button(
     file_name="results.parquet",
     mime="application/vnd.apache.parquet",
     on_click="ignore",
-    help="One row per study: K1, K1_error, D1 and so on, verdict, errors, digests.",
+    help="One row per study: K1, K1_error, D1 and so on, verdict, errors; misfit is the square of what "
+    "is left over what noise explains, 1 is ideal; a digest is a fingerprint: equal data, equal digest.",
 )

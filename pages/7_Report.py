@@ -15,7 +15,8 @@ page = open_page("Report")
 st.title("Report and export", anchor=False)
 st.write(
     "Everything that was found, to hand to a colleague or to take into another tool. Each file says how "
-    "its numbers were obtained: version, settings, and the digest by which the study is known again. "
+    "its numbers were obtained: version, settings, and the digest, a fingerprint by which the study is "
+    "known again. "
     "The same study gives the same files, to the last byte."
 )
 analysis = page.analysis()

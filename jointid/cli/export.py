@@ -57,7 +57,8 @@ def _ending(file: Path) -> str:
     for ending in _ENDINGS:
         if file.name.lower().endswith(ending):
             return ending
-    raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {', '.join(_ENDINGS)}.")
+    shown = ", ".join(".H.csv" if ending == ".h.csv" else ending for ending in _ENDINGS)
+    raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {shown}.")
 
 
 def _exported(

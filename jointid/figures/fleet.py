@@ -12,6 +12,8 @@ from jointid.rounding import with_error
 
 _UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _MOST_BINS = 40
+_PAPER = {False: "#FFFFFF", True: "#0E1117"}
+"""Edges of the bars, so that neighbours of the same height stay apart."""
 _WIDE = 6.0
 """How many robust spreads from the median the figures reach; what lies beyond stands at their edge."""
 
@@ -36,7 +38,11 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
         "y": height,
         "width": np.diff(edges),
         "customdata": np.stack([edges[:-1], edges[1:]], axis=1),
-        "marker": {"color": ink.identified, "opacity": 0.75, "line": {"width": 0}},
+        "marker": {
+            "color": ink.identified,
+            "opacity": 0.85,
+            "line": {"width": 1, "color": _PAPER[dark]},
+        },
         "name": "studies",
         "hovertemplate": f"%{{y}} studies<br>%{{customdata[0]:.4g}} to %{{customdata[1]:.4g}} {unit}"
         "<extra></extra>",
@@ -53,7 +59,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
         height=270,
         dark=dark,
         xaxis=linear_axis(f"{spread.name} ({unit})", range=[low, high], nticks=6),
-        yaxis=linear_axis("Studies", rangemode="tozero", nticks=5),
+        yaxis=linear_axis("Studies", rangemode="tozero", tick0=0, dtick=_whole_step(int(height.max()))),
         shapes=shapes,
         bargap=0,
         showlegend=True,
@@ -150,8 +156,17 @@ def _range(spread: Spread) -> tuple[float, float]:
     if np.isfinite(spread.spread) and spread.spread > 0:
         reach = _WIDE * spread.spread
         low, high = max(low, spread.median - reach), min(high, spread.median + reach)
+        low, high = min(low, spread.median - spread.spread), max(high, spread.median + spread.spread)
     margin = 0.04 * (high - low) or 0.05 * abs(high) or 1.0
     return low - margin, high + margin
+
+
+def _whole_step(highest: int) -> int:
+    """Distance of about five ticks, of 1, 2 or 5 studies and their multiples: there are no halves."""
+    step = 1
+    while 5 * step < highest:
+        step = next(s for s in (10**k * m for k in range(12) for m in (1, 2, 5)) if s > step)
+    return step
 
 
 def _upright(x: float, colour: str, dash: str) -> dict[str, object]:

@@ -16,6 +16,7 @@ from jointid.wording import counted
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _MOST_FINDINGS = 3
+_TILE_GAP = 16  # px, streamlit's
 _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
 
 
@@ -42,11 +43,16 @@ def show_heading(study: Study) -> None:
 def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
     """K and D of every joint with ± one standard error, against what the controller assumes."""
     n = fit.n
-    together = [[(q, j) for j in range(n) for q in "KD"]]
-    rows = together if n <= 2 else [[(q, j) for j in range(n)] for q in "KD"]
-    for row in rows:
+    if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
         with st.container(horizontal=True):
-            for quantity, j in row:
+            for j in range(n):
+                with st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
+                    for quantity in "KD":
+                        _tile(fit, nominal, quantity, j)
+        return
+    for quantity in "KD":
+        with st.container(horizontal=True):
+            for j in range(n):
                 _tile(fit, nominal, quantity, j)
 
 
