@@ -218,7 +218,7 @@ def test_mended_data_that_do_not_fit_are_not_called_good() -> None:
     """Degrees on top of inertias that are wrong: the unit is named, and that this is not all."""
     found = scales(scaled(180 / np.pi), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]]))
     assert found is not None
-    assert "degrees" in found.title
+    assert "degrees" in found.title + found.remedy
     assert "something else is wrong, too" in found.detail
 
 

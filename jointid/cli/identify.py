@@ -61,7 +61,8 @@ def identify(
         rows.append(["torque delay", delay, "ms", ""])
     print(f"{analysis.study.name or study.name}\n{document['answer']}\n")
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    print(missing if added is None else inertia_sentence(added, _SHARE))
+    if not any(finding.level == "problem" for finding in analysis.findings):
+        print(missing if added is None else inertia_sentence(added, _SHARE))
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")

@@ -45,11 +45,11 @@ def plan(
         print_json(document)
         return
     names = document["parameters"]
-    rows = [["today", "", "", *(f"{100 * e:.2g} %" for e in document["relative_error_today"])]]
+    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
         pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
         torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
-        errors = (f"{100 * e:.2g} %" for e in record["relative_error_after"])
+        errors = map(_percent, record["relative_error_after"])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
     print("Records to make next, and the relative standard errors after each\n")
     print_table(
@@ -99,3 +99,9 @@ def plan_document(
             for k in range(records.frequency_hz.size)
         ],
     }
+
+
+def _percent(error: float) -> str:
+    from jointid.rounding import significant
+
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else "cannot tell"

@@ -122,7 +122,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
-    yield Paragraph(_inertias_add(analysis))
+    if not any(finding.level == "problem" for finding in analysis.findings):
+        yield Paragraph(_inertias_add(analysis))
     if others := _others(analysis):
         yield Paragraph(f"Found together with K and D: {others}.")
     if outcome is not None:

@@ -167,6 +167,8 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
 
 def show_inertia_line(page: Page, analysis: Analysis) -> None:
     """What the error bars leave out, in a line; it is computed when the page stands."""
+    if any(finding.level == "problem" for finding in analysis.findings):
+        return  # an answer that cannot be used has no error bars worth completing
     found: InertiaSensitivity | str | None = kept(page, "inertias")
     if found is None:
         _compute_what_the_inertias_add(page, analysis)

@@ -255,5 +255,6 @@ def _proof(as_is: float, mended: float) -> str:
         return f"As they stand, the records {before}; mended, they leave {left} (1 is ideal)."
     return (
         f"As they stand, the records {before}; mended, they still leave {left}, where 1 is ideal: "
-        "something else is wrong, too. Mend this first and look again."
+        "friction, which this check leaves out, or something else is wrong, too. Mend this first and "
+        "look again."
     )

@@ -13,8 +13,10 @@ from jointid.verdict.evidence import Finding, number, problem
 _DEGREES = np.pi / 180
 _CLOSE = 1.03
 """A factor this close to a known one is named by it: a fit found it, with inertias somewhat off."""
-_ROUGH = 1.35
-"""The same where something else is wrong, too, and draws the factor off."""
+_ROUGH = 1.1
+"""The same where friction or something else that is wrong draws the factor off."""
+_NEAR = 1.35
+"""A factor this close to a known one is worth a hint, but a gear ratio is as likely."""
 _SAME_FOR_ALL = 0.02
 """Time is common to the joints: factors that differ by no more than this may come from it."""
 
@@ -226,7 +228,14 @@ def _unknown_remedy(factor: Floats, joints: Sequence[int] | np.ndarray) -> str:
         "Check whether position and torque are of the motor or behind the gear, with which ratio; and "
         "the torque's unit: per cent of the rated torque, or amperes, need the rated torque or the "
         f"torque constant: the torque times {', '.join(each)} fits{_column('torque', indices)}."
+        + _hint([float(factor[j]) for j in indices])
     )
+
+
+def _hint(factors: Sequence[float]) -> str:
+    """Name the unit that makes a factor near these."""
+    near = dict.fromkeys(cause.why for f in factors if (cause := _known(f, _NEAR)) is not None)
+    return f" Not far from it: {'; '.join(near)}." if near else ""
 
 
 def _known(factor: float, close: float) -> _Cause | None:
