@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from browsing import PATIENCE_MS, Server, finished
+from browsing import PATIENCE_MS, Server, finished, rested
 from clicks import choose
 from playwright.sync_api import Browser, Page, expect
 
@@ -17,6 +17,14 @@ from jointid.study_files import pack_study
 pytestmark = pytest.mark.browser
 
 Visit = Callable[[str, str], Page]
+
+
+@pytest.fixture(scope="module")
+def server(new_server: Callable[[], Server]) -> Iterator[Server]:
+    """A server for the tests of this file: each has a workspace of its own."""
+    server = new_server()
+    yield server
+    server.kill()
 
 
 @pytest.fixture
@@ -37,11 +45,13 @@ def visit(browser: Browser) -> Iterator[Visit]:
         context.close()
 
 
-def upload(page: Page, study: Study, name: str) -> None:
+def upload(page: Page, study: Study, name: str, *, title: str = "") -> None:
     page.get_by_role("button", name="Open a study (.zip)").click()
     file = {"name": name, "mimeType": "application/zip", "buffer": pack_study(study)}
-    page.locator("input[type=file]").set_input_files(file)
-    finished(page, study.name)
+    page.get_by_test_id("stPopoverBody").locator("input[type=file]").set_input_files(file)
+    if title:
+        workspace_of(page)  # the address has one as soon as the file has arrived
+    finished(page, title or study.name)
     page.keyboard.press("Escape")
 
 
@@ -89,29 +99,35 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
 def test_who_lacks_the_address_sees_nothing(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    mine = visit(server.address, studies[2].name)
-    upload(mine, studies[1], "mine.zip")
-    theirs = visit(server.address, studies[2].name)
+    quick = f"{server.address}/Import_a_log"  # the sidebar of a page without pictures
+    mine, theirs = visit(quick, "Import a log"), visit(quick, "Import a log")
+    upload(mine, studies[1], "mine.zip", title="Import a log")
     expect(theirs.get_by_text("Recent studies")).to_have_count(0)
-    upload(theirs, studies[3], "theirs.zip")
+    upload(theirs, studies[3], "theirs.zip", title="Import a log")
     assert workspace_of(mine) != workspace_of(theirs)
+    mine.reload(wait_until="commit")
     for page, seen, hidden in ((mine, "mine.zip", "theirs.zip"), (theirs, "theirs.zip", "mine.zip")):
-        page.reload(wait_until="commit")
         chosen(page, seen)
+        rested(page)
         page.get_by_role("combobox", name="Study").click()
         expect(page.get_by_role("option", name=seen)).to_be_visible()
         expect(page.get_by_role("option", name=hidden)).to_have_count(0)
         page.keyboard.press("Escape")
     entry = parse_qs(urlsplit(mine.url).query)["study"][0]
-    for address in (
-        f"{server.address}/?study={entry}",
-        f"{server.address}/?study={entry}&w={workspace_of(theirs)}",
-        f"{server.address}/?study={entry}&w=../../etc/passwd",
+    stranger = visit(quick, "Import a log")
+    for query in (
+        f"study={entry}",
+        f"study={entry}&w={workspace_of(theirs)}",
+        f"study={entry}&w=../../etc/passwd",
     ):
-        stranger = visit(address, studies[2].name)
-        expect(stranger.get_by_text("is not in this workspace")).to_be_visible()
-    shared = visit(mine.url, studies[1].name)
-    chosen(shared, "mine.zip")
+        stranger.goto(f"{quick}?{query}", wait_until="commit")
+        expect(stranger.get_by_text("is not in this workspace")).to_be_visible(timeout=PATIENCE_MS)
+        chosen(stranger, "paper")
+        rested(stranger)
+        expect(stranger.get_by_text("mine.zip")).to_have_count(0)
+    stranger.goto(mine.url.replace("/Import_a_log", "/"), wait_until="commit")
+    finished(stranger, studies[1].name)
+    chosen(stranger, "mine.zip")
 
 
 def test_recent_studies_are_renamed_and_deleted(
@@ -145,10 +161,11 @@ def test_recent_studies_are_renamed_and_deleted(
 def test_a_damaged_study_is_told_and_the_app_goes_on(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
+    before = set(server.data.rglob("*.data"))
     page = visit(server.address, studies[2].name)
     upload(page, studies[1], "mine.zip")
     server.kill()
-    (file,) = server.data.rglob("*.data")
+    (file,) = set(server.data.rglob("*.data")) - before
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
