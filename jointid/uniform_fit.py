@@ -18,7 +18,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.fitted_sine import SineFit, Window, padded, scatter
 
-_TOGETHER = 1 << 15  # numbers in the block sums of records fitted together: they stay in the cache
+_TOGETHER = 1 << 16  # numbers in the block sums of records fitted together: they stay in the cache
 _WORTH_KEEPING = 1 << 17  # numbers in a table of sines; larger ones would fill the memory
 
 
