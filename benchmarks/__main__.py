@@ -31,6 +31,7 @@ LONG = {
     "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
     "friction": "what friction and an untold delay do to the estimators",
     "app": "the app in a real browser",
+    "sessions": "twenty people at one server",
     "batch": "a fleet of studies",
 }
 
