@@ -20,7 +20,7 @@ FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True
 """Forms of friction from plain to rich: below which share of the largest velocity it is left free, from
 a sharp to a blunt reversal; and whether it may change with speed beyond its viscous part."""
 
-_EXPLAINED = 1.3  # cost over its expectation below which a richer model could hardly do better
+_EXPLAINED = 1.1  # cost over its expectation below which a richer model could hardly do better
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
 _WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error

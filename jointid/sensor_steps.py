@@ -42,7 +42,9 @@ def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
         step = quantum(used[:_LOOKED_AT])
         if step > 0:
             taken = 4 * np.abs(fit.fundamental[channel]) / step * different / period
-            undithered = _undithered(float(scatter[channel]) / step**2)
+            seen = float(scatter[channel]) / step**2
+            # Rounding that does not come back exactly scatters itself: what is seen need not be added.
+            undithered = _undithered(seen) if repeats.any() else max(0.0, 1 - 12 * seen)
             variance[channel] = step**2 / 3 / max(min(different, taken), 1.0) * undithered
     return np.diag(variance).astype(complex)
 
