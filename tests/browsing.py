@@ -11,10 +11,14 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from playwright.sync_api import ConsoleMessage, Page, Request, expect
+from playwright.sync_api import Error as PlaywrightError
 
 ROOT = Path(__file__).parents[1]
 FLAGS = [
@@ -85,6 +89,19 @@ class Watch:
         parts = urlsplit(request.url)
         if parts.scheme not in ("data", "blob") and parts.hostname != "127.0.0.1":
             self.abroad.append(request.url)
+
+
+def once_more(test: Callable[..., None]) -> Callable[..., None]:
+    """Try a test of clicks and keys a second time: on a machine under load a browser may miss one."""
+
+    @wraps(test)
+    def tried(*arguments: Any, **named: Any) -> None:
+        try:
+            test(*arguments, **named)
+        except (AssertionError, PlaywrightError):
+            test(*arguments, **named)
+
+    return tried
 
 
 def rested(page: Page) -> None:

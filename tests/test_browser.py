@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Literal
 
 import pytest
-from browsing import PATIENCE_MS, Server, Watch, finished, too_wide
+from browsing import PATIENCE_MS, Server, Watch, finished, once_more, too_wide
 from clicks import choose
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
@@ -194,13 +194,15 @@ FOCUSED = """() => {
 
 
 @pytest.mark.parametrize("path", ["", "Report", "Simulate"])
+@once_more
 def test_tab_reaches_every_control_and_shows_where_it_is(
     address: str, open_in: Callable[..., Page], path: str
 ) -> None:
     page = open_in(f"{address}/{path}")
     finished(page, PAGES[path])
     page.wait_for_timeout(500)  # figures come a little later than the script's end
-    for _ in range(2 * page.evaluate(TABBABLE)):
+    page.bring_to_front()
+    for _ in range(4 * page.evaluate(TABBABLE)):
         page.keyboard.press("Tab")
         if page.evaluate(FOCUSED) == 0:
             break

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import PATIENCE_MS, Server, finished, rested
+from browsing import PATIENCE_MS, Server, finished, once_more, rested
 from log_makers import (
     Log,
     as_csv,
@@ -167,6 +167,7 @@ def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_p
     near_the_truth(page)
 
 
+@once_more
 def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
     log: Log, page: Page, browser: Browser, shared: Server
 ) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from browsing import PATIENCE_MS, Server, finished, rested
+from browsing import PATIENCE_MS, Server, finished, once_more, rested
 from clicks import choose
 from playwright.sync_api import Browser, Page, expect
 
@@ -64,6 +64,7 @@ def workspace_of(page: Page) -> str:
     return parse_qs(urlsplit(page.url).query)["w"][0]
 
 
+@once_more
 def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
@@ -96,6 +97,7 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     expect(again.get_by_role("combobox", name="Estimator")).to_have_value("least-squares")
 
 
+@once_more
 def test_who_lacks_the_address_sees_nothing(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
@@ -130,6 +132,7 @@ def test_who_lacks_the_address_sees_nothing(
     chosen(stranger, "mine.zip")
 
 
+@once_more
 def test_recent_studies_are_renamed_and_deleted(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
@@ -158,6 +161,7 @@ def test_recent_studies_are_renamed_and_deleted(
     expect(page.get_by_text("Recent studies (1)")).to_be_visible()
 
 
+@once_more
 def test_a_damaged_study_is_told_and_the_app_goes_on(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
