@@ -102,8 +102,8 @@ def open_container(source: Source, *, marker: str) -> Iterator[Container]:
             yield _Zip(source, PurePosixPath(str(getattr(source, "name", ""))).name or _ARCHIVE, marker)
         else:
             raise JointIdError(
-                "A study comes from a path, bytes or an open binary file, "
-                f"not from {type(source).__name__}."
+                "A study comes from a path, bytes or an open binary file, not from "
+                f"{type(source).__name__}."
             )
     except JointIdError as error:
         if str(error).startswith(_ARCHIVE):  # a message is a sentence

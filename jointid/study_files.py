@@ -14,8 +14,8 @@ frequency_hz = 3.0
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
@@ -26,11 +26,20 @@ from jointid.arrays import Floats
 from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.containers import Container, Source, missing, open_container, safe_name
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, Inertia
 from jointid.peeked_tables import peek_table
 from jointid.record_tables import read_record_table
 from jointid.records import SineRecord
 from jointid.study import Study
+from jointid.study_keys import (
+    INERTIA_KEYS,
+    RECORD_KEYS,
+    STUDY_KEYS,
+    TIMING_KEYS,
+    in_place,
+    read_inertia,
+    read_nominal,
+    read_poses,
+)
 from jointid.study_parts import is_long, read_long_record
 from jointid.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.wording import listed, nearest, shown
@@ -39,34 +48,6 @@ __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study",
 
 PEEK_ROWS = 500
 _PEEK_BYTES = 1 << 20
-
-_INERTIA_KEYS = {
-    "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
-    "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
-}
-_NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
-_TIMING_KEYS = {"torque_hold": "torque_hold = true", "torque_delay_s": "torque_delay_s = 0.0005"}
-_RECORD_KEYS = {
-    "file": 'file = "records/01.csv"',
-    "frequency_hz": "frequency_hz = 3.0",
-    "start_s": "start_s = 2.0",
-    "pose": 'pose = "stretched"',
-    "label": 'label = "axis 1 leads"',
-    **_TIMING_KEYS,
-}
-_STUDY_KEYS = {
-    "format": "format = 1",
-    "name": 'name = "Waterjet cell, axes 1 and 2"',
-    "origin": 'origin = "measured"',
-    "description": 'description = "Cold robot, no tool"',
-    "robot": 'robot = "cell 7, robot A"',
-    "date": "date = 2026-11-20",
-    "inertia": f"[inertia], {_INERTIA_KEYS['M']}, {_INERTIA_KEYS['M2']}",
-    "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
-    "timing": "[timing], torque_hold = true",
-    "poses": f"[poses.stretched], {_INERTIA_KEYS['M2']}",
-    "records": '[[records]], file = "records/01.csv", frequency_hz = 3.0',
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,24 +89,20 @@ def load_study(path_or_file: Source) -> Study:
         When anything in it cannot be used; the message names file, key or row, value and remedy.
     """
     with open_container(path_or_file, marker=STUDY_FILE) as container:
-        top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), _STUDY_KEYS)
+        top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
         _require_format_1(top)
         name, origin, description, robot = (
             top.text(key, "") for key in ("name", "origin", "description", "robot")
         )
         date = top.date("date") if "date" in top else None
-        inertia = _inertia(top.table("inertia", _INERTIA_KEYS))
-        poses = {
-            name: _inertia(table, inertia)
-            for name, table in top.named_tables("poses", _INERTIA_KEYS).items()
-        }
-        nominal = _elasticity(top.table("nominal", _NOMINAL_KEYS)) if "nominal" in top else None
-        timing = top.table("timing", _TIMING_KEYS) if "timing" in top else None
-        tables = top.tables("records", _RECORD_KEYS)
+        inertia = read_inertia(top.table("inertia", INERTIA_KEYS))
+        poses, nominal = read_poses(top, inertia), read_nominal(top)
+        timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
+        tables = top.tables("records", RECORD_KEYS)
         _require_different_files(tables)
         _require_files(tables, container)
         records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
-    with _named(STUDY_FILE):
+    with in_place(STUDY_FILE):
         return Study(tuple(records), inertia, nominal, name, origin, description, poses, robot, date)
 
 
@@ -194,19 +171,6 @@ def _require_format_1(top: CheckedTable) -> None:
         )
 
 
-def _inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia:
-    M = default.M if default is not None and "M" not in table else table.numbers("M")
-    M2 = table.matrix("M2")
-    with _named(table.where):
-        return Inertia(M=M, M2=M2)
-
-
-def _elasticity(table: CheckedTable) -> Elasticity:
-    K, D = table.numbers("K"), table.numbers("D")
-    with _named(table.where):
-        return Elasticity(K=K, D=D)
-
-
 def _require_different_files(tables: Sequence[CheckedTable]) -> None:
     seen: dict[str, str] = {}
     for table in tables:
@@ -234,7 +198,7 @@ def _require_files(tables: Sequence[CheckedTable], container: Container) -> None
 
 def _record_file(table: CheckedTable) -> str:
     file = table.text("file")
-    with _named(table.where):
+    with in_place(table.where):
         return safe_name(file)
 
 
@@ -268,7 +232,7 @@ def _record(
     }
     path = container.path(file)
     if path is not None and is_long(file, path, joints):
-        with _named(file):
+        with in_place(file):
             return read_long_record(file, path, joints, **known)
     columns = read_record_table(file, container.read(file), joints)
     try:
@@ -292,12 +256,3 @@ def _other_time_unit(frequency_hz: float, time: Floats) -> str:
                 f"{periods:.4g} periods of {frequency_hz:g} Hz: divide time_s by {per_second:.0f}."
             )
     return ""
-
-
-@contextmanager
-def _named(where: str) -> Iterator[None]:
-    """Open the message of a refused value with the place it came from."""
-    try:
-        yield
-    except JointIdError as error:
-        raise JointIdError(f"{where}: {error}") from error

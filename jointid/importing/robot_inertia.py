@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
-from jointid.checked_toml import CheckedTable, parse_toml
+from jointid.checked_toml import parse_toml
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
+from jointid.study_keys import INERTIA_KEYS, STUDY_KEYS, read_inertia, read_nominal, read_poses
 from jointid.wording import counted
 
 INERTIA_UNITS = {
@@ -24,26 +25,8 @@ INERTIA_UNITS = {
 }
 """Inertia units in kg·m²; lb is the pound of mass."""
 
-_KEYS = {
-    "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
-    "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
-}
-_NOMINAL = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
-_TOP = {
-    "inertia": f"[inertia], {_KEYS['M']}, {_KEYS['M2']}",
-    **_KEYS,
-    "poses": f"[poses.stretched], {_KEYS['M2']}",
-    "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
-    "name": 'name = "Waterjet cell, axes 1 and 2"',
-    # What else a study.toml holds; the logs take its place here.
-    "format": "format = 1",
-    "origin": 'origin = "measured"',
-    "description": 'description = "Cold robot, no tool"',
-    "robot": 'robot = "cell 7, robot A"',
-    "date": "date = 2026-11-20",
-    "timing": "[timing], torque_hold = true",
-    "records": '[[records]], file = "records/01.csv"',
-}
+_TOP = {"inertia": STUDY_KEYS["inertia"], **INERTIA_KEYS, **STUDY_KEYS}
+"""M and M2 may stand at the top; what else a study.toml holds is allowed, the logs take its place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,18 +60,8 @@ def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:
         raise JointIdError(f"{file}: [inertia] is missing. Example: {_TOP['inertia']}.")
-    inertia = _inertia(top.table("inertia", _KEYS) if "inertia" in top else top)
-    nominal = None
-    if "nominal" in top:
-        table = top.table("nominal", _NOMINAL)
-        nominal = Elasticity(K=table.numbers("K"), D=table.numbers("D"))
-    poses = top.named_tables("poses", _KEYS)
-    return KnownRobot(
-        inertia,
-        {name: _inertia(table, inertia) for name, table in poses.items()},
-        nominal,
-        top.text("name", ""),
-    )
+    inertia = read_inertia(top.table("inertia", INERTIA_KEYS) if "inertia" in top else top)
+    return KnownRobot(inertia, read_poses(top, inertia), read_nominal(top), top.text("name", ""))
 
 
 def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
@@ -106,14 +79,8 @@ def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
     JointIdError
         When shapes disagree, or a ratio is 0.
     """
-    M = finite_array("M2 on the joint side (kg·m²)", joint_inertia, ndim=2)
     n = _ratios(gear_ratio)
-    if M.shape != (n.size, n.size):
-        raise JointIdError(
-            f"M2 has shape {M.shape}, and there are {counted(n.size, 'gear ratio')}: give one row "
-            "and one column "
-            "per joint."
-        )
+    M = _per_joint("M2 on the joint side (kg·m²)", joint_inertia, (n.size, n.size))
     return np.asarray(M / np.outer(n, n))
 
 
@@ -130,13 +97,8 @@ def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Float
     JointIdError
         When shapes disagree, or a ratio is 0.
     """
-    J = finite_array("M seen from the joints (kg·m²)", reflected_inertia, ndim=1)
     n = _ratios(gear_ratio)
-    if J.shape != n.shape:
-        raise JointIdError(
-            f"M has {counted(J.size, 'value')}, and there are {counted(n.size, 'gear ratio')}: give "
-            "one per joint."
-        )
+    J = _per_joint("M seen from the joints (kg·m²)", reflected_inertia, n.shape)
     return np.asarray(J / n**2)
 
 
@@ -147,10 +109,19 @@ def _ratios(gear_ratio: ArrayLike) -> Floats:
     return n
 
 
-def _inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia:
-    M = default.M if default is not None and "M" not in table else table.numbers("M")
-    M2 = table.matrix("M2")
-    try:
-        return Inertia(M=M, M2=M2)
-    except JointIdError as error:
-        raise JointIdError(f"{table.where}: {error}") from error
+def _per_joint(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """Return values of the shape that the gear ratios ask for."""
+    array = finite_array(name, values, ndim=len(shape))
+    if array.shape != shape:
+        raise JointIdError(
+            f"{name} has {_size(array.shape)}, and {counted(shape[0], 'gear ratio')} "
+            f"{'asks' if shape[0] == 1 else 'ask'} for {_size(shape)}: give one per joint, in the order "
+            "of the joints."
+        )
+    return array
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    if len(shape) == 1:
+        return counted(shape[0], "value")
+    return f"{counted(shape[0], 'row')} and {counted(shape[1], 'column')}"

@@ -74,9 +74,8 @@ class LogTable:
         columns = _distinct(self.columns)
         if len(columns) < 2:
             raise JointIdError(
-                f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at "
-                "least position "
-                f"and torque. Columns found: {listed(c.name for c in columns)}."
+                f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at least "
+                f"position and torque. Columns found: {listed(c.name for c in columns)}."
             )
         if len(columns) > MAX_COLUMNS:
             raise JointIdError(
@@ -87,8 +86,8 @@ class LogTable:
         for column in columns:
             if column.values.shape != rows or column.values.ndim != 1:
                 raise JointIdError(
-                    f"{self.name}: column {column.name} has shape {column.values.shape}, "
-                    f"column {columns[0].name} {rows}: all columns need the same number of rows."
+                    f"{self.name}: column {column.name} has shape {column.values.shape}, column "
+                    f"{columns[0].name} {rows}: all columns need the same number of rows."
                 )
         if rows[0] == 0:
             raise JointIdError(f"{self.name} has columns but no rows: export the log again.")

@@ -23,7 +23,7 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
         "Record": [r.label or f"record {i}" for i, r in enumerate(records, start=1)],
         "Hz": [r.frequency_hz for r in records],
         "Periods": [round(r.periods, 1) for r in records],
-        "Samples": [r.time_s.size - r.start for r in records],
+        "Samples": [r.samples for r in records],
         "S/N θ": [_figure(x) for x in ratio[rows, mover]],
         "S/N τ": [_figure(x) for x in ratio[rows, n + mover]],
         "Dist. θ (%)": [_figure(100 * x) for x in distortion[rows, mover]],
