@@ -26,17 +26,27 @@ FRICTION = {"none": (0.0, 0.0), "mild": (0.05, 0.012), "heavy": (0.4, 0.08)}
 
 
 def simulated(
-    friction: str, seed: int, *, frequencies_hz: np.ndarray | None = None, periods: float = 12.5
+    friction: str,
+    seed: int,
+    *,
+    frequencies_hz: np.ndarray | None = None,
+    periods: float = 12.5,
+    rate_hz: float = RATE_HZ,
+    untold_delay_s: float = 0.0,
 ) -> tuple[SineRecord, ...]:
-    """A campaign in closed loop with a 16-bit encoder and noise on the logged torque."""
+    """A campaign in closed loop with a 16-bit encoder and noise on the logged torque.
+
+    With a delay the records say nothing of their timing, not even that torques are held.
+    """
     coulomb = FRICTION[friction]
     return simulate_records(
         INERTIA,
         TRUTH,
         FREQUENCIES_HZ if frequencies_hz is None else frequencies_hz,
         excitation=Excitation(periods=periods, velocity_rad_s=8.0),
-        controller=Controller(sample_rate_hz=RATE_HZ),
+        controller=Controller(sample_rate_hz=rate_hz, torque_delay_s=untold_delay_s),
         friction=MotorFriction(coulomb=coulomb, viscous=VISCOUS if any(coulomb) else 0.0),
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+        declare_timing=untold_delay_s == 0,
         seed=seed,
     )

@@ -1,6 +1,6 @@
 """How close the estimators come to the Cramér-Rao bound, and whether their error bars hold.
 
-    python benchmarks/cramer_rao.py [draws] [periods ...]     or  python -m benchmarks cramer_rao
+    python -m benchmarks.cramer_rao [draws] [periods ...]     or  python -m benchmarks cramer_rao
 
 Draws noise on the noise-free steady state of the paper's robot (18 frequencies × 2 records, 2 kHz), runs
 phasor extraction and every estimator on each draw, and prints as Markdown: root-mean-square error over
@@ -12,24 +12,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from jointid import (
-    Elasticity,
-    Inertia,
-    Phasors,
-    SineRecord,
-    extract_phasors,
-    identify_elasticity,
-    motor_response,
-)
+from benchmarks.campaign import ANSWER, INERTIA, TRUTH
+from benchmarks.harness import Table, print_rows
+from jointid import Phasors, SineRecord, extract_phasors, identify_elasticity, motor_response
 from jointid.likelihood import maximum_likelihood
 
-INERTIA = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
-TRUTH = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
-ANSWER = np.concatenate([TRUTH.K, TRUTH.D])
 FREQUENCIES_HZ = np.geomspace(3.0, 30.0, 18)
 SAMPLE_RATE_HZ = 2000.0
 NOISE = np.array([1e-4, 1e-4, 0.05, 0.05])
@@ -104,10 +94,8 @@ def rows(draws: int, period_counts: Sequence[float]) -> Iterator[tuple[str, ...]
             yield (f"{periods:g}", method, *(f"{value:.2f}" for value in ratio), *held)
 
 
-def measure(quick: bool) -> list[Any]:
+def measure(quick: bool) -> list[Table]:
     """Return the table for ``python -m benchmarks cramer_rao``."""
-    from benchmarks.harness import Table  # a script run by its path does not see the package
-
     found = tuple(
         dict(zip(HEADINGS, row, strict=True))
         for row in rows(*((2, [5.0]) if quick else (1000, [5.0, 8.0, 20.0])))
@@ -115,13 +103,7 @@ def measure(quick: bool) -> list[Any]:
     return [Table("cramer_rao", "Against the bound", dict.fromkeys(HEADINGS, ""), found)]
 
 
-def main(draws: int, period_counts: Sequence[float]) -> None:
-    print("| " + " | ".join(HEADINGS) + " |")
-    print("|---" * len(HEADINGS) + "|")
-    for row in rows(draws, period_counts):
-        print("| " + " | ".join(row) + " |", flush=True)
-
-
 if __name__ == "__main__":
     arguments = [float(a) for a in sys.argv[1:]]
-    main(int(arguments[0]) if arguments else 1000, arguments[1:] or [5.0, 8.0, 12.0, 20.0])
+    draws = int(arguments[0]) if arguments else 1000
+    print_rows(HEADINGS, rows(draws, arguments[1:] or [5.0, 8.0, 12.0, 20.0]))

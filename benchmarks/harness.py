@@ -7,7 +7,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
@@ -53,6 +53,13 @@ class Table:
         """Return the table as JSON can hold it, its numbers unrounded."""
         rows = [{c: _finite(value) for c, value in row.items()} for row in self.rows]
         return {"name": self.name, "title": self.title, "rows": rows, "notes": list(self.notes)}
+
+
+def print_rows(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table as Markdown, each row as soon as it is measured."""
+    print(_line(headings), _line(["---"] * len(headings)), sep="\n")
+    for row in rows:
+        print(_line(row), flush=True)
 
 
 def _line(cells: Any) -> str:
