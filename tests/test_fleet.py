@@ -26,6 +26,7 @@ from jointid.fleet.child import Child, Ended
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Done, Job
 from jointid.fleet.journal import Journal
+from jointid.fleet.local import Local
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
 from jointid.fleet.studies import shown
@@ -566,6 +567,32 @@ def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) ->
     child.stop()
     with pytest.raises(Ended):
         child.ask(request)
+
+
+@posix
+def test_whoever_waits_can_end_a_study_in_the_middle(
+    paths: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Stopped(Exception):
+        pass
+
+    rows: list[Row | None] = []
+
+    def stop() -> None:
+        if rows:
+            raise Stopped
+
+    bad = poison(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", with_poison(tmp_path / "p")["PYTHONPATH"])
+    jobs = [Job("good", paths[0]), Job("endless", bad["hangs"]), Job("later", paths[1])]
+    began = time.monotonic()
+    with closing(Local(1, Limits(time_s=100), waiting=stop).run(jobs)) as finished:
+        rows.append(next(finished).row)
+        with pytest.raises(Stopped):
+            next(finished)
+    assert time.monotonic() - began < 50  # it is not the limit that ended it
+    assert [row and row.study for row in rows] == ["good"]
+    assert all(row and row.is_good for row in rows)
 
 
 def test_limits_that_make_no_sense_are_refused() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 
 from jointid.errors import JointIdError
 from jointid.fleet.child import Child, Limits
 from jointid.fleet.jobs import Done, Job, do_job
+
+_LOOK_S = 0.2
 
 
 class Local:
@@ -20,6 +22,9 @@ class Local:
         How many at a time.
     limits : Limits
         What one study may take.
+    waiting : callable, optional
+        Called a few times a second while no study is done. What it raises comes out of ``run`` and
+        ends the processes at once, in the middle of their studies.
 
     Raises
     ------
@@ -27,11 +32,18 @@ class Local:
         When there is less than one worker.
     """
 
-    def __init__(self, workers: int = 1, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        workers: int = 1,
+        limits: Limits | None = None,
+        *,
+        waiting: Callable[[], None] | None = None,
+    ) -> None:
         if workers < 1:
             raise JointIdError(f"workers = {workers}: at least one is needed.")
         self._workers = workers
         self._limits = limits or Limits()
+        self._waiting = waiting
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
         """Yield jobs as they are done; closing the generator ends the processes."""
@@ -57,7 +69,7 @@ class Local:
             thread.start()
         try:
             for _ in jobs:
-                result = done.get()
+                result = self._next(done)
                 if isinstance(result, Exception):
                     raise result
                 yield result
@@ -67,3 +79,11 @@ class Local:
                 child.kill()
             for thread in threads:
                 thread.join()
+
+    def _next(self, done: queue.SimpleQueue[Done | Exception]) -> Done | Exception:
+        while self._waiting is not None:
+            try:
+                return done.get(timeout=_LOOK_S)
+            except queue.Empty:
+                self._waiting()
+        return done.get()

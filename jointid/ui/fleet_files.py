@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -29,6 +30,8 @@ _PART = "fleet"
 _LIMITS = Limits(time_s=120.0, memory_bytes=2 << 30)
 _MOST_WORKERS = 2
 """Of a server's cores, one person's page takes two at most."""
+_LONG_S = 5.0
+"""After which what is left is said."""
 
 
 @dataclass
@@ -126,7 +129,7 @@ def _read(digest: str, _data: bytes) -> tuple[Row, ...]:
 
 
 def _analyse(fleet: OpenFleet) -> None:
-    """Analyse what has no row yet; every row counts at once, so that stopping loses none."""
+    """Analyse what has no row yet; every row counts at once, so that a stop loses none."""
     if not fleet.todo:
         return
     if fleet.stopped:
@@ -135,24 +138,40 @@ def _analyse(fleet: OpenFleet) -> None:
         right.button("Go on", on_click=_go_on, width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
-    total, failed = len(jobs), 0
-    bar = st.progress(0.0, f"Analysing {counted(total, 'study')}")
-    stop = st.empty()
+    total, count, failed, began = len(jobs), 0, 0, time.monotonic()
+    bar, stop = st.progress(0.0), st.empty()
     stop.button("Stop", key="fleet_stop", on_click=_stop, help="What has its row keeps it.")
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
+
+    def tell() -> None:
+        """Say how far it is; Streamlit raises here when Stop was clicked or the page is left."""
+        bar.progress(count / total, _how_far(count, total, failed, time.monotonic() - began))
+
+    tell()
     try:
-        with closing(Local(workers, _LIMITS).run(jobs)) as finished:
-            for count, done in enumerate(finished, start=1):
+        with closing(Local(workers, _LIMITS, waiting=tell).run(jobs)) as finished:
+            for done in finished:
                 assert done.row is not None
+                count += 1
                 fleet.add(done.job.content, done.row)
                 del fleet.todo[done.job.content]
                 failed += not done.row.is_good
-                bar.progress(count / total, f"{count} of {total} analysed, {failed} failed")
+                tell()
     except JointIdError as error:
         fleet.stopped = True
         st.error(str(error))
     bar.empty()
     stop.empty()
+
+
+def _how_far(count: int, total: int, failed: int, elapsed_s: float) -> str:
+    text = f"Analysing {counted(total, 'study')}"
+    if count:
+        text = f"{count} of {total} analysed, {failed} failed"
+    if elapsed_s < _LONG_S:
+        return text
+    left = f"about {elapsed_s * (total - count) / count:.0f} s left" if count else ""
+    return f"{text}; {left or f'{elapsed_s:.0f} s so far'}"
 
 
 def _stop() -> None:
