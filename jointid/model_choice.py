@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from jointid.joints import Inertia
 from jointid.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood
 from jointid.noise import Noise
 from jointid.phasors import Phasors
+from jointid.springs import inertia_arrays
 
 NO_FRICTION = (None, False)
 FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
@@ -24,6 +25,9 @@ _EXPLAINED = 1.1  # cost over its expectation below which a richer model could h
 _CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
 _WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
+_LOST = 100.0  # misfit from which on the search is begun again elsewhere
+_FOUND = 10.0  # misfit that shows the other beginning to be the right one
+_BEYOND_DOUBT = 1000.0  # squared distance of friction from nothing, in its errors: far beyond _CLEAR
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,9 @@ def fit_model(
     delay: bool,
 ) -> Choice:
     """Fit the model as told; of friction only the width of its reversals is chosen."""
-    search = _Search(phasors, inertia, start, noise)
-    return search.choice(search.widen([delay], FRICTIONS if friction else (NO_FRICTION,)))
+    return _widened(
+        _Search(phasors, inertia, start, noise, [delay]), FRICTIONS if friction else (NO_FRICTION,)
+    )
 
 
 def choose_model(
@@ -109,24 +114,50 @@ def choose_model(
     friction, delay : bool
         Parts that must be in the model; the others may be.
     """
-    search = _Search(phasors, inertia, start, noise)
-    frictions = FRICTIONS if friction else (NO_FRICTION, *FRICTIONS)
-    return search.choice(search.widen([True] if delay else [False, True], frictions))
+    search = _Search(phasors, inertia, start, noise, [True] if delay else [False, True])
+    return _widened(search, FRICTIONS if friction else (NO_FRICTION, *FRICTIONS))
 
 
+def _widened(search: _Search, frictions: Sequence[tuple[float | None, bool]]) -> Choice:
+    """Search from the linear estimate, and where that leads nowhere, from elsewhere too.
+
+    Heavy friction can turn the linear estimate negative, or throw it into another valley.
+    """
+    best = search.widen(frictions)
+    misfit = search.misfit(best)
+    if misfit > _LOST:
+        good = _FOUND if np.isinf(misfit) else max(_FOUND, misfit / _LOST)
+        for start in _other_starts(search.phasors, search.inertia):
+            other = replace(search, start=start, tried={})
+            found = other.widen(frictions)
+            if other.misfit(found) < good:
+                return other.choice(found)
+    return search.choice(best)
+
+
+def _other_starts(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Floats]:
+    """K that puts each arm's inertia at resonance within the frequencies of the records, D small."""
+    _, arm = inertia_arrays(phasors, inertia)
+    own = np.diagonal(np.linalg.inv(arm), axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
+    starts = []
+    for share in (0.5, 1.0, 0.0):
+        omega = float(np.quantile(phasors.omega, share))
+        K = own * omega**2
+        starts.append(np.concatenate([K, 0.05 * K / omega]))
+    return starts
+
+
+@dataclass
 class _Search:
     """The models tried so far, with their estimates."""
 
-    def __init__(
-        self, phasors: Phasors, inertia: Inertia | Sequence[Inertia], start: Floats, noise: Noise
-    ) -> None:
-        self.phasors = phasors
-        self.inertia = inertia
-        self.start = start
-        self.noise = noise
-        self.tried: dict[Model, LikelihoodEstimate | JointIdError] = {}
-        self.waveforms: dict[tuple[float, bool], FrictionWaveforms] = {}
-        self.lag_demanded = False
+    phasors: Phasors
+    inertia: Inertia | Sequence[Inertia]
+    start: Floats
+    noise: Noise
+    lags: Sequence[bool]
+    tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
+    waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
 
     def fit(self, model: Model) -> None:
         if model in self.tried:
@@ -147,9 +178,13 @@ class _Search:
             self.tried[model] = error
 
     def _pointless(self, model: Model) -> JointIdError | None:
-        """Say so where a lag could not lower the cost by what it has to."""
+        """Say so where a fit could not be the best."""
+        if self._hopeless(model):
+            return JointIdError("Not fitted: there is friction beyond doubt.")
+        if not model.delay:
+            return None
         without = self.tried.get(replace(model, delay=False))
-        if self.lag_demanded or not model.delay or not isinstance(without, LikelihoodEstimate):
+        if False not in self.lags or not isinstance(without, LikelihoodEstimate):
             return None
         gain = gain_of_delay(
             self.phasors,
@@ -162,6 +197,19 @@ class _Search:
             return None
         return JointIdError("Not fitted: a lag of the torque would not lower the cost by its penalty.")
 
+    def _hopeless(self, model: Model) -> bool:
+        """Whether it lacks friction where the same with friction shows Coulomb's beyond doubt.
+
+        The cost would rise by half the square of friction's distance from nothing in its errors.
+        """
+        rubbing = self.tried.get(Model(0.0, model.delay))
+        if model.reversal is not None or not isinstance(rubbing, LikelihoodEstimate):
+            return False
+        coulomb = slice(2 * self.phasors.n, 3 * self.phasors.n)
+        force, variance = rubbing.p[coulomb], np.diag(rubbing.covariance)[coulomb]
+        clear = force**2 > _BEYOND_DOUBT * variance
+        return bool(np.any(clear & (force > 0) & (variance > 0)))
+
     def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
         if reversal is None:
             return None
@@ -170,30 +218,33 @@ class _Search:
         return self.waveforms[reversal, curve]
 
     def best(self, models: Sequence[Model]) -> Model:
-        for model in models:
+        # Without friction comes last: where friction turns out to be certain, it need not be fitted.
+        for model in sorted(models, key=lambda model: model.reversal is None):
             self.fit(model)
         criterion = self._criterion()
         return min(models, key=lambda model: criterion[model])
 
-    def widen(self, lags: Sequence[bool], frictions: Sequence[tuple[float | None, bool]]) -> Model:
+    def widen(self, frictions: Sequence[tuple[float | None, bool]]) -> Model:
         """Try friction in ever richer forms until the noise is all that is left."""
         models: list[Model] = []
-        self.lag_demanded = False not in lags
         for reversal, curve in frictions:
+            models += [Model(reversal, lag, curve) for lag in self.lags]
+            if reversal is None and len(frictions) > 1:
+                continue  # whether there is friction is seen by fitting it
             if reversal is not None:
                 # From a linear start friction and delay together may end in a minimum that is none.
                 self.fit(Model(reversal, False, curve))
-            models += [Model(reversal, lag, curve) for lag in lags]
             best = self.best(models)
-            if self.explains(best) and (reversal is not None or len(frictions) == 1):
+            if self.explains(best):
                 break
         return best
 
     def explains(self, model: Model) -> bool:
+        return self.misfit(model) < _EXPLAINED
+
+    def misfit(self, model: Model) -> float:
         estimate = self.tried[model]
-        if isinstance(estimate, JointIdError):
-            return False
-        return estimate.cost < _EXPLAINED * estimate.expected_cost
+        return np.inf if isinstance(estimate, JointIdError) else _misfit(estimate)
 
     def choice(self, best: Model) -> Choice:
         criterion = self._criterion()
@@ -264,7 +315,10 @@ class _Search:
             parts.append((Model(model.reversal, False, model.curve), clear[-1]))
         for without, stands in parts:
             other = self.tried.get(without)
-            needed = isinstance(other, LikelihoodEstimate) and _misfit(other) > _NEEDED * max(1.0, own)
+            if isinstance(other, LikelihoodEstimate):
+                needed = _misfit(other) > _NEEDED * max(1.0, own)
+            else:
+                needed = self._hopeless(without)
             if not stands and not needed:
                 return False
         return True

@@ -25,8 +25,9 @@ from jointid import (
     simulate_records,
 )
 from jointid.friction import friction_waveforms
-from jointid.likelihood import _quadratic, gain_of_delay, maximum_likelihood
+from jointid.likelihood import LikelihoodEstimate, _quadratic, gain_of_delay, maximum_likelihood
 from jointid.linear_fit import weighted
+from jointid.model_choice import choose_model
 from jointid.springs import spring_equations
 from jointid.torque_balance import make_problem
 
@@ -159,6 +160,28 @@ def test_a_torque_of_the_wrong_sign_does_not_pass() -> None:
     records = [replace(record, tau_Nm=-record.tau_Nm) for record in simulated()]
     fit = identify_elasticity(extract_phasors(records), PARALLELOGRAM)
     assert fit.misfit > 1000
+
+
+@pytest.mark.parametrize(
+    "start",
+    [(-10, 8, 0.1, 0.02), (40, -1, 0.1, 0.02), (3.4, 0.7, -0.07, 0.1), (4000, 1000, -0.1, 1)],
+    ids=str,
+)
+def test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end(start: tuple[float, ...]) -> None:
+    phasors = extract_phasors(prescribed_motion(np.sign))
+    noise = spring_equations(phasors, PARALLELOGRAM).noise
+    choice = choose_model(phasors, PARALLELOGRAM, np.array(start), noise, friction=False, delay=False)
+    good = identify_elasticity(phasors, PARALLELOGRAM)
+    assert isinstance(choice.estimate, LikelihoodEstimate)
+    found = choice.estimate.p[:4]
+    assert np.all(np.abs(found - [*good.K, *good.D]) < 0.05 * good.standard_error)
+
+
+def test_models_without_certain_friction_are_not_fitted_and_say_so() -> None:
+    fit = identify_elasticity(extract_phasors(prescribed_motion(np.sign)), PARALLELOGRAM)
+    without = [c for c in fit.candidates if not c.friction]
+    assert len(without) == 2
+    assert all("friction beyond doubt" in c.problem and np.isinf(c.criterion) for c in without)
 
 
 def test_linear_methods_fit_no_friction() -> None:
