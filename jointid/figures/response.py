@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.answer import without
-from jointid.arrays import Complexes, Floats
-from jointid.errors import JointIdError
+from jointid.arrays import Floats
 from jointid.figures.style import (
     Axis,
     Trace,
@@ -22,23 +21,29 @@ from jointid.figures.style import (
     phase_axis,
     points,
 )
-from jointid.joints import Elasticity, Inertia, motor_response, resonances
+from jointid.response_curves import (
+    Response,
+    freed_or_measured,
+    identified,
+    magnitude_limits,
+    measured,
+    nominal,
+    phase_deg,
+    single_records,
+)
 from jointid.study import Analysis
-from jointid.transfer_matrix import TransferMatrix, single_record_response
 
 _UNIT = "1/(kg·m²)"
 _OPEN_SYMBOLS = ("circle-open", "square-open", "diamond-open", "triangle-up-open")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Curve:
     """One frequency response in the figure."""
 
     name: str
     colour: str
-    frequency_hz: Floats
-    H: Complexes
-    error: Floats | None = None  # root of the complex variance
+    response: Response
     symbol: str = ""  # of measured points; empty for a model's line
     dash: str = "solid"
 
@@ -64,15 +69,15 @@ def element_response(
     name = removed or f"measured {_label(i, j)}"
     if i != j:
         name = f"measured {_label(i, j)}{removed and ', ' + removed}"
-    curves = [_measured(freed, i, j, ink.measured, "circle", name=name)]
+    curves = [_Curve(name, ink.measured, measured(freed, i, j), "circle")]
     if i != j:
         name = f"measured {_label(j, i)}{removed and ', ' + removed}"
-        curves.append(_measured(freed, j, i, ink.measured, "square-open", name=name))
+        curves.append(_Curve(name, ink.measured, measured(freed, j, i), "square-open"))
     elif freed is not analysis.transfer_matrices[pose]:
-        raw = analysis.transfer_matrices[pose]
-        curves.append(_measured(raw, i, j, ink.measured, "circle-open", name="as measured"))
+        raw = measured(analysis.transfer_matrices[pose], i, j)
+        curves.append(_Curve("as measured", ink.measured, raw, "circle-open"))
     models = _models(analysis, pose, i, j, dark)
-    return _bode([*models, *curves], dark, _magnitudes(analysis, pose, i) if i == j else None)
+    return _bode([*models, *curves], dark, magnitude_limits(analysis, pose, i) if i == j else None)
 
 
 def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False) -> go.Figure:
@@ -80,20 +85,14 @@ def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool 
 
     The other joints' controllers are in it; drawn to the scale of ``element_response``.
     """
-    rows = analysis.study.of_pose(pose)
-    omega = analysis.phasors.omega[rows]
-    response = single_record_response(analysis.phasors)[rows, joint]
-    ink = colours(dark)
+    responses = single_records(analysis, pose, joint)
     curves = []
-    for k, index in enumerate(analysis.phasors.select(rows).series()):
-        f = omega[index] / (2 * np.pi)
-        name = "each record alone" if k == 0 else f"record {k + 1} of each frequency"
+    for k, response in enumerate(responses):
+        name = f"record {k + 1} of each frequency" if len(responses) > 1 else "each record alone"
         symbol = _OPEN_SYMBOLS[k % len(_OPEN_SYMBOLS)]
-        curves.append(_Curve(name, ink.measured, f, response[index], symbol=symbol))
-    if len(curves) > 1:
-        curves[0] = _renamed(curves[0], "record 1 of each frequency")
+        curves.append(_Curve(name, colours(dark).measured, response, symbol))
     models = _models(analysis, pose, joint, joint, dark)
-    return _bode([*models, *curves], dark, _magnitudes(analysis, pose, joint))
+    return _bode([*models, *curves], dark, magnitude_limits(analysis, pose, joint))
 
 
 def model_over_measurement(
@@ -107,7 +106,7 @@ def model_over_measurement(
     name = f"measured{removed and ', ' + removed}"
     curves = [
         *_models(analysis, pose, joint, joint, dark),
-        _measured(matrix, joint, joint, colours(dark).measured, "circle", name=name),
+        _Curve(name, colours(dark).measured, measured(matrix, joint, joint), "circle"),
     ]
     traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
     title = f"|{_label(joint, joint)}| ({_UNIT})"
@@ -116,66 +115,27 @@ def model_over_measurement(
         height=300,
         dark=dark,
         xaxis=frequency_axis(_frequencies(curves)),
-        yaxis=log_axis(title, range=_log_range(_magnitudes(analysis, pose, joint))),
-    )
-
-
-def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
-    """Return the transfer matrix to hold against the model, and what is not in it, in words."""
-    removed = without(analysis.fit)
-    if not removed or pose not in analysis.freed_transfer_matrices:
-        return analysis.transfer_matrices[pose], ""
-    return analysis.freed_transfer_matrices[pose], removed
-
-
-def _measured(matrix: TransferMatrix, i: int, j: int, colour: str, symbol: str, *, name: str) -> _Curve:
-    return _Curve(
-        name,
-        colour,
-        matrix.omega / (2 * np.pi),
-        matrix.H[:, i, j],
-        matrix.standard_deviation[:, i, j],
-        symbol,
+        yaxis=log_axis(title, range=_log_range(magnitude_limits(analysis, pose, joint))),
     )
 
 
 def _models(analysis: Analysis, pose: str, i: int, j: int, dark: bool) -> list[_Curve]:
-    """Identified over nominal; an estimate that is no spring has no model."""
-    inertia = analysis.study.poses[pose] if pose else analysis.study.inertia
-    measured = analysis.phasors.omega[analysis.study.of_pose(pose)] / (2 * np.pi)
+    """Identified over nominal, where there are such."""
     ink = colours(dark)
     curves = []
-    if analysis.study.nominal is not None:
-        f, H = _model(measured, inertia, analysis.study.nominal)
-        curves.append(_Curve("nominal model", ink.nominal, f, H[:, i, j], dash="dash"))
-    try:
-        f, H = _model(measured, inertia, analysis.fit.elasticity)
-        curves.append(_Curve("identified model", ink.identified, f, H[:, i, j]))
-    except JointIdError:
-        pass
+    if (assumed := nominal(analysis, pose, i, j)) is not None:
+        curves.append(_Curve("nominal model", ink.nominal, assumed, dash="dash"))
+    if (found := identified(analysis, pose, i, j)) is not None:
+        curves.append(_Curve("identified model", ink.identified, found))
     return curves
 
 
-def _model(measured_hz: Floats, inertia: Inertia, elasticity: Elasticity) -> tuple[Floats, Complexes]:
-    """A curve dense enough for its peaks, over the measured band and a little more."""
-    low, high = float(measured_hz.min()) / 1.12, float(measured_hz.max()) * 1.12
-    low, high = (low, high) if high > 1.5 * low else (low / 2, high * 2)
-    peaks = [peak * np.geomspace(0.97, 1.03, 41) for peak in resonances(inertia, elasticity)]
-    f = np.concatenate([np.geomspace(low, high, 400), *peaks])
-    f = np.unique(f[(f >= low) & (f <= high)])
-    return f, motor_response(2 * np.pi * f, inertia, elasticity)
-
-
 def _bode(curves: list[_Curve], dark: bool, magnitudes: tuple[float, float] | None) -> go.Figure:
-    reference = next((c for c in reversed(curves) if not c.symbol), None)
+    model = next((c.response for c in reversed(curves) if not c.symbol), None)
+    phases = [phase_deg(curve.response, model) for curve in curves]
     traces: list[Trace] = []
-    phases: list[Floats] = []
-    for curve in curves:
-        label = curve.name
-        traces.append(_magnitude(curve, label))
-        phase, trace = _phase(curve, reference, label)
-        phases.append(phase)
-        traces.append(trace)
+    for curve, phase in zip(curves, phases, strict=True):
+        traces += [_magnitude(curve, curve.name), _phase(curve, phase)]
     y: Axis = {"domain": [0.42, 1.0]}
     if magnitudes is not None:
         y["range"] = _log_range(magnitudes)
@@ -196,79 +156,34 @@ def _bode(curves: list[_Curve], dark: bool, magnitudes: tuple[float, float] | No
 
 
 def _magnitude(curve: _Curve, label: str) -> Trace:
-    size = np.abs(curve.H)
-    hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} {_UNIT}<extra>{label}</extra>"
-    if not curve.symbol:
-        style = {"line": {"dash": curve.dash}}
-        return line(curve.frequency_hz, size, curve.name, curve.colour, hovertemplate=hover, **style)
+    size, error = np.abs(curve.response.H), curve.response.error
     more = {}
-    if curve.error is not None:
-        # Half of a complex variance lies along the phasor. A log axis has no room for bars below zero.
-        error = curve.error / np.sqrt(2)
-        hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} ± %{{customdata:.2g}} {_UNIT}<extra>{label}</extra>"
+    if curve.symbol and error is not None:
+        # A log axis has no room for bars below zero.
         bars = {"array": error, "arrayminus": np.minimum(error, 0.95 * size), "symmetric": False}
         more = {"customdata": error, "error": bars}
-    return points(
-        curve.frequency_hz,
-        size,
-        curve.name,
-        curve.colour,
-        marker={"symbol": curve.symbol},
-        hovertemplate=hover,
-        **more,
-    )
+    plus = f" ± %{{customdata:.2g}} {_UNIT}" if more else f" {_UNIT}"
+    hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}}{plus}<extra>{label}</extra>"
+    return _trace(curve, size, hovertemplate=hover, **more)
 
 
-def _phase(curve: _Curve, reference: _Curve | None, label: str) -> tuple[Floats, Trace]:
-    """Phase on the branch that lies nearest to the model, so that points do not jump by 360°."""
-    angle = np.degrees(np.angle(curve.H))
-    centre: Floats | float = 90.0
-    if reference is not None:
-        unwrapped = np.degrees(np.unwrap(np.angle(reference.H)))
-        unwrapped -= 360 * np.round((np.median(unwrapped) - 90) / 360)
-        centre = np.interp(np.log(curve.frequency_hz), np.log(reference.frequency_hz), unwrapped)
-    phase = centre + (angle - centre + 180) % 360 - 180
-    shared = {"yaxis": "y2", "showlegend": False}
-    hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}°<extra>{label}</extra>"
-    if not curve.symbol:
-        style = {"line": {"dash": curve.dash}, "hovertemplate": hover}
-        return phase, line(curve.frequency_hz, phase, curve.name, curve.colour, **style, **shared)
+def _phase(curve: _Curve, phase: Floats) -> Trace:
+    relative = curve.response.relative_error
     more = {}
-    if curve.error is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.degrees(np.minimum(curve.error / np.sqrt(2) / np.abs(curve.H), np.pi))
-        hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}° ± %{{customdata:.2g}}°<extra>{label}</extra>"
+    if curve.symbol and relative is not None:
+        error = np.degrees(np.minimum(relative, np.pi))
         more = {"customdata": error, "error": {"array": error}}
-    return phase, points(
-        curve.frequency_hz,
-        phase,
-        curve.name,
-        curve.colour,
-        marker={"symbol": curve.symbol},
-        hovertemplate=hover,
-        **more,
-        **shared,
-    )
+    plus = " ± %{customdata:.2g}°" if more else ""
+    hover = f"%{{x:.4g}} Hz<br>%{{y:.1f}}°{plus}<extra>{curve.name}</extra>"
+    return _trace(curve, phase, hovertemplate=hover, **more, yaxis="y2", showlegend=False)
 
 
-def _magnitudes(analysis: Analysis, pose: str, joint: int) -> tuple[float, float]:
-    """Range of H_jj and of what single records show of it, so that figures of a joint share their scale.
-
-    A joint that stands still makes single responses of any size; they do not stretch the scale by
-    more than a factor of ten.
-    """
-    robot = [np.abs(c.H) for c in _models(analysis, pose, joint, joint, dark=False)]
-    for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
-        if pose in matrices:
-            robot.append(np.abs(matrices[pose].H[:, joint, joint]))
-    single = np.abs(single_record_response(analysis.phasors)[analysis.study.of_pose(pose), joint])
-    every = np.concatenate(robot) if robot else single
-    every = every[np.isfinite(every) & (every > 0)]
-    if not every.size:
-        return 1.0, 10.0
-    low, high = float(every.min()), float(every.max())
-    near = single[(single > low / 10) & (single < high * 10)]
-    return min(low, float(near.min(initial=low))), max(high, float(near.max(initial=high)))
+def _trace(curve: _Curve, y: Floats, **more: Any) -> Trace:
+    """Points for what was measured, a line for a model."""
+    x = curve.response.frequency_hz
+    if curve.symbol:
+        return points(x, y, curve.name, curve.colour, marker={"symbol": curve.symbol}, **more)
+    return line(x, y, curve.name, curve.colour, line={"dash": curve.dash}, **more)
 
 
 def _log_range(limits: tuple[float, float]) -> list[float]:
@@ -276,12 +191,7 @@ def _log_range(limits: tuple[float, float]) -> list[float]:
 
 
 def _frequencies(curves: Iterable[_Curve]) -> Floats:
-    measured = [c.frequency_hz for c in curves if c.symbol]
-    return np.concatenate(measured)
-
-
-def _renamed(curve: _Curve, name: str) -> _Curve:
-    return _Curve(name, curve.colour, curve.frequency_hz, curve.H, curve.error, curve.symbol)
+    return np.concatenate([c.response.frequency_hz for c in curves if c.symbol])
 
 
 def _label(i: int, j: int) -> str:

@@ -13,13 +13,12 @@ from jointid.cut.tracking import TrackingRun
 from jointid.reporting.curves import (
     WANTED,
     Curve,
-    band_of,
     element_curves,
-    magnitude_limits,
     phase_of,
     single_record_curves,
 )
 from jointid.reporting.drawing import Drawing, Line, Marks, Text
+from jointid.response_curves import band_of, magnitude_limits
 from jointid.study import Analysis
 
 PAGE_WIDTH = 482.0
@@ -132,7 +131,7 @@ def _bode(
     curves: list[Curve], limits: tuple[float, float], name: str, label: str, width: float
 ) -> Drawing:
     """Magnitude above phase, on a common logarithmic frequency axis."""
-    measured = np.concatenate([c.frequency_hz for c in curves if c.symbol])
+    measured = np.concatenate([c.response.frequency_hz for c in curves if c.symbol])
     span = band_of(measured)
     x = (float(np.log10(span[0])), float(np.log10(span[1])))
     left, right = 36.0, 6.0
@@ -149,11 +148,10 @@ def _bode(
     degrees = np.arange(-720.0, 721.0, 90.0)
     shapes += _frame(turn, np.log10(ticks), [f"{t:g}" for t in ticks], degrees, _signed(degrees))
     for curve, phase in zip(curves, phases, strict=True):
-        f = np.log10(curve.frequency_hz)
-        magnitude = np.abs(curve.H)
+        f = np.log10(curve.response.frequency_hz)
         with np.errstate(divide="ignore", invalid="ignore"):
-            logarithm = np.log10(magnitude)
-            relative = None if curve.error is None else curve.error / np.sqrt(2) / magnitude
+            logarithm = np.log10(np.abs(curve.response.H))
+        relative = curve.response.relative_error if curve.has_bars else None
         bars = None
         if relative is not None:
             down = np.log10(np.maximum(1 - relative, 0.05))
@@ -168,7 +166,7 @@ def _bode(
     middle = size.top + size.height / 2
     shapes.append(Text(8, middle, f"{label} (1/(kg·m²))", 7, "middle", turned=True))
     shapes.append(Text(8, turn.top + turn.height / 2, "Phase (°)", 7, "middle", turned=True))
-    count = int(sum(c.frequency_hz.size for c in curves if c.symbol))
+    count = int(sum(c.response.frequency_hz.size for c in curves if c.symbol))
     models = " and ".join(c.name for c in curves if c.symbol is None) or "none"
     said = f"Magnitude and phase of {name} over frequency: {count} measured points; models: {models}."
     return Drawing(width, bottom + 24, tuple(shapes), said)
