@@ -24,7 +24,8 @@ import pandas as pd
 
 from jointid.arrays import Floats
 from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.containers import Container, Source, missing, open_container, safe_name
+from jointid.contained import Container, missing, safe_name
+from jointid.containers import Source, open_container
 from jointid.errors import JointIdError
 from jointid.peeked_tables import peek_table
 from jointid.record_tables import read_record_table

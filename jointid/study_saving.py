@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from jointid.checked_toml import MAX_TOML_BYTES
-from jointid.containers import MAX_TOTAL_BYTES
+from jointid.contained import MAX_TOTAL_BYTES
 from jointid.errors import JointIdError
 from jointid.long_records import LongRecord
 from jointid.record_tables import write_record_table

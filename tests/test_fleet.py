@@ -19,7 +19,7 @@ from fleet_studies import batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid import JointIdError, analyse, containers, load_study, save_study, study_parts
+from jointid import JointIdError, analyse, contained, load_study, save_study, study_parts
 from jointid.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
 from jointid.fleet.child import Child, Ended
@@ -244,7 +244,7 @@ def test_the_digest_of_the_files_changes_with_any_byte(tmp_path: Path) -> None:
 @pytest.fixture
 def scaled_down(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits a few thousand times smaller: 16 kB stand for 1 GiB, and records above 8 kB are long."""
-    for module in (containers, content):
+    for module in (contained, content):
         monkeypatch.setattr(module, "MAX_TOTAL_BYTES", 1 << 14)
     monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 13)
     monkeypatch.setattr(study_parts, "_PART_SAMPLES", 100)
@@ -258,7 +258,7 @@ def test_a_study_beyond_the_limits_of_an_archive_is_analysed_anew_when_its_data_
     path = tmp_path / "long"
     save_study(small_study(1), path, record_format="parquet")
     files = sorted((path / "records").iterdir())
-    assert sum(file.stat().st_size for file in files) > 2 * containers.MAX_TOTAL_BYTES
+    assert sum(file.stat().st_size for file in files) > 2 * contained.MAX_TOTAL_BYTES
     first = study_row(path, "x", "auto")
     assert first is not None
     assert not first.error

@@ -23,7 +23,7 @@ from jointid import (
     SineRecord,
     Study,
     checked_toml,
-    containers,
+    contained,
     record_tables,
 )
 from jointid.peeked_tables import plottable
@@ -607,20 +607,20 @@ def test_bombs_are_stopped_by_directory_and_while_reading(monkeypatch) -> None:
     zeros = zipped(files(first=b"0" * (3 << 20)), compression=zipfile.ZIP_DEFLATED)
     assert len(zeros) < 100_000
     assert "times its packed size" in failure(zeros)
-    monkeypatch.setattr(containers, "MAX_TOTAL_BYTES", 50_000)
+    monkeypatch.setattr(contained, "MAX_TOTAL_BYTES", 50_000)
     assert "would unpack to" in failure(zipped(files()))
     lying = bytearray(zipped(files(), compression=zipfile.ZIP_DEFLATED))
     place = -1
     while (place := lying.find(b"PK\x01\x02", place + 1)) >= 0:
         lying[place + 24 : place + 28] = struct.pack("<I", 10)  # claimed unpacked size
     assert "damaged" in failure(bytes(lying)) or "TOML" in failure(bytes(lying))
-    monkeypatch.setattr(containers, "MAX_MEMBERS", 2)
-    assert "more than the limit of 2" in failure(zipped(files()))
+    monkeypatch.setattr(contained, "MAX_MEMBERS", 2)
+    assert "more files than the limit of 2" in failure(zipped(files()))
 
 
 def test_folder_is_bounded_while_reading(tmp_path: Path, monkeypatch) -> None:
     folder = written(tmp_path, files())
-    monkeypatch.setattr(containers, "MAX_TOTAL_BYTES", 50_000)
+    monkeypatch.setattr(contained, "MAX_TOTAL_BYTES", 50_000)
     assert "records/02.csv" in failure(folder)
 
 

@@ -13,7 +13,8 @@ from typing import BinaryIO
 
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
-from jointid.containers import MAX_TOTAL_BYTES, open_container
+from jointid.contained import MAX_TOTAL_BYTES
+from jointid.containers import open_container
 from jointid.csv_tables import ARROW_FAULTS
 from jointid.errors import JointIdError
 from jointid.study_parts import is_long

@@ -9,7 +9,8 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
-from jointid.containers import Container, open_container
+from jointid.contained import Container
+from jointid.containers import open_container
 from jointid.errors import JointIdError
 from jointid.importing.kinds import is_zip
 from jointid.importing.tables import (

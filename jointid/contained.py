@@ -1,0 +1,109 @@
+"""What a folder and an archive of files have in common: plain names, and limits to what is read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+
+from jointid.errors import JointIdError
+from jointid.wording import listed, nearest
+
+MAX_TOTAL_BYTES = 1 << 30
+"""What may be read from one container, unpacked; also the largest single file."""
+MAX_MEMBERS = 10_000
+"""Files in one container."""
+
+
+class Container(Protocol):
+    """Named bytes; names use "/" and are relative to the container's root."""
+
+    name: str
+    """What messages call it."""
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all files, sorted."""
+
+    def read(self, name: str, *, at_most: int | None = None) -> bytes:
+        """Return a file's bytes, all of them or the first ``at_most``."""
+
+    def path(self, name: str) -> Path | None:
+        """Return where a file lies by itself, to be read in parts; None inside an archive."""
+
+
+def safe_name(name: str) -> str:
+    """Return ``name`` as a plain relative path, or refuse it.
+
+    Raises
+    ------
+    JointIdError
+        When it is empty or absolute, has a drive letter, "..", a backslash or a control character.
+    """
+    path = PurePosixPath(name)
+    if "\\" in name:
+        fault = 'has a backslash: write folders with "/"'
+    elif path.is_absolute() or re.match(r"[A-Za-z]:", name):
+        fault = "is an absolute path: name files relative to the study's folder"
+    elif ".." in path.parts:
+        fault = 'leaves its folder with "..": keep all files inside the study\'s folder'
+    elif not path.parts:
+        fault = "names no file"
+    elif any(ord(character) < 32 or ord(character) == 127 for character in name):
+        fault = "has a control character: rename the file"
+    else:
+        return str(path)
+    raise JointIdError(f"The file name {name!r:.200} {fault}.")
+
+
+def is_clutter(name: str) -> bool:
+    """Tell whether a file is what file managers leave behind."""
+    parts = PurePosixPath(name).parts
+    return "__MACOSX" in parts or parts[-1] == ".DS_Store" or parts[-1].startswith("._")
+
+
+def missing(name: str, container: Container, taken: Iterable[str] = ()) -> JointIdError:
+    """Return the error for a file that is not there; suggest the most similar one that is not taken."""
+    names, used = container.names(), set(taken)
+    similar = nearest(name, [other for other in names if other not in used])
+    return JointIdError(f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.")
+
+
+def require_few_files(container: str, count: int) -> None:
+    """Refuse a container of more than ``MAX_MEMBERS`` files."""
+    if count > MAX_MEMBERS:
+        raise JointIdError(
+            f"{container} holds more files than the limit of {MAX_MEMBERS}: give one study's folder, or "
+            "that folder as .zip."
+        )
+
+
+class Budget:
+    """How much may still be read from one container."""
+
+    def __init__(self, container: str) -> None:
+        self._container = container
+        self._left = MAX_TOTAL_BYTES
+
+    def require(self, size: int) -> None:
+        """Refuse a container whose files are known to come to more."""
+        if size > self._left:
+            raise JointIdError(
+                f"{self._container} would unpack to {mebibytes(size)}, more than the limit of "
+                f"{mebibytes(MAX_TOTAL_BYTES)}. Split the study, or log less."
+            )
+
+    def spend(self, size: int, name: str) -> None:
+        """Count what is read of a file, and refuse to go on beyond the limit."""
+        self._left -= size
+        if self._left < 0:
+            raise JointIdError(
+                f"{name} in {self._container}: the files unpack to more than the limit of "
+                f"{mebibytes(MAX_TOTAL_BYTES)}. Split the study, log less, or give its folder with the "
+                "records as Parquet: long ones are read in parts."
+            )
+
+
+def mebibytes(size: int) -> str:
+    """Return a size in bytes as text: "1024 MiB"."""
+    return f"{size / 2**20:.4g} MiB"
