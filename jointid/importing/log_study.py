@@ -43,11 +43,9 @@ def segment_records(
         When a segment holds too little of the log for its frequency.
     """
     records = []
-    tolerance = 1e-6 * log.interval_s
     for number, segment in enumerate(segments, start=1):
-        begin = int(np.searchsorted(log.time_s, segment.start_s - tolerance))
-        end = int(np.searchsorted(log.time_s, segment.stop_s + tolerance, side="right"))
-        time, theta, tau = log.time_s[begin:end], log.theta_rad[begin:end], log.tau_Nm[begin:end]
+        part = log.rows(segment.start_s, segment.stop_s)
+        time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
         place = f"{significant(segment.start_s)} to {significant(segment.stop_s)} s"
         for line in segment.lines_hz:
             label = f"{log.name}: {place}".removeprefix(": ")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class MappedLog:
     name: str = ""
     notes: tuple[str, ...] = ()
     """What was left out, as sentences for the user."""
+    interval_s: float = field(init=False)
+    """Usual distance between samples (the median), s."""
 
     def __post_init__(self) -> None:
         time = finite_array("time_s", self.time_s, ndim=1)
@@ -39,20 +41,25 @@ class MappedLog:
                 f"time_s, theta_rad and tau_Nm have shapes {time.shape}, {theta.shape} and {tau.shape}: "
                 "expected (N,), (N, n) and (N, n)."
             )
-        if time.size < 2 or np.diff(time).min() <= 0:
+        steps = np.diff(time)
+        if time.size < 2 or steps.min() <= 0:
             raise JointIdError("time_s: at least two times, each above the one before.")
         for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "interval_s", float(np.median(steps)))
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.theta_rad.shape[1])
 
-    @property
-    def interval_s(self) -> float:
-        """Usual distance between samples (the median), s."""
-        return float(np.median(np.diff(self.time_s)))
+    def rows(self, start_s: float, stop_s: float) -> slice:
+        """Rows from ``start_s`` to ``stop_s``, both included."""
+        tolerance = 1e-6 * self.interval_s
+        return slice(
+            int(np.searchsorted(self.time_s, start_s - tolerance)),
+            int(np.searchsorted(self.time_s, stop_s + tolerance, side="right")),
+        )
 
 
 def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:

@@ -88,7 +88,7 @@ def measure_segment(
     JointIdError
         When the stretch holds too few samples, or nothing moves in it.
     """
-    part = _rows(log, start_s, stop_s)
+    part = log.rows(start_s, stop_s)
     time, theta = log.time_s[part], log.theta_rad[part]
     if time.size < 8:
         raise JointIdError(
@@ -156,14 +156,6 @@ def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
 
 def _error(segment: Segment) -> float:
     return segment.frequency_error_hz if np.isfinite(segment.frequency_error_hz) else 0.0
-
-
-def _rows(log: MappedLog, start_s: float, stop_s: float) -> slice:
-    tolerance = 1e-6 * log.interval_s
-    return slice(
-        int(np.searchsorted(log.time_s, start_s - tolerance)),
-        int(np.searchsorted(log.time_s, stop_s + tolerance, side="right")),
-    )
 
 
 def _without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
