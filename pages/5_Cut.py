@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.cut.outcome import cut_robot
+from jointid.cut.robot import cut_robot
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
@@ -41,7 +41,7 @@ except JointIdError as error:
     st.stop()
 name = nominal_name(settings.assumption)
 st.subheader(headline(outcome), anchor=False)
-show_rule(outcome.robot, page.study.inertia.n)
+show_rule(outcome.robot)
 show_animation(outcome, name, dark=page.dark)
 show_meaning(outcome, settings)
 

@@ -172,9 +172,9 @@ def test_cut_of_a_study(study: Path, here: Path) -> None:
 
 def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
     said = {
-        "Direct: the study's inertias are those of the example arm": ["cut", study],
-        "Springs: the study's K and D apply": ["cut", study, "--drive", "serial"],
-        "Demonstration: nothing here is of a study": ["cut", one_joint],
+        "The inertias of this study are those of the example arm": ["cut", study],
+        "K and D of this study apply as they are, but": ["cut", study, "--drive", "serial"],
+        "A cut in the plane needs a study of two joints": ["cut", one_joint],
     }
     for text, command in said.items():
         assert text in ok(*command, "--zones-mm", "5"), text

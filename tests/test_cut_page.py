@@ -15,9 +15,11 @@ import streamlit as st
 from plants import PAPER
 from streamlit.testing.v1 import AppTest
 
-from jointid import Elasticity, PlanarArm, rectangle
-from jointid.cut.outcome import CutRobot, Outcome, assumed_elasticity, cut_outcome
+from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectangle
+from jointid.cut.outcome import Outcome, cut_outcome, study_outcome
+from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap
+from jointid.digest import study_digest
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
@@ -27,8 +29,10 @@ from jointid.figures.cut import (
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
-from jointid.ui import workspace
+from jointid.ui import cut_cached, workspace
 from jointid.ui.arm_animation import animation_data, tracks
+from jointid.ui.cached import DEFAULT_METHOD
+from jointid.ui.cut_settings import CutSettings, usual
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/5_Cut.py"
@@ -75,8 +79,8 @@ def meant(at: AppTest) -> tuple[float, float]:
 @pytest.fixture
 def another_robot(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The study's inertias are no example arm's, and that arm has other springs."""
-    monkeypatch.setattr("jointid.cut.outcome._matching_drive", lambda inertias: None)
-    monkeypatch.setattr("jointid.cut.outcome.PAPER", Elasticity([60.0, 5.0], [0.2, 0.01]))
+    monkeypatch.setattr("jointid.cut.robot._matching_drive", lambda inertias: None)
+    monkeypatch.setattr("jointid.cut.robot.PAPER", Elasticity([60.0, 5.0], [0.2, 0.01]))
     st.cache_resource.clear()
     yield
     st.cache_resource.clear()
@@ -96,19 +100,56 @@ class TestPage:
         assert len(at.get("bidi_component")) == 1
         assert not at.error
 
-    @pytest.mark.parametrize(("key", "joints"), [("one joint", 1), ("three joints", 3)])
-    def test_of_other_than_two_joints_is_a_demonstration(
-        self, app: AppTest, key: str, joints: int
-    ) -> None:
+    @pytest.mark.parametrize("key", ["one joint", "three joints"])
+    def test_of_other_than_two_joints_is_a_demonstration(self, app: AppTest, key: str) -> None:
         app.query_params["study"] = key
         at = shown(app.switch_page(PAGE).run())
-        assert f"This study has {joints} joint{'s' if joints > 1 else ''}," in at.info[0].value
-        assert "says nothing about this study" in at.info[0].value
+        assert "needs a study of two joints" in at.info[0].value
+        assert "is of no study" in at.info[0].value
         assert "Study's own" not in control(at, "cut_nominal").options
         assert "mm" not in at.subheader[0].value
         assert "the example arm with the paper's springs" in words(at)
         before, after = meant(at)
         assert before > 2 > 0.1 > after
+
+    def test_the_first_screen_shows_the_cut_of_this_page_and_of_the_library(
+        self, app: AppTest, sample_folder: Path
+    ) -> None:
+        """One computation serves both; its figures are those of study_outcome, to the last bit."""
+        calls: list[Outcome] = []
+        app.run()
+        analysis = analyse(load_study(sample_folder / "paper.zip"))
+        digest, alone = study_digest(analysis.study), study_outcome(analysis)
+        assert alone is not None
+        with pytest.MonkeyPatch.context() as never:
+            never.setattr(cut_cached, "track", lambda *_, **__: calls.append(alone))
+            never.setattr(cut_cached, "promised", lambda *_, **__: calls.append(alone))
+            shown_first = cut_cached.overview(digest, DEFAULT_METHOD, analysis)
+            settings = usual(cut_robot(analysis))
+            on_its_page = cut_cached.outcome(digest, DEFAULT_METHOD, settings, analysis)
+        assert shown_first is not None
+        assert not calls
+        for one in (shown_first, on_its_page):
+            assert np.array_equal(one.before.tool_m, alone.before.tool_m)
+            assert np.array_equal(one.after.tool_m, alone.after.tool_m)
+            assert np.array_equal(one.edge.K, alone.edge.K)
+            assert one.spread_m == alone.spread_m
+
+    def test_its_controls_begin_as_the_settings_of_the_first_screen(
+        self, app: AppTest, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        seen: list[CutSettings] = []
+        compute = cut_cached.outcome
+
+        def noted(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
+            seen.append(settings)
+            return compute(digest, method, settings, analysis)
+
+        monkeypatch.setattr(cut_cached, "outcome", noted)
+        app.run()
+        shown(app.switch_page(PAGE).run())
+        assert len(seen) >= 2
+        assert len(set(seen)) == 1
 
     def test_its_choice_survives_a_change_to_a_study_without_nominal_values(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())

@@ -12,16 +12,8 @@ from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
-from jointid.cut.outcome import (
-    CUTTING_POINT_M,
-    EVERYDAY_SERVO,
-    CutRobot,
-    assumed_elasticity,
-    cut_outcome,
-    cut_robot,
-    millimetres,
-    study_outcome,
-)
+from jointid.cut.outcome import EVERYDAY_SERVO, cut_outcome, millimetres, study_outcome
+from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
 
 PATH = rectangle(zone_m=0.010)

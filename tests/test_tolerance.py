@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jointid.cut import path_errors
 from jointid.cut.arm import PlanarArm
 from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
-from jointid.cut.tolerance import path_error_distribution, tolerance_map
+from jointid.cut.tolerance import errors_of_mismatch, path_error_distribution, tolerance_map
 from jointid.cut.tracking import track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
@@ -53,6 +54,26 @@ def test_and_with_every_option_of_the_servo(drive) -> None:
         run = track(arm, path, TRUE, assumed, servo=REAL, friction=FRICTION)
         # Encoder counts and sticking amplify rounding, so no longer to nanometres.
         assert result.max_contour_error_m[i, j] == pytest.approx(run.max_contour_error_m, abs=5e-6)
+
+
+def test_a_line_of_mismatches_is_the_diagonal_of_the_map() -> None:
+    arm, ratios = PlanarArm.example(), [1.0, 0.9, 1.1]
+    contour, tracking = errors_of_mismatch(arm, rectangle(), TRUE, ratios, friction=FRICTION)
+    full = tolerance_map(arm, rectangle(), TRUE, ratios, friction=FRICTION)
+    assert np.allclose(contour, np.diag(full.max_contour_error_m), rtol=0, atol=1e-12)
+    assert np.allclose(tracking, np.diag(full.max_tracking_error_m), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.003, -0.004])
+@pytest.mark.parametrize("zone", [0.001, 0.010])
+def test_the_largest_contour_error_is_that_of_all_instants(lag, zone) -> None:
+    """Tools that swing around the path, ahead of it or behind: nothing large is passed over."""
+    path, step = rectangle(zone_m=zone), 5e-4
+    time = np.arange(0.0, path.end_s + 0.05, step)
+    across = np.random.default_rng(3).normal(0, 1, (time.size, 4, 2)) * [[1e-7], [1e-5], [1e-4], [2e-3]]
+    tool = path.position(time - lag)[:, None] + across
+    largest = path_errors._largest_contour_error(path, tool, path.position(time), step)
+    assert np.array_equal(largest, path.distance(tool).max(axis=0))
 
 
 def test_the_default_map_has_its_valley_at_the_true_stiffness() -> None:

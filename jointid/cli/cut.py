@@ -6,29 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from jointid.cli.files import analysed, write_file
 from jointid.cli.options import JSON, METHOD, numbers
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
-
-DEMONSTRATED_ERRORS = (0.005, 0.005, 0.025, 0.025)
-"""Relative standard errors of K1, K2, D1, D2 of a cut without a study."""
-
-_MEANING = {
-    "direct": "the study's inertias are those of the example arm where it cuts, with a {drive} drive: "
-    "its K and D apply as they are.",
-    "springs": "the study's K and D apply as they are, but its inertias are those of the other drive: "
-    "the arm that cuts is not the study's robot.",
-    "relative": "the study's robot has other inertias than the example arm, and its geometry is not "
-    "known. The example arm cuts with the paper's stiffnesses; the ratios of nominal to identified "
-    "values, D/K and the relative errors are the study's.",
-    "demonstration": "nothing here is of a study of two joints. The example arm cuts with the paper's K "
-    "and D, as if they were known within 1 % and 5 %.",
-}
-"""What each rule of ``jointid.cut.outcome`` means, by its name."""
 
 
 @reported
@@ -44,7 +27,8 @@ def cut(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Cut the paper's rectangle before and after the identification, simulated."""
-    from jointid.cut.outcome import cut_robot, millimetres
+    from jointid.cut.outcome import millimetres
+    from jointid.cut.robot import cut_robot, demonstration
 
     zones = numbers(zones_mm)
     if drive not in ("", "parallelogram", "serial"):
@@ -52,7 +36,7 @@ def cut(
     if assumed not in ("", "study", "rigid", "soft", "stiff"):
         raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
     if study is None:
-        robot = demonstration_robot(drive or None)
+        robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
     else:
         analysis = analysed(study, method, quiet=as_json)
         robot = cut_robot(analysis, drive or None)  # type: ignore[arg-type]
@@ -60,7 +44,7 @@ def cut(
     with progress("Cutting", quiet=as_json) as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
     document["assumption"] = choice
-    document["meaning"] = meaning = _MEANING[robot.rule].format(drive=robot.arm.drive)
+    document["meaning"] = robot.meaning
     if svg is not None:
         from jointid.reporting.curves import IDENTIFIED, NOMINAL
         from jointid.reporting.drawing import to_svg
@@ -77,7 +61,7 @@ def cut(
         return
     robots = "study" if study is not None else "no study: the paper's K and D on the example arm"
     print(f"Largest path error, simulated ({robots}; rule: {robot.rule}, servo before: {choice})")
-    print(f"{robot.rule.capitalize()}: {meaning}\n")
+    print(f"{robot.meaning}\n")
     columns = ["corner zone", "before", "after (95 % stay below)"]
     cells = [
         [f"{zone:g} mm", millimetres(o.before_m), millimetres(o.after_m)]
@@ -86,17 +70,6 @@ def cut(
     print_table(columns, cells, right=(0, 1, 2))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe promise after is not known: {problem}")
-
-
-def demonstration_robot(drive: str | None) -> Any:
-    """The paper's K and D on the example arm, as if known within 1 % and 5 %."""
-    from jointid.cut.arm import PlanarArm
-    from jointid.cut.outcome import PAPER, CutRobot
-
-    value = np.concatenate([PAPER.K, PAPER.D])
-    covariance = np.diag((np.array(DEMONSTRATED_ERRORS) * value) ** 2)
-    arm = PlanarArm.example("serial" if drive == "serial" else "parallelogram")
-    return CutRobot("demonstration", arm, PAPER, covariance, None, None)
 
 
 def cut_results(
@@ -111,8 +84,9 @@ def cut_results(
     outcomes : list of Outcome
         One per zone.
     """
-    from jointid.cut.outcome import CUTTING_POINT_M, assumed_elasticity, cut_outcome
+    from jointid.cut.outcome import cut_outcome
     from jointid.cut.rectangle import rectangle
+    from jointid.cut.robot import CUTTING_POINT_M, assumed_elasticity
 
     assumed = assumed_elasticity(robot, assumption)  # type: ignore[arg-type]  # checked there
     rows, outcomes = [], []

@@ -190,7 +190,11 @@ class PlanarArm:
 
     def tool(self, joint_angle_rad: ArrayLike) -> Floats:
         """Forward kinematics: tool position, shape (..., 2), m; the base is the origin."""
-        phi = self.link_angles(joint_angle_rad)
+        return self.tool_of_links(self.link_angles(joint_angle_rad))
+
+    def tool_of_links(self, link_angle_rad: ArrayLike) -> Floats:
+        """Tool position at absolute link angles φ, shape (..., 2), m."""
+        phi = _pairs("link_angle_rad", link_angle_rad)
         return np.stack([np.cos(phi) @ self.length_m, np.sin(phi) @ self.length_m], axis=-1)
 
     def jacobian(self, joint_angle_rad: ArrayLike) -> Floats:

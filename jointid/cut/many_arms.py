@@ -1,16 +1,27 @@
-"""Many planar elastic arms at once, as arrays over runs.
+"""Many planar elastic arms at once, as arrays over runs, and the servo that drives them.
 
 Same equations and same leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation``, with the mass
-matrix in place of pymunk's pivots: the two agree within nanometres at the tool.
+matrix in place of pymunk's pivots, and the same law as ``jointid.cut.servo.run_servo``: the two agree
+within nanometres at the tool.
 """
 
 from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
-from jointid.cut.servo import MotorFrictionLike, Number, friction_values
+from jointid.cut.servo import (
+    LOST_RAD,
+    PROGRESS_CALLS,
+    MotorFrictionLike,
+    ServoPlan,
+    friction_values,
+    ran_away,
+)
 
 
 class ManyArms:
@@ -32,8 +43,12 @@ class ManyArms:
 
     Attributes
     ----------
-    log : list of (link1, link2)
-        Absolute link angles, each (runs,), at each instant that a step began from.
+    link, motor : ndarray, shape (2, runs)
+        Absolute link angles and reflected motor angles at the present instant, rad.
+    motor_rate : ndarray, shape (2, runs)
+        Reflected motor rates, rad/s.
+    log : list of ndarray
+        ``link`` at each instant that a step began from.
     """
 
     def __init__(
@@ -46,51 +61,91 @@ class ManyArms:
         runs: int,
         friction: MotorFrictionLike | None = None,
     ) -> None:
-        n2 = arm.gear_ratio**2
-        self._dt, self._serial, self._moments = dt, arm.drive == "serial", arm.moments
-        self._K1, self._K2 = n2[:, None] * K
-        self._D1, self._D2 = n2[:, None] * D
-        self._B1, self._B2 = arm.rotor_inertia_arm_kgm2.tolist()
+        n2 = arm.gear_ratio[:, None] ** 2
+        rotor = arm.rotor_inertia_arm_kgm2[:, None]
         coulomb, viscous = (np.zeros(2), np.zeros(2)) if friction is None else friction_values(friction)
-        self._F1, self._F2 = (n2 * viscous).tolist()
-        self._slow1, self._slow2 = (
-            np.abs(arm.gear_ratio) * coulomb * dt / (n2 * arm.rotor_inertia_kgm2)
-        ).tolist()
-        still = np.zeros(runs)
-        self.link1, self.link2 = (still + angle for angle in arm.link_angles(joint_angle_rad))
-        self.motor1, self.motor2 = (still + angle for angle in joint_angle_rad)
-        self.motor1_rate, self.motor2_rate, self._link1_rate, self._link2_rate = (still,) * 4
-        self._before: tuple[Floats, ...] = (still,) * 4
-        self.log: list[tuple[Floats, Floats]] = []
+        a, b, self._c = arm.moments
+        self._dt, self._serial = dt, arm.drive == "serial"
+        self._K, self._D, self._F = n2 * K, n2 * D, n2 * viscous[:, None]
+        self._kick = dt / rotor
+        self._slows = np.abs(arm.gear_ratio * coulomb)[:, None] * self._kick
+        self._slides = not coulomb.any()
+        self._ab, self._ba = a * b, np.array([[b], [a]])
+        self.link = np.repeat(arm.link_angles(joint_angle_rad)[:, None], runs, axis=1)
+        self.motor = np.repeat(joint_angle_rad[:, None], runs, axis=1)
+        still = np.zeros((2, runs))
+        self._link_rate = self.motor_rate = self._link_before = self._motor_before = still
+        self.log: list[Floats] = []
 
-    def step(self, torque1: Number, torque2: Number) -> None:
-        """Advance by one step under motor torques reflected to the arm side, N·m, (runs,) each."""
-        self.log.append((self.link1, self.link2))
-        dt, (a, b, c) = self._dt, self._moments
-        rate1, rate2 = self._link1_rate, self._link2_rate
-        bend = self.link2 - self.link1
-        s1 = self._K1 * (self.motor1 - self.link1) + self._D1 * (self.motor1_rate - rate1)
+    def step(self, torque: Floats) -> None:
+        """Advance by one step under motor torques reflected to the arm side, (2, runs), N·m."""
+        self.log.append(self.link)
+        dt, link, rate, joint, joint_rate = (
+            self._dt,
+            self.link,
+            self._link_rate,
+            self.link,
+            self._link_rate,
+        )
         if self._serial:
-            s2 = self._K2 * (self.motor2 - bend) + self._D2 * (self.motor2_rate - rate2 + rate1)
-            load1 = s1 - s2
+            joint, joint_rate = joint.copy(), joint_rate.copy()
+            joint[1] -= link[0]
+            joint_rate[1] -= rate[0]
+        spring = self._K * (self.motor - joint) + self._D * (self.motor_rate - joint_rate)
+        load, square, bend = spring.copy(), rate * rate, link[1] - link[0]
+        if self._serial:
+            load[0] -= spring[1]
+        coupling, h = self._c * np.cos(bend), self._c * np.sin(bend)
+        load[0] += h * square[1]
+        load[1] -= h * square[0]
+        v = (self._ba * load - coupling * load[::-1]) * (dt / (self._ab - coupling * coupling))
+        v += self._link_before
+        w = (torque - spring - self._F * self.motor_rate) * self._kick + self._motor_before
+        if not self._slides:  # friction takes what it can of the rotor's speed, and sticks at zero
+            w = w - np.minimum(np.maximum(w, -self._slows), self._slows)
+        self.link, self.motor = link + v * dt, self.motor + w * dt
+        self._link_rate = 1.5 * v - 0.5 * self._link_before
+        self.motor_rate = 1.5 * w - 0.5 * self._motor_before
+        self._link_before, self._motor_before = v, w
+
+
+def run_many(
+    plan: ServoPlan, arms: ManyArms, substeps: int, progress: Callable[[float], None] | None = None
+) -> None:
+    """Drive many arms along a plan, or each along its own; see ``jointid.cut.servo.run_servo``.
+
+    Raises
+    ------
+    JointIdError
+        When a motor of any arm has run away from its reference.
+    """
+    angle, rate, feed = (
+        x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque)
+    )
+    kp, kv, count, limit = (
+        x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)
+    )
+    limited, counted = bool(np.isfinite(limit).any()), bool(count.any())
+    share, T = plan.smoothing, plan.interval_s
+    report = max(1, len(feed) // PROGRESS_CALLS)
+    waiting = deque([np.zeros((2, 1))] * plan.delay)
+    old, speed, past = np.zeros((2, 1)), np.zeros((2, 1)), None
+    for k in range(len(feed)):
+        y = count * np.rint(arms.motor / count) if counted else arms.motor
+        if plan.differentiated:
+            speed = speed + share * ((y - (y if past is None else past)) / T - speed)
+            past = y
         else:
-            s2 = self._K2 * (self.motor2 - self.link2) + self._D2 * (self.motor2_rate - rate2)
-            load1 = s1
-        coupling, h = c * np.cos(bend), c * np.sin(bend)
-        load1 = load1 + h * rate2 * rate2
-        load2 = s2 - h * rate1 * rate1
-        scale = dt / (a * b - coupling * coupling)
-        u1, u2, u3, u4 = self._before
-        v1 = u1 + (b * load1 - coupling * load2) * scale
-        v2 = u2 + (a * load2 - coupling * load1) * scale
-        v3 = u3 + (torque1 - s1 - self._F1 * self.motor1_rate) * (dt / self._B1)
-        v4 = u4 + (torque2 - s2 - self._F2 * self.motor2_rate) * (dt / self._B2)
-        if self._slow1 > 0:
-            v3 = v3 - np.clip(v3, -self._slow1, self._slow1)
-        if self._slow2 > 0:
-            v4 = v4 - np.clip(v4, -self._slow2, self._slow2)
-        self.link1, self.link2 = self.link1 + v1 * dt, self.link2 + v2 * dt
-        self.motor1, self.motor2 = self.motor1 + v3 * dt, self.motor2 + v4 * dt
-        self._link1_rate, self._link2_rate = 1.5 * v1 - 0.5 * u1, 1.5 * v2 - 0.5 * u2
-        self.motor1_rate, self.motor2_rate = 1.5 * v3 - 0.5 * u3, 1.5 * v4 - 0.5 * u4
-        self._before = (v1, v2, v3, v4)
+            speed = arms.motor_rate
+        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
+        new = feed[k] + waiting.popleft()
+        if limited:
+            new = np.clip(new, -limit, limit)
+        arms.step(0.5 * (old + new))
+        for _ in range(substeps - 1):
+            arms.step(new)
+        old = new
+        if progress is not None and k % report == 0:
+            progress(k / len(feed))
+    if not np.all(np.abs(arms.motor - angle[-1]) < LOST_RAD):
+        raise ran_away()

@@ -1,107 +1,37 @@
-"""What an identification is worth on the path: a study's K and D, carried to a cut, in millimetres.
-
-The paper prints neither the geometry of its robot nor the parameters that it calls non-optimal. So the
-cut is always made by the example arm, and this file says which springs that arm gets:
-
-- *direct*: two joints, and the study's inertias are those of the example arm at the cutting pose. Its K
-  and D apply as they are.
-- *springs*: the inertias are those of the example arm with the other drive. K and D apply as they are,
-  but to an arm that is not the study's.
-- *relative*: two joints of another robot. Stiffness errors act on a path through their ratio K̂/K: the
-  springs deflect by u/K and the servo compensates u/K̂. So the arm gets the paper's stiffnesses, and all
-  that belongs to joint j (K, D, nominal values, standard errors) is multiplied by the same factor
-  K_paper,j / K_j. The study's ratios K̂/K, D̂/D and D/K, and its relative errors, stay what they are.
-- *demonstration*: not two joints, so nothing of the study applies. The arm gets the paper's K and D,
-  known within 1 % and 5 %.
+"""What an identification is worth on the path: a cut before and one after, in millimetres.
 
 The identified values are the best knowledge of the real robot. So the robot before has exactly these
 springs, and its servo the nominal ones. The robot after differs from the identified values as far as
 their covariance allows, while its servo assumes them. Both have the friction that the fit found, if it
-looked for any (in *relative* times the same factor), and the same everyday controller.
+looked for any, and the same everyday controller. Which arm it is and which springs it has: ``robot.py``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import numpy as np
 
-from jointid.arrays import Floats
-from jointid.cut.arm import Drive, PlanarArm
 from jointid.cut.rectangle import rectangle
+from jointid.cut.robot import CUTTING_POINT_M, CutRobot, cut_robot
 from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.tolerance import PathErrorDistribution, path_error_distribution
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, Inertia
-from jointid.rounding import significant, with_error
+from jointid.joints import Elasticity
+from jointid.rounding import significant
 from jointid.study import Analysis
-from jointid.wording import counted
 
-Rule = Literal["direct", "springs", "relative", "demonstration"]
-Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]
-
-CUTTING_POINT_M = (1.15, 0.0)
-"""Where the example arm cuts, and where its inertias are compared with a study's."""
-PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
-"""The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
 EVERYDAY_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
 )
 """A controller as there are many, this software's own choice; friction is not compensated."""
-SOFT, STIFF = 0.4, 3.0
-"""K̂ / K of two controllers that do not fit; this software's own choice."""
-
-_DRIVES: tuple[Drive, ...] = get_args(Drive)
-_SAME_INERTIA = 0.05
-"""Inertias within 5 % of the example arm's count as its own: that is how well inertias are known."""
-_DEMONSTRATED = np.array([0.005, 0.005, 0.025, 0.025])
-"""Relative standard errors of K1, K2, D1, D2 of the demonstration: half of 1 % and of 5 %."""
 _ALIKE = 0.1
 """Path errors within 10 % of each other do not tell robots apart."""
-_HARDLY_KNOWN = 1 / 3
-"""An error bar above this share of its value leaves nothing to be said of a path."""
 _SMALLEST_SHOWN_M = 1e-6
 """The simulated arm is exact to about 1 µm."""
-
-
-@dataclass(frozen=True)
-class CutFriction:
-    """Friction at the two motors, motor side."""
-
-    coulomb: tuple[float, ...]
-    """N·m."""
-    viscous: tuple[float, ...]
-    """N·m·s/rad."""
-
-
-@dataclass(frozen=True, eq=False)
-class CutRobot:
-    """The arm that cuts, with what a study says of its springs; motor side."""
-
-    rule: Rule
-    """How the study's springs came to this arm; see the module's text."""
-    arm: PlanarArm
-    elasticity: Elasticity
-    """Identified K and D."""
-    covariance: Floats
-    """Their covariance in the order K1, K2, D1, D2, shape (4, 4)."""
-    nominal: Elasticity | None
-    """What the study's controller assumes today; None when the study does not say."""
-    friction: CutFriction | None
-    """What the fit found at the motors; None when it did not look for any."""
-    scale: tuple[float, float] = (1.0, 1.0)
-    """By which factor all that belongs to each joint differs from the study's own values."""
-
-    def on_this_arm(self, elasticity: Elasticity) -> Elasticity:
-        """Values in the study's units, as this arm has them."""
-        return _scaled(elasticity, np.array(self.scale))
-
-    def of_the_study(self, elasticity: Elasticity) -> Elasticity:
-        """Values of this arm in the study's units."""
-        return _scaled(elasticity, 1 / np.array(self.scale))
 
 
 class Promise(NamedTuple):
@@ -158,105 +88,6 @@ class Outcome:
         then friction and the controller set the error. True where this is not known.
         """
         return not self.spread_m < _ALIKE * self.after_m
-
-
-def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
-    """Give the example arm the springs that a study speaks of.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    drive : {"parallelogram", "serial"}, optional
-        Left out: the drive whose inertias are the study's, else the parallelogram.
-
-    Raises
-    ------
-    JointIdError
-        When the identified values are no spring and damper, or cannot be used for millimetres.
-    """
-    study, fit = analysis.study, analysis.fit
-    if fit.n != 2:
-        value = np.concatenate([PAPER.K, PAPER.D])
-        arm = PlanarArm.example(drive or "parallelogram")
-        return CutRobot("demonstration", arm, PAPER, np.diag((_DEMONSTRATED * value) ** 2), None, None)
-    if reason := useless(analysis):
-        raise JointIdError(reason)
-    identified = fit.elasticity
-    matching = _matching_drive([study.inertia, *study.poses.values()])
-    drive = drive or matching or "parallelogram"
-    arm = PlanarArm.example(drive)
-    if matching is not None:
-        rule: Rule = "direct" if drive == matching else "springs"
-        friction = _friction(analysis, np.ones(2))
-        return CutRobot(rule, arm, identified, fit.covariance, study.nominal, friction)
-    factor = PAPER.K / identified.K
-    both = np.concatenate([factor, factor])
-    return CutRobot(
-        "relative",
-        arm,
-        _scaled(identified, factor),
-        np.asarray(both[:, None] * fit.covariance * both),
-        None if study.nominal is None else _scaled(study.nominal, factor),
-        _friction(analysis, factor),
-        (float(factor[0]), float(factor[1])),
-    )
-
-
-def useless(analysis: Analysis) -> str:
-    """Say why no millimetres follow from an identification; empty where they do."""
-    for finding in analysis.findings:
-        if finding.level == "problem":
-            return f"The answer cannot be used for a cut, because of what was found: {finding.title}."
-    fit = analysis.fit
-    value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
-    error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    wide = np.flatnonzero(~(error <= _HARDLY_KNOWN * np.abs(value)))
-    if wide.size == 0:
-        return ""
-    names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
-    k = int(wide[0])
-    return (
-        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for millimetres: "
-        f"{names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than a "
-        "third of the value. Add records near the resonances, or see what was found."
-    )
-
-
-def assumed_elasticity(
-    robot: CutRobot, assumption: Assumption, custom: Elasticity | None = None
-) -> Elasticity | None:
-    """Return what the servo assumes before the identification; None is a rigid controller.
-
-    Parameters
-    ----------
-    robot : CutRobot
-    assumption : {"study", "rigid", "soft", "stiff", "custom"}
-        The study's nominal values, rigid, 0.4 or 3 times the identified stiffnesses, or ``custom``.
-    custom : Elasticity, optional
-        For "custom", motor side, in the study's units: they are scaled like its nominal values.
-
-    Raises
-    ------
-    JointIdError
-        When the study has no nominal values, or the custom ones are missing.
-    """
-    if assumption not in get_args(Assumption):
-        choices = ", ".join(f'"{name}"' for name in get_args(Assumption))
-        raise JointIdError(f'assumption = "{assumption}": expected one of {choices}.')
-    if assumption == "rigid":
-        return None
-    if assumption in ("soft", "stiff"):
-        ratio = SOFT if assumption == "soft" else STIFF
-        return Elasticity(K=ratio * robot.elasticity.K, D=robot.elasticity.D)
-    chosen = robot.nominal if assumption == "study" else custom
-    if chosen is None:
-        what = "[nominal] of the study" if assumption == "study" else "custom"
-        raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
-    if chosen.n != 2:
-        raise JointIdError(
-            f"The nominal values have {counted(chosen.n, 'joint')}; the planar arm has 2."
-        )
-    return robot.on_this_arm(chosen) if assumption == "custom" else chosen
 
 
 def cut_outcome(
@@ -377,30 +208,3 @@ def millimetres(length_m: float) -> str:
     if length_m < _SMALLEST_SHOWN_M:
         return f"under {significant(1e3 * _SMALLEST_SHOWN_M, 1)} mm"
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"
-
-
-def _matching_drive(inertias: list[Inertia]) -> Drive | None:
-    """Drive whose example arm has one of these inertias at the cutting pose."""
-    for drive in _DRIVES:
-        arm = PlanarArm.example(drive)
-        known = arm.inertia(arm.inverse(CUTTING_POINT_M))
-        scale = np.sqrt(np.outer(np.diag(known.M2), np.diag(known.M2)))
-        for inertia in inertias:
-            rotors = np.abs(inertia.M / known.M - 1).max()
-            links = (np.abs(inertia.M2 - known.M2) / scale).max()
-            if max(rotors, links) <= _SAME_INERTIA:
-                return drive
-    return None
-
-
-def _friction(analysis: Analysis, factor: Floats) -> CutFriction | None:
-    """Friction of the fit times a factor; what noise made negative counts as none."""
-    found = analysis.fit.friction
-    if found is None:
-        return None
-    coulomb, viscous = (factor * np.maximum(v, 0.0) for v in (found.coulomb, found.viscous))
-    return CutFriction(tuple(coulomb.tolist()), tuple(viscous.tolist()))
-
-
-def _scaled(elasticity: Elasticity, factor: Floats) -> Elasticity:
-    return Elasticity(K=factor * elasticity.K, D=factor * elasticity.D)

@@ -7,9 +7,9 @@ beforehand (``feedforward.py``). Arm side inside; a name says motor where a valu
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,10 +17,8 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 
-Number: TypeAlias = Any
-"""A float, or an array of floats with one value per simultaneous run."""
-_PROGRESS_CALLS = 50
-_LOST_RAD = 3.0
+PROGRESS_CALLS = 50
+LOST_RAD = 3.0
 """A motor this far from its reference, seen on the arm side, no longer follows anything."""
 
 
@@ -163,21 +161,21 @@ class ServoPlan:
 
 
 class Plant(Protocol):
-    """One or many arms that a controller drives; see `ArmSimulation`."""
+    """One arm that a controller drives; see `ArmSimulation`."""
 
-    motor1: Number
-    motor2: Number
-    motor1_rate: Number
-    motor2_rate: Number
+    motor1: float
+    motor2: float
+    motor1_rate: float
+    motor2_rate: float
 
-    def step(self, torque1: Number, torque2: Number) -> None:
+    def step(self, torque1: float, torque2: float) -> None:
         """Advance by one step under motor torques reflected to the arm side."""
 
 
 def run_servo(
     plan: ServoPlan, plant: Plant, substeps: int, progress: Callable[[float], None] | None = None
-) -> list[tuple[Number, Number]]:
-    """Drive a plant along the plan; every number may be a float or an array over runs.
+) -> list[tuple[float, float]]:
+    """Drive one arm along the plan; the same law for many arms is in ``many_arms.py``.
 
     A held torque that changes at a sample acts on the step around that sample with the mean of old
     and new, which is what leapfrog makes of a step in the torque.
@@ -199,29 +197,25 @@ def run_servo(
     JointIdError
         When a motor runs away from its reference.
     """
-    scalar = plan.angle.ndim == 2 and isinstance(plant.motor1, float)
-    rows: Callable[[Floats], Sequence[Number]] = (lambda x: x.tolist()) if scalar else list
     angle1, angle2, rate1, rate2, feed1, feed2 = (
-        rows(table[:, j]) for table in (plan.angle, plan.rate, plan.torque) for j in (0, 1)
+        table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque) for j in (0, 1)
     )
     (kp1, kp2), (kv1, kv2) = plan.proportional.tolist(), plan.derivative.tolist()
     (count1, count2), (limit1, limit2) = plan.count.tolist(), plan.limit.tolist()
-    limited, rint = bool(np.isfinite(plan.limit).any()), round if scalar else np.rint
     share, T = plan.smoothing, plan.interval_s
     samples = len(feed1)
-    report = max(1, samples // _PROGRESS_CALLS)
-    waiting: deque[tuple[Number, Number]] = deque([(0.0, 0.0)] * plan.delay)
-    torques: list[tuple[Number, Number]] = []
+    report = max(1, samples // PROGRESS_CALLS)
+    waiting: deque[tuple[float, float]] = deque([(0.0, 0.0)] * plan.delay)
+    torques: list[tuple[float, float]] = []
     old1 = old2 = 0.0
     speed1 = speed2 = 0.0
     past1, past2 = angle1[0], angle2[0]
     for k in range(samples):
         y1, y2 = plant.motor1, plant.motor2
-        # Many arms are looked at once, at the end.
-        if scalar and not (abs(y1 - angle1[k]) < _LOST_RAD and abs(y2 - angle2[k]) < _LOST_RAD):
-            raise _ran_away()
+        if not (abs(y1 - angle1[k]) < LOST_RAD and abs(y2 - angle2[k]) < LOST_RAD):
+            raise ran_away()
         if count1:
-            y1, y2 = count1 * rint(y1 / count1), count2 * rint(y2 / count2)
+            y1, y2 = count1 * round(y1 / count1), count2 * round(y2 / count2)
         if plan.differentiated:
             if k == 0:
                 past1, past2 = y1, y2
@@ -237,12 +231,8 @@ def run_servo(
         if plan.delay:
             waiting.append(back)
             back = waiting.popleft()
-        new1, new2 = feed1[k] + back[0], feed2[k] + back[1]
-        if limited:
-            if scalar:
-                new1, new2 = min(max(new1, -limit1), limit1), min(max(new2, -limit2), limit2)
-            else:
-                new1, new2 = np.clip(new1, -limit1, limit1), np.clip(new2, -limit2, limit2)
+        new1 = min(max(feed1[k] + back[0], -limit1), limit1)
+        new2 = min(max(feed2[k] + back[1], -limit2), limit2)
         torques.append((new1, new2))
         plant.step(0.5 * (old1 + new1), 0.5 * (old2 + new2))
         for _ in range(substeps - 1):
@@ -250,8 +240,8 @@ def run_servo(
         old1, old2 = new1, new2
         if progress is not None and k % report == 0:
             progress(k / samples)
-    if not np.all(np.abs([plant.motor1 - angle1[-1], plant.motor2 - angle2[-1]]) < _LOST_RAD):
-        raise _ran_away()
+    if not (abs(plant.motor1 - angle1[-1]) < LOST_RAD and abs(plant.motor2 - angle2[-1]) < LOST_RAD):
+        raise ran_away()
     if progress is not None:
         progress(1.0)
     return torques
@@ -281,9 +271,10 @@ def friction_values(friction: MotorFrictionLike) -> tuple[Floats, Floats]:
     return coulomb, viscous
 
 
-def _ran_away() -> JointIdError:
+def ran_away() -> JointIdError:
+    """Return what is raised when a motor no longer follows."""
     return JointIdError(
-        f"The arm ran away: a motor is more than {_LOST_RAD:g} rad (arm side) from its reference. The "
+        f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. The "
         "control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
     )
 

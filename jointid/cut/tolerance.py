@@ -14,19 +14,12 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.cut.arm import Elbow, PlanarArm
-from jointid.cut.arm_simulation import require_resolved
-from jointid.cut.feedforward import plan_servo
-from jointid.cut.many_arms import ManyArms
-from jointid.cut.servo import MotorFrictionLike, Servo, run_servo
+from jointid.cut.path_errors import largest_errors
+from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.toolpath import Toolpath
-from jointid.cut.tracking import substeps_per_sample
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
 from jointid.wording import counted
-
-_RUNS_AT_ONCE = 512
-"""Keeps the arrays of a batch within some hundred megabytes."""
-_STRIDE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,22 +92,59 @@ def tolerance_map(
     """
     first = _ratios("ratios_1", np.geomspace(1 / 3, 3, 20) if ratios_1 is None else ratios_1)
     second = first if ratios_2 is None else _ratios("ratios_2", ratios_2)
-    _require_two_joints(elasticity)
     grid = np.stack([g.ravel() for g in np.meshgrid(first, second, indexing="ij")])
-    contour, tracking = _largest_errors(
+    options = {"servo": servo, "friction": friction, "elbow": elbow, "dt": dt, "progress": progress}
+    contour, tracking = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
+    shape = (first.size, second.size)
+    return ToleranceMap(first, second, _frozen(contour.reshape(shape)), _frozen(tracking.reshape(shape)))
+
+
+def errors_of_mismatch(
+    arm: PlanarArm,
+    toolpath: Toolpath,
+    elasticity: Elasticity,
+    ratios: ArrayLike,
+    *,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+    elbow: Elbow = "positive",
+    dt: float = 5e-4,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[Floats, Floats]:
+    """Cut once for each pair of assumed stiffnesses; the assumed damping is the true one.
+
+    Parameters
+    ----------
+    arm, toolpath, elasticity, servo, friction, elbow, dt, progress
+        As in :func:`tolerance_map`, with the same errors.
+    ratios : array_like, shape (2, runs) or (runs,)
+        K̂1 / K1 and K̂2 / K2 of each cut, or one ratio for both joints alike.
+
+    Returns
+    -------
+    tuple of ndarray, shape (runs,) each
+        Largest contour error and largest tracking error of each cut, m.
+    """
+    _require_two_joints(elasticity)
+    pairs = np.asarray(ratios, dtype=np.float64)
+    if pairs.ndim == 1:
+        pairs = np.stack([pairs, pairs])
+    first, second = (_ratios("ratios", x) for x in pairs)
+    return largest_errors(
         arm,
         toolpath,
         servo or Servo(),
         true=(elasticity.K[:, None], elasticity.D[:, None]),
-        assumed=(elasticity.K[:, None] * grid, np.repeat(elasticity.D[:, None], grid.shape[1], axis=1)),
-        runs=grid.shape[1],
+        assumed=(
+            elasticity.K[:, None] * np.stack([first, second]),
+            np.repeat(elasticity.D[:, None], first.size, axis=1),
+        ),
+        runs=first.size,
         friction=friction,
         elbow=elbow,
         dt=dt,
         progress=progress,
     )
-    shape = (first.size, second.size)
-    return ToleranceMap(first, second, _frozen(contour.reshape(shape)), _frozen(tracking.reshape(shape)))
 
 
 def path_error_distribution(
@@ -162,7 +192,7 @@ def path_error_distribution(
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
         raise JointIdError(f"samples = {samples!r}: give a whole number of arms to draw, at least 1.")
     drawn = _draw(elasticity, covariance, int(samples), seed)
-    contour, tracking = _largest_errors(
+    contour, tracking = largest_errors(
         arm,
         toolpath,
         servo or Servo(),
@@ -182,61 +212,6 @@ def path_error_distribution(
         median_m=float(np.median(contour)),
         p95_m=float(np.percentile(contour, 95)),
     )
-
-
-def _largest_errors(
-    arm: PlanarArm,
-    toolpath: Toolpath,
-    servo: Servo,
-    *,
-    true: tuple[Floats, Floats],
-    assumed: tuple[Floats, Floats],
-    runs: int,
-    friction: MotorFrictionLike | None,
-    elbow: Elbow,
-    dt: float,
-    progress: Callable[[float], None] | None,
-) -> tuple[Floats, Floats]:
-    """Largest contour and tracking error of each run, (runs,) each, m.
-
-    True K and D are (2, runs) or (2, 1), the assumed ones (2, runs) or, for all runs alike, (2,).
-    """
-    substeps = substeps_per_sample(servo, dt)
-    step = servo.interval_s / substeps
-    contour, tracking = np.empty(runs), np.empty(runs)
-    for first in range(0, runs, _RUNS_AT_ONCE):
-        part = slice(first, min(first + _RUNS_AT_ONCE, runs))
-        count = part.stop - part.start
-        K, D = (x if x.shape[1] == 1 else x[:, part] for x in true)
-        K_assumed, D_assumed = (x if x.ndim == 1 else x[:, part] for x in assumed)
-        plan = plan_servo(arm, toolpath, servo, K_assumed, D_assumed, elbow)
-        require_resolved(arm, K.max(axis=1), D.max(axis=1), step, plan.start_angle)
-        arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction)
-        with np.errstate(over="ignore", invalid="ignore"):
-            run_servo(plan, arms, substeps, _share(progress, part.start / runs, count / runs))
-        links = np.array([*arms.log, (arms.link1, arms.link2)])
-        tool = arm.tool(arm.joint_angles(links.transpose(0, 2, 1)))
-        wanted = toolpath.position(np.arange(len(tool)) * step)
-        apart = np.hypot(*np.moveaxis(tool - wanted[:, None], -1, 0))
-        tracking[part] = apart.max(axis=0)
-        contour[part] = _largest_contour_error(toolpath, tool, apart)
-    if progress is not None:
-        progress(1.0)
-    return contour, tracking
-
-
-def _largest_contour_error(toolpath: Toolpath, tool: Floats, apart: Floats) -> Floats:
-    """Largest contour error of each run, (runs,).
-
-    The contour error never exceeds the tracking error ``apart`` (k, runs). So a coarse look gives a
-    lower bound, and only instants whose tracking error exceeds it need the nearest point of the path.
-    """
-    largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
-    candidates = apart > largest
-    candidates[::_STRIDE] = False
-    _, run = np.nonzero(candidates)
-    np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
-    return largest
 
 
 def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int) -> Floats:
@@ -279,15 +254,6 @@ def _ratios(name: str, value: ArrayLike) -> Floats:
 def _require_two_joints(elasticity: Elasticity) -> None:
     if elasticity.n != 2:
         raise JointIdError(f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
-
-
-def _share(
-    progress: Callable[[float], None] | None, start: float, share: float
-) -> Callable[[float], None] | None:
-    """The progress of one batch as a share of the whole."""
-    if progress is None:
-        return None
-    return lambda fraction: progress(start + share * 0.9 * fraction)
 
 
 def _frozen(array: Floats) -> Floats:

@@ -145,24 +145,25 @@ class Toolpath:
             Distances, m.
         """
         point = np.asarray(point_m, dtype=np.float64)
-        flat = point.reshape(-1, 2)
+        x, y = np.ascontiguousarray(point.reshape(-1, 2).T)
         turning = self._turning()
-        closest = np.full(len(flat), np.inf)
+        closest = np.full(x.size, np.inf)  # squared
         sides = np.stack([self.knot_m[:-1], self.knot_m[1:]], axis=1)[~turning]
         # Repetitions run over the same sides; nanometres tell two sides apart.
         _, first = np.unique(np.round(sides, 9), axis=0, return_index=True)
         for start, end in sides[first]:
-            np.minimum(closest, _segment_distance(flat, start, end), out=closest)
+            np.minimum(closest, _squared_distance(x, y, start, end), out=closest)
         if turning.any():
             share = np.linspace(0.0, 1.0, _CHORDS + 1)
             times = self.time_s[:-1][turning, None] + share * self.duration_s[turning, None]
             chords = self.position(times.ravel())
-            _, vertex = cKDTree(chords).query(flat)
+            _, vertex = cKDTree(chords).query(np.stack([x, y], axis=1))
             # From one corner's last vertex to the next corner's first the path is straight: a chord too.
             for neighbour in (vertex - 1, vertex + 1):
                 other = np.clip(neighbour, 0, len(chords) - 1)
-                np.minimum(closest, _segment_distance(flat, chords[vertex], chords[other]), out=closest)
-        return closest.reshape(point.shape[:-1])
+                near = _squared_distance(x, y, chords[vertex].T, chords[other].T)
+                np.minimum(closest, near, out=closest)
+        return np.asarray(np.sqrt(closest).reshape(point.shape[:-1]))
 
     def corners(self) -> tuple[Floats, Floats, Floats]:
         """Return the corners of the path: where the straight sides before and after would meet.
@@ -193,11 +194,13 @@ class Toolpath:
         return np.asarray((np.abs(cross) > 1e-6 * size) & (size > _REST_M_S**2))
 
 
-def _segment_distance(point: Floats, start: Floats, end: Floats) -> Floats:
-    """Distance of each point (k, 2) from a segment, or each from its own, shape (k,)."""
-    along = end - start
-    length2 = np.asarray((along * along).sum(axis=-1))
-    offset = point - start
-    share = (offset * along).sum(axis=-1) / np.where(length2 > 0, length2, 1.0)
-    apart = offset - np.clip(share, 0.0, 1.0)[:, None] * along
-    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]))
+def _squared_distance(x: Floats, y: Floats, start: Floats, end: Floats) -> Floats:
+    """Squared distance of each point, (k,) and (k,), from a segment, (2,), or its own, (2, k); m²."""
+    along_x, along_y = end - start
+    length2 = along_x * along_x + along_y * along_y
+    off_x, off_y = x - start[0], y - start[1]
+    share = (off_x * along_x + off_y * along_y) / np.where(length2 > 0, length2, 1.0)
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
+    off_x -= share * along_x
+    off_y -= share * along_y
+    return np.asarray(off_x * off_x + off_y * off_y)

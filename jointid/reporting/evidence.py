@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.cut.outcome import (
-    CUTTING_POINT_M,
-    EVERYDAY_SERVO,
-    Outcome,
-    Rule,
-    millimetres,
-    study_outcome,
-)
+from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres, study_outcome
 from jointid.cut.rectangle import rectangle
+from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.reporting.blocks import Block, Figure, Paragraph
@@ -25,17 +21,6 @@ from jointid.study import Analysis
 
 ZONES_M = (0.001, 0.005, 0.010)
 """Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
-
-_RULES: dict[Rule, str] = {
-    "direct": "The inertias of this study are those of the example arm with a {drive} drive at the "
-    "cutting pose, so that its K and D apply as they are.",
-    "springs": "K and D apply as they are, but the study's inertias are those of the other drive: the "
-    "arm that cuts is not the study's robot.",
-    "relative": "The geometry of this study's robot is not known. The example arm cuts with the paper's "
-    "stiffnesses; the ratios of nominal to identified values, D/K and the relative uncertainties are "
-    "this study's.",
-    "demonstration": "",
-}
 
 
 class FigureNumbers:
@@ -147,7 +132,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{_RULES[outcome.robot.rule].format(drive=outcome.robot.arm.drive)} The paper prints no "
+        f"{outcome.robot.meaning} The paper prints no "
         "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and what "
         "the servo assumes before are assumptions of this software or of the study. Both robots are "
         "simulated.",
@@ -158,6 +143,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
 def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     """The cut before and after, by the robots of the outcome, with another corner zone."""
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
+    if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
+        return outcome.before, outcome.after
     before, after = (
         track(robot.arm, path, true, assumed, servo=EVERYDAY_SERVO, friction=robot.friction)
         for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.edge, robot.elasticity))

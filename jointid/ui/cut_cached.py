@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Elasticity
-from jointid.cut.outcome import (
-    CutRobot,
-    Outcome,
-    Promise,
-    assumed_elasticity,
-    cut_robot,
-    promised,
-    study_outcome,
-    with_promise,
-)
-from jointid.cut.tolerance import ToleranceMap, tolerance_map
+from jointid.cut.outcome import Outcome, Promise, promised, with_promise
+from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
+from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
-from jointid.ui.cut_settings import CutSettings
+from jointid.ui.cut_settings import CutSettings, usual
 
 MapKey = tuple[str, str, CutSettings, str]
 OFFSETS = (0.01, 0.03, 0.10)
@@ -64,7 +55,7 @@ def _before(
     )
 
 
-@st.cache_resource(max_entries=256, show_spinner=False)
+@st.cache_resource(max_entries=256, show_spinner="Cutting")
 def _promise(digest: str, method: str, settings: CutSettings, _robot: CutRobot) -> Promise:
     return promised(_robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
 
@@ -93,7 +84,7 @@ def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outc
     """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
     ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
     robot = _outcome.robot
-    tolerance = tolerance_map(
+    errors, _ = errors_of_mismatch(
         robot.arm,
         _outcome.toolpath,
         robot.elasticity,
@@ -101,14 +92,24 @@ def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outc
         servo=settings.servo,
         friction=settings.friction,
     )
-    exact, *off = np.diag(tolerance.max_contour_error_m).tolist()
+    exact, *off = errors.tolist()
     return [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]
 
 
-@st.cache_resource(max_entries=64, show_spinner="Cutting")
-def overview(digest: str, method: str, _analysis: Analysis) -> Outcome | None:
-    """What the identification changes on the paper's path."""
-    return study_outcome(_analysis)
+def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
+    """What the identification changes on the paper's path; its cuts are shared with the page about them.
+
+    None where no cut applies.
+
+    Raises
+    ------
+    JointIdError
+        As in :func:`jointid.cut.outcome.study_outcome`.
+    """
+    robot = cut_robot(analysis)
+    if robot.rule == "demonstration":
+        return None
+    return outcome(digest, method, usual(robot), analysis)
 
 
 @st.cache_resource(show_spinner=False)

@@ -10,7 +10,8 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import EVERYDAY_SERVO, CutFriction, CutRobot, Outcome, Rule, millimetres
+from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
+from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.tolerance import tolerance_map
 from jointid.figures.cut_shapes import Shape, window
@@ -28,27 +29,10 @@ CUT_PAGE = "pages/5_Cut.py"
 _WIDE = 21
 _RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
-_RULES: dict[Rule, str] = {
-    "direct": "The inertias of this study are those of the example arm where it cuts, with a {drive} "
-    "drive: its K and D apply as they are.",
-    "springs": "K and D of this study apply as they are, but its inertias are those of the other drive: "
-    "this arm is not the study's robot.",
-    "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
-    "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
-    "ratios of nominal to identified values, D/K, and the relative uncertainties are this study's.",
-    "demonstration": "This study has {joints}, and a cut in the plane needs two, so it says nothing "
-    "about this study. It shows the paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on "
-    "the example arm, as if they were known within 1 % and 5 %.",
-}
 
-
-def show_rule(robot: CutRobot, joints: int) -> None:
+def show_rule(robot: CutRobot) -> None:
     """Say whose robot cuts."""
-    text = _RULES[robot.rule].format(drive=robot.arm.drive, joints=counted(joints, "joint"))
-    if robot.rule == "direct":
-        st.caption(text)
-    else:
-        st.info(text)
+    (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
 def headline(outcome: Outcome) -> str:

@@ -9,8 +9,9 @@ import streamlit as st
 from jointid import Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive
-from jointid.cut.outcome import CUTTING_POINT_M, EVERYDAY_SERVO, Assumption, CutFriction, CutRobot
+from jointid.cut.outcome import EVERYDAY_SERVO
 from jointid.cut.rectangle import rectangle
+from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.ui.numbers_in import numbers_in, numbers_out
@@ -27,6 +28,8 @@ NOMINAL: dict[str, Assumption] = {
 
 _BEGUN = "cut_custom_begun"
 """The study for which the fields of the custom controller were filled."""
+_ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
+"""Figure 7's path at its largest zone; sides and speed are the paper's."""
 _FRICTION = ("As this study found", "None", "Custom")
 _DRIVES: dict[str, Drive | None] = {
     "As this study": None,
@@ -96,6 +99,25 @@ class CutSettings:
         return replace(self, zone_m=zone_m)
 
 
+def usual(robot: CutRobot) -> CutSettings:
+    """Settings of which nothing was changed: the paper's path, and the servo that a study comes with."""
+    return CutSettings(
+        assumption="study" if robot.nominal else "rigid",
+        custom_K=(),
+        custom_D=(),
+        zone_m=1e-3 * _ZONE_MM,
+        width_m=1e-3 * _SIDES_MM[0],
+        height_m=1e-3 * _SIDES_MM[1],
+        speed_m_s=1e-3 * _SPEED_MM_S,
+        rate_hz=EVERYDAY_SERVO.sample_rate_hz,
+        delay_samples=EVERYDAY_SERVO.delay_samples,
+        encoder_bits=EVERYDAY_SERVO.encoder_bits or 0,
+        friction=robot.friction,
+        compensated=False,
+        drive=robot.arm.drive,
+    )
+
+
 def ask(robot: CutRobot, digest: str) -> CutSettings:
     """Draw the controls and return what was chosen.
 
@@ -129,7 +151,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             "Corner zone (mm)",
             0.5,
             14.0,
-            10.0,
+            _ZONE_MM,
             0.5,
             format="%g",
             key="cut_zone",
@@ -142,9 +164,9 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         one, two, three = st.columns(3)
         with one:
             st.markdown("**Path**")
-            width = _number("Width (mm)", 28.0, (2.0, 150.0), "width")
-            height = _number("Height (mm)", 45.0, (2.0, 150.0), "height")
-            speed = _number("Speed (mm/s)", 300.0, (10.0, 1000.0), "speed")
+            width = _number("Width (mm)", _SIDES_MM[0], (2.0, 150.0), "width")
+            height = _number("Height (mm)", _SIDES_MM[1], (2.0, 150.0), "height")
+            speed = _number("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0), "speed")
         with two:
             st.markdown("**Controller**")
             rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
