@@ -6,6 +6,7 @@ projected out record by record (Golub and Pereyra, Inverse Problems 19, 2003: va
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,16 +24,17 @@ class FreeFriction:
     """Indices of the records, shape (g,), and their shapes, (g, H, n, k)."""
 
     @classmethod
-    def of(cls, shapes: Complexes) -> FreeFriction:
-        """Group the records by their shapes, (r, H, n, k), zero where a record has fewer."""
-        counts = np.any(shapes != 0, axis=(1, 2)).sum(axis=1)
-        first = np.argsort(~np.any(shapes != 0, axis=(1, 2)), axis=1, kind="stable")
-        ordered = np.take_along_axis(shapes, first[:, None, None], axis=3)
-        sizes = np.ceil(np.log2(np.maximum(counts, 1))).astype(int) * (counts > 0)
+    def of(cls, shapes: Sequence[Complexes]) -> FreeFriction:
+        """Group the records by how many shapes each has, (H, n, k) with a k of its own."""
+        counts = np.array([each.shape[2] for each in shapes], dtype=int)
+        sizes = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
         for size in np.unique(sizes[counts > 0]).tolist():
             records = np.flatnonzero((sizes == size) & (counts > 0))
-            groups.append((records, ordered[records][..., : counts[records].max()]))
+            padded = np.zeros((records.size, *shapes[0].shape[:2], counts[records].max()), complex)
+            for place, record in zip(padded, records.tolist(), strict=True):
+                place[..., : counts[record]] = shapes[record]
+            groups.append((records, padded))
         return cls(tuple(groups))
 
     @property
@@ -56,30 +58,32 @@ class Projection:
 
     groups: tuple[tuple[np.ndarray, Complexes, Floats, Floats, Floats], ...]
     """Records, fundamental of their shapes (g, n, k), shapes in units of noise and of unit length
-    (g, m, k), that length (g, k), and the gain with which rows make sizes of the shapes (g, k, m)."""
+    (g, m, k), that length (g, k), and the products of the shapes with each other (g, k, k)."""
 
     def rest(self, rows: Floats) -> Floats:
         """Rows (r, 2Hn, c), as ``real_rows`` makes them, without what the shapes explain."""
         if not self.groups:
             return rows
         left = rows.copy()
-        for records, _, free, _, gain in self.groups:
-            left[records] -= free @ (gain @ rows[records])
+        for records, _, free, _, gram in self.groups:
+            left[records] -= free @ _sizes(free, gram, left[records])
         return left
 
     def rank(self) -> int:
         """How many real numbers the free shapes are worth: the trace of their projection."""
-        return round(
-            sum(float(np.einsum("rmk,rkm->", free, gain)) for _, _, free, _, gain in self.groups)
-        )
+        found = 0.0
+        for *_, gram in self.groups:
+            bare = gram - _RIDGE * np.eye(gram.shape[1])
+            found += float(np.trace(np.linalg.solve(gram, bare), axis1=1, axis2=2).sum())
+        return round(found)
 
     def fundamental(self, rows: Floats) -> Complexes | float:
         """Fundamental of the free friction that fits the rows (r, 2Hn, 1) best, shape (r, n)."""
         if not self.groups:
             return 0.0
         found = np.zeros((len(rows), self.groups[0][1].shape[1]), complex)
-        for records, first, _, length, gain in self.groups:
-            size = (gain @ rows[records])[..., 0] / np.where(length > 0, length, np.inf)
+        for records, first, free, length, gram in self.groups:
+            size = _sizes(free, gram, rows[records])[..., 0] / np.where(length > 0, length, np.inf)
             found[records] = np.einsum("rnk,rk->rn", first, size)
         return found
 
@@ -91,11 +95,15 @@ def real_rows(values: Complexes) -> Floats:
 
 
 def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats, Floats]:
-    """Free shapes in units of noise and of unit length, that length, and the gain of the projection."""
+    """Free shapes in units of noise and of unit length, that length, and their products."""
     free = real_rows(W @ shapes)
     length = np.linalg.norm(free, axis=1)
     free /= np.where(length > 0, length, 1.0)[:, None]
-    transposed = free.swapaxes(1, 2)
     # Neighbouring hats are nearly dependent: the ridge is where double precision ends.
-    gram = transposed @ free + _RIDGE * np.eye(free.shape[2])
-    return free, np.asarray(length), np.asarray(np.linalg.solve(gram, transposed))
+    gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
+    return free, np.asarray(length), np.asarray(gram)
+
+
+def _sizes(free: Floats, gram: Floats, rows: Floats) -> Floats:
+    """Sizes of the shapes (g, k, c) that fit rows (g, m, c) best."""
+    return np.asarray(np.linalg.solve(gram, free.swapaxes(1, 2) @ rows))

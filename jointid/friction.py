@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.free_friction import FreeFriction
 from jointid.phasors import Phasors
 
 _HATS_PER_HARMONIC = 3
@@ -34,8 +35,8 @@ class FrictionWaveforms:
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for several widths w, shape (r, H, n, c): what a friction curve that
     rises or falls with speed has beyond Coulomb's."""
-    reversals: Complexes
-    """Waveforms in which friction is free, shape (r, H, n, m); where a record has fewer, zero."""
+    free: FreeFriction
+    """Waveforms in which friction is free around the reversals."""
     standing: np.ndarray
     """Whether the joint hardly moves in the record: its friction is unknown throughout, and with it its
     torque balance says nothing, shape (r, n)."""
@@ -54,14 +55,11 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     curve : bool, default False
         Whether friction may change with speed beyond its viscous part (Stribeck's curve, a soft sign).
     """
-    r, H, _ = phasors.harmonics.shape
-    n = phasors.n
-    orders = np.arange(1, H + 1)
-    waves, to_phasor = _transforms(H)
-    rate = 1j * phasors.omega[:, None] * orders
+    H, n = phasors.harmonics.shape[1], phasors.n
+    rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
     swing = (rate[..., None] * angle).swapaxes(1, 2)
-    velocity = swing.real @ waves.imag + swing.imag @ waves.real + phasors.drift[:, :, None]
+    velocity = _samples(swing) + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
     largest = np.abs(velocity).max(axis=2)
@@ -69,58 +67,87 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
         share = np.where(largest > 0, np.maximum(window, 4 * noise / largest), 1.0)
     standing = share > 0.5
 
-    carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
-    signs = np.sign(velocity)
-    shapes_of = []
-    for record in range(r):
-        for joint in range(n):
-            if standing[record, joint]:
-                signs[record, joint] = 0
-                shapes_of.append(np.zeros((0, H), complex))
-                continue
-            threshold = share[record, joint] * largest[record, joint] if window > 0 else 0.0
-            speed, sign = velocity[record, joint], signs[record, joint]
-            shapes = _free_shapes(speed, sign, threshold, to_phasor, int(carried[record]))
-            shapes_of.append(shapes)
-    most = max(len(shapes) for shapes in shapes_of)
-    reversals = np.zeros((r, H, n, n, most), complex)
-    for place, shapes in enumerate(shapes_of):
-        record, joint = divmod(place, n)
-        reversals[record, :, joint, joint, : len(shapes)] = shapes.T
+    signs = np.where(standing[..., None], 0.0, np.sign(velocity))
+    free = FreeFriction(())
+    if window > 0:
+        carried = np.any(phasors.harmonics != 0, axis=2).sum(axis=1)
+        threshold = np.where(standing, np.inf, share * largest)
+        free = _freed(velocity, signs, threshold, carried, H)
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
-    coulomb = (signs @ to_phasor.real + 1j * (signs @ to_phasor.imag)).swapaxes(1, 2) * reverses[:, None]
-    widths = np.array(_WIDTHS if curve else ()) * largest.max(axis=0)[:, None]  # (n, c), rad/s
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fading = np.nan_to_num(np.exp(-np.abs(velocity)[..., None] / widths[:, None]))  # (r, n, t, c)
-    shapes = np.einsum("rjt,rjtc,th->rhjc", signs, fading, to_phasor, optimize=True)
-    return FrictionWaveforms(coulomb, shapes, reversals.reshape(r, H, n, n * most), standing)
+    coulomb = _phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
+    fading = np.zeros((*coulomb.shape, len(_WIDTHS) if curve else 0), complex)
+    for c in range(fading.shape[3]):
+        width = _WIDTHS[c] * largest.max(axis=0)[:, None]  # (n, 1), rad/s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
+        fading[..., c] = _phasors_of(fades, H).swapaxes(1, 2)
+    return FrictionWaveforms(coulomb, fading, free, standing)
 
 
 @lru_cache(maxsize=4)
-def _transforms(H: int) -> tuple[Complexes, Complexes]:
-    """From phasors to a period's samples, (H, t), and back, (t, H)."""
-    waves = np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(_GRID) / _GRID))
-    return waves, waves.T.conj() * (2j / _GRID)
+def _waves(H: int) -> Complexes:
+    """Of e^{ihφ} a period's samples, (H, t)."""
+    return np.asarray(np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(_GRID) / _GRID)))
 
 
-def _free_shapes(
-    velocity: Floats, sign: Floats, threshold: float, to_phasor: Complexes, harmonics: int
-) -> Complexes:
-    """Phasors (m, H) of hats that span each reversal; puts the jump of ``sign`` in its middle."""
+@lru_cache(maxsize=4)
+def _pairs(H: int) -> Floats:
+    """Sines above cosines, (2H, t): real and imaginary parts of phasors make samples with them."""
+    return np.concatenate([_waves(H).imag, _waves(H).real])
+
+
+def _samples(phasors: Complexes) -> Floats:
+    """A period's samples (r, n, t) of phasors (r, n, H); one product of contiguous matrices."""
+    parts = np.concatenate([phasors.real, phasors.imag], axis=2)
+    flat = parts.reshape(-1, parts.shape[2]) @ _pairs(phasors.shape[2])
+    return np.asarray(flat.reshape(*phasors.shape[:2], _GRID))
+
+
+def _phasors_of(samples: Floats, H: int) -> Complexes:
+    """Phasors (r, n, H) of a period's samples (r, n, t)."""
+    parts = (samples.reshape(-1, _GRID) @ _pairs(H).T) * (2 / _GRID)
+    return np.asarray((parts[:, :H] + 1j * parts[:, H:]).reshape(*samples.shape[:2], H))
+
+
+def _freed(
+    velocity: Floats, signs: Floats, threshold: Floats, carried: np.ndarray, H: int
+) -> FreeFriction:
+    """Hats that span each reversal, in which |velocity| (r, n, t) is below the threshold (r, n).
+
+    Puts the jump of ``signs`` in the middle of the reversal.
+    """
+    r, n, _ = velocity.shape
+    shapes_of = []
+    for record in range(r):
+        columns = [np.zeros((H, n, 0), complex)]
+        for joint in range(n):
+            sign = signs[record, joint]
+            for begin, length, before in _reversals(velocity[record, joint], threshold[record, joint]):
+                steps = np.arange(length + 1)
+                sign[(begin + steps) % _GRID] = np.where(steps < length / 2, before, -before)
+                pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / _GRID))
+                late = _waves(H)[:, begin % _GRID].conj()
+                column = np.zeros((H, n, pieces + 1), complex)
+                column[:, joint] = _hats(length, pieces, H) * late[:, None]
+                columns.append(column)
+        shapes_of.append(np.concatenate(columns, axis=2))
+    return FreeFriction.of(shapes_of)
+
+
+def _reversals(velocity: Floats, threshold: float) -> list[tuple[int, int, float]]:
+    """Last sample before each reversal, how many samples to the first after it, and the sign before."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
     direction = np.sign(velocity[slides])
     turns = np.flatnonzero(direction[1:] != direction[:-1]).tolist()
-    spans = [(slides[at], slides[at + 1], direction[at]) for at in turns]
+    found = [(int(slides[k]), int(slides[k + 1] - slides[k]), float(direction[k])) for k in turns]
     if slides.size and direction[-1] != direction[0]:
-        spans.append((slides[-1], slides[0] + _GRID, direction[-1]))
-    shapes = [np.zeros((0, to_phasor.shape[1]), complex)]
-    for begin, end, before in spans:
-        length = int(end - begin)
-        steps = np.arange(length + 1)
-        inside = (begin + steps) % _GRID
-        sign[inside] = np.where(steps < length / 2, before, -before)
-        if threshold > 0:
-            pieces = int(np.ceil(_HATS_PER_HARMONIC * harmonics * length / _GRID))
-            hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])
-            shapes.append(np.maximum(hats, 0) @ to_phasor[inside])
-    return np.concatenate(shapes)
+        found.append((int(slides[-1]), int(slides[0] + _GRID - slides[-1]), float(direction[-1])))
+    return found
+
+
+@lru_cache(maxsize=128)
+def _hats(length: int, pieces: int, H: int) -> Complexes:
+    """Phasors (H, pieces + 1) of hats that share ``length`` samples from the first on."""
+    steps = np.arange(length + 1)
+    hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])
+    return np.asarray(_waves(H)[:, steps % _GRID].conj() @ np.maximum(hats, 0).T * (2j / _GRID))

@@ -14,16 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.free_friction import real_rows
 from jointid.friction import FrictionWaveforms
 from jointid.joints import Inertia
 from jointid.linear_fit import Estimate
 from jointid.noise import Noise
 from jointid.phasors import Phasors
-from jointid.small_matrices import whitener
-from jointid.torque_balance import Balance, Problem, make_problem, sliding
+from jointid.torque_balance import Problem, make_problem
+from jointid.whitened_balance import WhitenedBalance
 
 _PASSES = 40  # small friction and a long lag together have taken thirty
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
@@ -80,19 +79,20 @@ def maximum_likelihood(
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
-    rank = _rank(problem, p)
+    found = WhitenedBalance.of(problem, p, scale)
+    rank = found.projection.rank()
     # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
-    scale = np.maximum(1.0, _misfit_by_harmonic(problem, p, rank))
+    scale = np.maximum(1.0, found.misfit_by_harmonic(rank))
     p, normal = _minimise(problem, p, scale)
     information = _inverse(problem, normal)
-    rows, _ = _whitened(problem, p, np.ones_like(scale))
     first = problem.z[:, 0]
-    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - _taken(problem, p, scale))
+    taken = WhitenedBalance.of(problem, p, scale).taken()
+    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - taken)
     clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
     return LikelihoodEstimate(
         p=p,
         covariance=0.5 * information,
-        cost=float((rows**2).sum()),
+        cost=WhitenedBalance.of(problem, p, np.ones_like(scale)).cost,
         expected_cost=max((problem.rows - rank - p.size) / 2, 0.0),
         parameters=rank + p.size,
         phasors=clean,
@@ -123,7 +123,8 @@ def gain_of_delay(
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
-    if problem.rows < _rank(problem, p) + 2 * p.size:
+    balance = WhitenedBalance.of(problem, p, np.ones(problem.s.shape[1]))
+    if problem.rows < balance.projection.rank() + 2 * p.size:
         raise JointIdError(
             "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
@@ -161,66 +162,9 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
 
 def _quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix."""
-    rows, columns = _whitened(problem, p, scale)
-    rows, columns = rows.reshape(-1), columns.reshape(-1, p.size)
+    balance = WhitenedBalance.of(problem, p, scale)
+    rows, columns = balance.rows.reshape(-1), balance.columns().reshape(-1, p.size)
     return float(rows @ rows), columns.T @ rows, columns.T @ columns
-
-
-def _whitened(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
-    """Residual (r, m) and Jacobian (r, m, P) in units of noise, without what friction is free to do."""
-    at = Balance.at(problem, p)
-    W = _whitener(problem, at.V, scale)
-    projection = problem.free.projection(W)
-    rows = projection.rest(real_rows(W @ at.r[..., None]))
-    # What friction may do freely, and balances that say nothing, tell nothing of the true signals.
-    half = rows.shape[1] // 2
-    told = (rows[:, :half, 0] + 1j * rows[:, half:, 0]).reshape(at.r.shape)
-    pull = (W.conj().swapaxes(2, 3) @ told[..., None])[..., 0]
-    pull *= (problem.noise.inverse_bias[:, None] * scale)[..., None]
-    return rows[..., 0], projection.rest(real_rows(W @ at.jacobian(pull)))
-
-
-def _rank(problem: Problem, p: Floats) -> int:
-    """How many real numbers the free shapes are worth."""
-    if not problem.free.groups:
-        return 0
-    W = _whitener(problem, Balance.at(problem, p).V, np.ones(problem.s.shape[1]))
-    return problem.free.projection(W).rank()
-
-
-def _whitener(problem: Problem, V: Complexes, scale: Floats) -> Complexes:
-    """W with W V Wᴴ = I for the balances that count, zero for the others, (r, H, n, n)."""
-    V = V * (problem.noise.inverse_bias[:, None] * scale)[..., None, None]
-    counts = problem.counts[:, None, :, None]
-    if not counts.all():
-        V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
-    return np.asarray(whitener(V) * (problem.known[..., None, None] & counts))
-
-
-def _taken(problem: Problem, p: Floats, scale: Floats) -> Complexes:
-    """Fundamental of the torque that friction and delay take, shape (r, n)."""
-    n, s, z = problem.n, problem.s[:, :1], problem.z[:, 0]
-    lag = p[-1] if problem.names[-1] == "delay" else 0.0
-    taken = z[:, n:] * (1 - np.exp(-s * lag))
-    if problem.friction is None:
-        return np.asarray(taken)
-    taken = taken + sliding(problem, p, 1)[:, 0] + p[3 * n : 4 * n] * s * z[:, :n]
-    at = Balance.at(problem, p)
-    W = _whitener(problem, at.V, scale)
-    taken = taken + problem.free.projection(W).fundamental(real_rows(W @ at.r[..., None]))
-    taken = np.where(problem.counts, taken, taken + at.r[:, 0])  # all that is left over is friction
-    return np.asarray(taken)
-
-
-def _misfit_by_harmonic(problem: Problem, p: Floats, rank: int) -> Floats:
-    """Cost over expected cost of each harmonic, shape (H,)."""
-    ones = np.ones(problem.s.shape[1])
-    rows, _ = _whitened(problem, p, ones)
-    H, n = problem.s.shape[1], problem.n
-    squares = (rows**2).reshape(-1, 2, H, n).sum(axis=(0, 1, 3))
-    measured = problem.counts.sum(axis=1) @ problem.known
-    left = 1 - rank / max(problem.rows, 1)
-    return np.asarray(squares / np.maximum(measured * left, 1.0))
 
 
 def _inverse(problem: Problem, normal: Floats) -> Floats:

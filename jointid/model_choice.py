@@ -93,9 +93,8 @@ def fit_model(
     delay: bool,
 ) -> Choice:
     """Fit the model as told; of friction only the width of its reversals is chosen."""
-    return _widened(
-        _Search(phasors, inertia, start, noise, [delay]), FRICTIONS if friction else (NO_FRICTION,)
-    )
+    frictions = FRICTIONS if friction else (NO_FRICTION,)
+    return _widened(_Search(phasors, inertia, start, noise, frictions, (delay,)))
 
 
 def choose_model(
@@ -114,22 +113,23 @@ def choose_model(
     friction, delay : bool
         Parts that must be in the model; the others may be.
     """
-    search = _Search(phasors, inertia, start, noise, [True] if delay else [False, True])
-    return _widened(search, FRICTIONS if friction else (NO_FRICTION, *FRICTIONS))
+    frictions = FRICTIONS if friction else (NO_FRICTION, *FRICTIONS)
+    lags = (True,) if delay else (False, True)
+    return _widened(_Search(phasors, inertia, start, noise, frictions, lags))
 
 
-def _widened(search: _Search, frictions: Sequence[tuple[float | None, bool]]) -> Choice:
+def _widened(search: _Search) -> Choice:
     """Search from the linear estimate, and where that leads nowhere, from elsewhere too.
 
     Heavy friction can turn the linear estimate negative, or throw it into another valley.
     """
-    best = search.widen(frictions)
+    best = search.widen()
     misfit = search.misfit(best)
     if misfit > _LOST:
         good = _FOUND if np.isinf(misfit) else max(_FOUND, misfit / _LOST)
         for start in _other_starts(search.phasors, search.inertia):
             other = replace(search, start=start, tried={})
-            found = other.widen(frictions)
+            found = other.widen()
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
@@ -155,6 +155,7 @@ class _Search:
     inertia: Inertia | Sequence[Inertia]
     start: Floats
     noise: Noise
+    frictions: Sequence[tuple[float | None, bool]]
     lags: Sequence[bool]
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
@@ -224,12 +225,12 @@ class _Search:
         criterion = self._criterion()
         return min(models, key=lambda model: criterion[model])
 
-    def widen(self, frictions: Sequence[tuple[float | None, bool]]) -> Model:
+    def widen(self) -> Model:
         """Try friction in ever richer forms until the noise is all that is left."""
         models: list[Model] = []
-        for reversal, curve in frictions:
+        for reversal, curve in self.frictions:
             models += [Model(reversal, lag, curve) for lag in self.lags]
-            if reversal is None and len(frictions) > 1:
+            if reversal is None and len(self.frictions) > 1:
                 continue  # whether there is friction is seen by fitting it
             if reversal is not None:
                 # From a linear start friction and delay together may end in a minimum that is none.
@@ -300,7 +301,7 @@ class _Search:
         return criterion
 
     def _is_clear(self, model: Model, estimate: LikelihoodEstimate) -> bool:
-        """Whether friction and delay are needed, or stand clear of nothing.
+        """Whether friction and delay, where nobody demands them, are needed or stand clear of nothing.
 
         Free shapes of reversals soak up many small things that are no friction; this keeps them out.
         """
@@ -308,10 +309,10 @@ class _Search:
         error = np.sqrt(np.diag(estimate.covariance) * max(1.0, own))
         clear = np.abs(estimate.p) > _CLEAR * error
         parts = []
-        if model.reversal is not None:
+        if model.reversal is not None and NO_FRICTION in self.frictions:
             rubs = clear[2 * n : 4 * n] & (estimate.p[2 * n : 4 * n] > 0)  # friction takes energy
             parts.append((Model(None, model.delay), (clear[2 * n :] if model.curve else rubs).any()))
-        if model.delay:
+        if model.delay and False in self.lags:
             parts.append((Model(model.reversal, False, model.curve), clear[-1]))
         for without, stands in parts:
             other = self.tried.get(without)

@@ -86,6 +86,8 @@ def quantum(signal: Floats) -> float:
     step = 0.0
     for other in steps[:_FEW].tolist():  # most signals without steps are told by these
         step = _common(step, other, blur)
+        if step <= 1e-6 * size:
+            return 0.0
     while step > 1e-6 * size:
         rest = np.abs(steps - step * np.round(steps / step))
         rest = rest[rest > max(blur, _LIKE * step)]

@@ -69,13 +69,6 @@ def make_problem(
         When the start has a negative stiffness, or the inertias do not fit the records.
     """
     n = phasors.n
-    names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
-    if friction is not None:
-        names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
-        parts = range(friction.curve.shape[3])
-        names += [f"friction curve {c + 1} of joint {j + 1}" for j in range(n) for c in parts]
-    if delay:
-        names.append("delay")
     if np.any(start[:n] <= 0):
         raise JointIdError(
             f"K{int(np.argmin(start[:n])) + 1} comes out negative by least squares: check the sign and "
@@ -90,10 +83,20 @@ def make_problem(
         M=M,
         arm=arm,
         friction=friction,
-        names=tuple(names),
-        free=FreeFriction(()) if friction is None else FreeFriction.of(friction.reversals),
+        names=parameter_names(n, friction, delay=delay),
+        free=FreeFriction(()) if friction is None else friction.free,
         stiffest=100 * start[:n],
     )
+
+
+def parameter_names(n: int, friction: FrictionWaveforms | None, *, delay: bool) -> tuple[str, ...]:
+    """Names of the parameters in their order."""
+    names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
+    if friction is not None:
+        names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
+        parts = range(friction.curve.shape[3])
+        names += [f"friction curve {c + 1} of joint {j + 1}" for j in range(n) for c in parts]
+    return (*names, "delay") if delay else tuple(names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,6 +59,7 @@ STOREYS = [
     ["springs"],
     ["linear_fit"],
     ["torque_balance"],
+    ["whitened_balance"],
     ["likelihood"],
     ["model_choice"],
     ["elasticity"],

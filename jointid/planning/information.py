@@ -14,13 +14,17 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.elasticity import ElasticityFit
-from jointid.free_friction import FreeFriction, real_rows
+from jointid.free_friction import FreeFriction
 from jointid.friction import friction_waveforms
-from jointid.joints import Inertia, motor_impedance
+from jointid.joints import Inertia
+from jointid.noise import Noise
 from jointid.phasors import MANY_HARMONICS, Phasors
-from jointid.small_matrices import whitener
+from jointid.torque_balance import Problem, parameter_names
 from jointid.uncertainty.chosen_model import free_reversal
 from jointid.uncertainty.validation import freed_phasors
+from jointid.whitened_balance import WhitenedBalance
+
+_WELL_KNOWN = 1e12  # degrees of freedom of a noise that is given
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,39 +93,31 @@ def record_information(
         One per record.
     now : Situation
     """
-    fit, n, r = now.fit, q.shape[1], omega.size
-    rubs = fit.friction is not None
-    orders = np.arange(1, (MANY_HARMONICS if rubs else 1) + 1)
+    fit, n = now.fit, q.shape[1]
+    orders = np.arange(1, (MANY_HARMONICS if fit.friction is not None else 1) + 1)
     s = np.asarray(1j * np.multiply.outer(omega, orders))
     C = now.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
-    arm = np.linalg.inv(np.array([i.M2 for i in inertias]))[:, None]
-    M = np.array([i.M for i in inertias])[:, None]
-    spring = fit.K + s[..., None] * fit.D
-    s2 = (s * s)[..., None, None]
-    Z, stiff = motor_impedance(s, M, arm, fit.K, fit.D)
-    E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
-    V = E @ C @ E.conj().swapaxes(2, 3)
-
-    J = np.zeros((r, orders.size, n, now.parameters), complex)
-    pull = (stiff[:, 0] @ q[..., None])[..., 0] / spring[:, 0] ** 2
-    J[:, 0, :, :n] = -(s2[:, 0] ** 2) * stiff[:, 0] * pull[:, None, :]
-    J[:, 0, :, n : 2 * n] = s[:, 0, None, None] * J[:, 0, :, :n]
-    free, counts = FreeFriction(()), np.ones((r, n), bool)
-    motor = tau
+    waves, motor = None, tau
     if fit.friction is not None:
         waves = friction_waveforms(_sines(omega, q, tau, C, duration_s), free_reversal(fit))
-        free, counts = FreeFriction.of(waves.reversals), ~waves.standing
-        J[..., 2 * n : 3 * n] = -waves.coulomb[..., None] * np.eye(n)
-        J[:, 0, :, 3 * n : 4 * n] = -(s[:, 0, None] * q)[..., None] * np.eye(n)
         motor = tau + fit.friction.coulomb * waves.coulomb[:, 0]
-    if fit.delay is not None:
-        J[:, 0, :, -1] = -s[:, 0, None] * motor
-
-    # A motor that stands sticks: its balance says nothing.
-    told = counts[:, None, :, None]
-    V = np.where(told & told.swapaxes(2, 3), V, np.eye(n))
-    W = np.asarray(whitener(V) * told)
-    columns = free.projection(W).rest(real_rows(W @ J))
+    signals = np.zeros((*s.shape, 2 * n), complex)
+    signals[:, 0] = np.hstack([q, motor])
+    problem = Problem(
+        s=s,
+        z=signals,
+        noise=Noise(C, np.full(omega.size, _WELL_KNOWN)),
+        known=np.ones(s.shape, bool),
+        M=np.array([i.M for i in inertias]),
+        arm=np.linalg.inv(np.array([i.M2 for i in inertias])),
+        friction=waves,
+        names=parameter_names(n, waves, delay=fit.delay is not None),
+        free=FreeFriction(()) if waves is None else waves.free,
+        stiffest=np.full(n, np.inf),
+    )
+    p = np.zeros(now.parameters)
+    p[: 2 * n] = *fit.K, *fit.D
+    columns = WhitenedBalance.of(problem, p, np.ones(orders.size)).columns(smooth=False)
     return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
 
 
