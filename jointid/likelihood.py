@@ -79,12 +79,9 @@ def maximum_likelihood(
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
-    found = WhitenedBalance.of(problem, p, scale)
-    rank = found.projection.rank()
-    # A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
-    scale = np.maximum(1.0, found.misfit_by_harmonic(rank))
+    rank, scale = harmonic_scale(problem, p)
     p, normal = _minimise(problem, p, scale)
-    information = _inverse(problem, normal)
+    information = inverse_normal(problem, normal)
     first = problem.z[:, 0]
     taken = WhitenedBalance.of(problem, p, scale).taken()
     clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - taken)
@@ -97,6 +94,16 @@ def maximum_likelihood(
         parameters=rank + p.size,
         phasors=clean,
     )
+
+
+def harmonic_scale(problem: Problem, p: Floats) -> tuple[int, Floats]:
+    """How many numbers free friction is worth, and the scale (H,) of each harmonic's variance.
+
+    A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
+    """
+    balance = WhitenedBalance.of(problem, p, np.ones(problem.s.shape[1]))
+    rank = balance.projection.rank()
+    return rank, np.maximum(1.0, balance.misfit_by_harmonic(rank))
 
 
 def gain_of_delay(
@@ -112,7 +119,7 @@ def gain_of_delay(
     """
     problem = make_problem(phasors, inertia, estimate.p, friction, True, noise)
     scale = np.ones(problem.s.shape[1])
-    _, gradient, normal = _quadratic(problem, np.append(estimate.p, 0.0), scale)
+    _, gradient, normal = quadratic(problem, np.append(estimate.p, 0.0), scale)
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     others = normal[:-1, :-1] / np.outer(size[:-1], size[:-1]) + 1e-12 * np.eye(size.size - 1)
     coupling = normal[:-1, -1] / size[:-1]
@@ -137,7 +144,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     It ends when a step is a hundredth of an error bar, as the misfit widens it.
     """
     n, damping = problem.n, 1e-3
-    cost, gradient, normal = _quadratic(problem, p, scale)
+    cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_PASSES):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > 0, size, 1.0)
@@ -149,7 +156,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if np.all(trial[:n] > 0) and np.all(trial[:n] < problem.stiffest):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
-                new = _quadratic(problem, trial, scale)
+                new = quadratic(problem, trial, scale)
                 if new[0] <= cost * (1 + 1e-12):
                     break
             if damping > 1e8:
@@ -160,14 +167,14 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     return p, normal
 
 
-def _quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
+def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix."""
     balance = WhitenedBalance.of(problem, p, scale)
     rows, columns = balance.rows.reshape(-1), balance.columns().reshape(-1, p.size)
     return float(rows @ rows), columns.T @ rows, columns.T @ columns
 
 
-def _inverse(problem: Problem, normal: Floats) -> Floats:
+def inverse_normal(problem: Problem, normal: Floats) -> Floats:
     """Inverse of the normal matrix; parameters without any effect stay out of it."""
     size = np.sqrt(np.diag(normal))
     seen = size > 0

@@ -25,7 +25,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.friction import friction_waveforms
-from jointid.likelihood import LikelihoodEstimate, _quadratic, gain_of_delay, maximum_likelihood
+from jointid.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood, quadratic
 from jointid.linear_fit import weighted
 from jointid.model_choice import choose_model
 from jointid.springs import spring_equations
@@ -250,8 +250,8 @@ def test_the_gradient_is_that_of_the_cost(window: float | None, delay: bool) -> 
     if delay:
         p[-1] = 2e-4
     scale = np.linspace(1, 2, 9)
-    _, gradient, _ = _quadratic(problem, p, scale)
+    _, gradient, _ = quadratic(problem, p, scale)
     for k in range(p.size):
         step = 1e-5 * p[k] * np.eye(p.size)[k]
-        ahead, behind = (_quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
+        ahead, behind = (quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
         assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4)
