@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,8 +32,16 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
+from jointid.likelihood import harmonic_scale, inverse_normal, quadratic
+from jointid.springs import inertia_arrays
+from jointid.torque_balance import make_problem
+from jointid.uncertainty.chosen_model import chosen_friction, refit
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.sensitivity import (
+    InertiaSensitivity,
+    confidence_ellipse,
+    inertia_sensitivity,
+)
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 
@@ -123,6 +132,60 @@ def test_sensitivity_goes_through_friction_and_delay() -> None:
     expected = sensitivity.slope[:, 2] * 0.002 * PARALLELOGRAM.M2[0, 0]
     assert sensitivity.names[2] == "J_a1"
     assert np.allclose((other.K - fit.K)[0], expected[0], rtol=0.1)
+
+
+def turned_inertia(sensitivity: InertiaSensitivity, column: int, share: float) -> Inertia:
+    """The inertia of two joints with one element changed by a share of itself."""
+    values = sensitivity.value.copy()
+    values[column] *= 1 + share
+    return Inertia(values[:2], [[values[2], values[3]], [values[3], values[4]]])
+
+
+@pytest.mark.parametrize(
+    ("model", "rtol"),
+    [({}, 0.01), ({"friction": True}, 0.15), ({"friction": True, "delay": True}, 0.15)],
+)
+def test_one_step_agrees_with_complete_refits(model: dict[str, bool], rtol: float) -> None:
+    """What is reported, against fits made anew; with friction these weigh harmonics anew too."""
+    phasors, inertia = (rubbing(), PARALLELOGRAM) if model else (measured(), SERIAL)
+    fit = fitted(phasors, inertia, "maximum-likelihood", **model)
+    sensitivity = inertia_sensitivity(phasors, inertia, fit)
+    slope = np.empty_like(sensitivity.slope)
+    for column, value in enumerate(sensitivity.value):
+        up, down = (
+            refit(phasors, turned_inertia(sensitivity, column, share), fit).p[:4]
+            for share in (2e-3, -2e-3)
+        )
+        slope[:, column] = (up - down) / (4e-3 * value)
+    again = replace(sensitivity, slope=slope)
+    assert np.allclose(sensitivity.standard_error(), again.standard_error(), rtol=rtol)
+
+
+def test_one_step_goes_where_the_optimum_goes() -> None:
+    """With the weights held, as many Gauss-Newton steps as it takes, from inertias off by 0.1 %."""
+    phasors = rubbing()
+    fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True, delay=True)
+    assert fit.friction is not None
+    sensitivity = inertia_sensitivity(phasors, PARALLELOGRAM, fit)
+    waveforms = chosen_friction(phasors, fit)
+    p = np.concatenate([fit.K, fit.D, fit.friction.coulomb, fit.friction.viscous])
+    p = np.concatenate([p, np.zeros(2 * waveforms.curve.shape[3]), [fit.delay or 0.0]])
+    problem = make_problem(phasors, PARALLELOGRAM, p, waveforms, True, fit.equations.noise)
+    _, scale = harmonic_scale(problem, p)
+
+    def optimum(inertia: Inertia) -> np.ndarray:
+        M, arm = inertia_arrays(phasors, inertia)
+        at = p.copy()
+        for _ in range(20):
+            _, gradient, normal = quadratic(replace(problem, M=M, arm=arm), at, scale)
+            at -= inverse_normal(problem, normal) @ gradient
+        return at[:4]
+
+    for column, value in enumerate(sensitivity.value):
+        up, down = (optimum(turned_inertia(sensitivity, column, share)) for share in (1e-3, -1e-3))
+        expected = (up - down) / (2e-3 * value)
+        largest = np.abs(sensitivity.slope).max(axis=1)
+        assert np.allclose(sensitivity.slope[:, column], expected, rtol=0, atol=5e-3 * largest)
 
 
 def test_second_error_bar() -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.elasticity import ElasticityFit
 from jointid.friction import FrictionWaveforms, friction_waveforms
 from jointid.joints import Inertia
-from jointid.likelihood import maximum_likelihood
+from jointid.likelihood import harmonic_scale, inverse_normal, maximum_likelihood, quadratic
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
 from jointid.phasors import Phasors
-from jointid.springs import spring_equations
+from jointid.springs import inertia_arrays, spring_equations
+from jointid.torque_balance import make_problem
 
 _LINEAR = {"least-squares": least_squares, "explicit": explicit, "weighted": weighted}
 
@@ -46,13 +49,54 @@ def refit(
         return _LINEAR[fit.method](spring_equations(phasors, inertia))
     waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
     lags = fit.delay is not None if delay is None else delay
-    start = [fit.K, fit.D]
+    start = _parameters(fit, waveforms, lags)
+    return maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=lags)
+
+
+def _parameters(fit: ElasticityFit, waveforms: FrictionWaveforms | None, lags: bool) -> Floats:
+    """Parameters of the likelihood as the fit found them; of a friction curve it keeps none."""
+    parts = [fit.K, fit.D]
     if fit.friction is not None and waveforms is not None:
-        parts = waveforms.curve.shape[2] * waveforms.curve.shape[3]
-        start += [fit.friction.coulomb, fit.friction.viscous, np.zeros(parts)]
+        curve = waveforms.curve.shape[2] * waveforms.curve.shape[3]
+        parts += [fit.friction.coulomb, fit.friction.viscous, np.zeros(curve)]
     if lags:
-        start.append(np.array([fit.delay or 0.0]))
-    return maximum_likelihood(phasors, inertia, np.concatenate(start), friction=waveforms, delay=lags)
+        parts.append(np.array([fit.delay or 0.0]))
+    return np.concatenate(parts)
+
+
+def difference_by_inertia(
+    phasors: Phasors, inertia: Sequence[Inertia], fit: ElasticityFit
+) -> Callable[[Sequence[Inertia], Sequence[Inertia]], Floats]:
+    """Return a function of two sets of inertias that says by how much K and D differ between them.
+
+    A linear estimator estimates twice. The likelihood's optimum moves, to first order, by
+    −(JᵀJ)⁻¹(g₁ − g₂) with the half gradients g of its cost at the fit: one Gauss-Newton step. Noise,
+    friction's waveforms and the weights of the harmonics are those of the records, of which inertias
+    change nothing.
+
+    Parameters
+    ----------
+    phasors, inertia
+        What ``fit`` was made from, one inertia per record.
+    fit : ElasticityFit
+    """
+    n2 = 2 * fit.n
+    if fit.method in _LINEAR:
+        return lambda one, other: refit(phasors, one, fit).p[:n2] - refit(phasors, other, fit).p[:n2]
+    waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
+    lags, noise = fit.delay is not None, fit.equations.noise
+    p = _parameters(fit, waveforms, lags)
+    if waveforms is not None and waveforms.curve.shape[3]:
+        p = maximum_likelihood(phasors, inertia, p, friction=waveforms, delay=lags, noise=noise).p
+    problem = make_problem(phasors, inertia, p, waveforms, lags, noise)
+    _, scale = harmonic_scale(problem, p)
+    inverse = inverse_normal(problem, quadratic(problem, p, scale)[2])[:n2]
+
+    def gradient(inertias: Sequence[Inertia]) -> Floats:
+        M, arm = inertia_arrays(phasors, inertias)
+        return quadratic(replace(problem, M=M, arm=arm), p, scale)[1]
+
+    return lambda one, other: np.asarray(inverse @ (gradient(other) - gradient(one)))
 
 
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:

@@ -17,9 +17,10 @@ from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
-from jointid.uncertainty.chosen_model import inertia_of_each, parameter_names, refit
+from jointid.threads import one_thread
+from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_each, parameter_names
 
-_STEP = 5e-3
+_STEP = 1e-3
 """Relative change of an inertia for central differences; their error is of its square."""
 
 
@@ -61,7 +62,7 @@ def inertia_sensitivity(
     *,
     progress: Callable[[float], None] | None = None,
 ) -> InertiaSensitivity:
-    """Differentiate the chosen estimator by each inertia: central differences of complete estimates.
+    """Differentiate the chosen estimator by each inertia, with the model and the weights that it has.
 
     Parameters
     ----------
@@ -91,15 +92,14 @@ def inertia_sensitivity(
             scale = float(np.sqrt(pose.M2[i, i] * pose.M2[j, j]))
             elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, _arm(key, i, j)))
     slope = np.empty((2 * n, len(elements)))
-    for column, element in enumerate(elements):
-        change = _STEP * element.scale
-        plus, minus = (
-            refit(phasors, [element.changed(pose, by) for pose in each], fit).p[: 2 * n]
-            for by in (change, -change)
-        )
-        slope[:, column] = (plus - minus) / (2 * change)
-        if progress is not None:
-            progress((column + 1) / len(elements))
+    with one_thread():
+        difference = difference_by_inertia(phasors, each, fit)
+        for column, element in enumerate(elements):
+            change = _STEP * element.scale
+            plus, minus = ([element.changed(pose, by) for pose in each] for by in (change, -change))
+            slope[:, column] = difference(plus, minus) / (2 * change)
+            if progress is not None:
+                progress((column + 1) / len(elements))
     return InertiaSensitivity(
         names=tuple(element.name for element in elements),
         value=np.array([element.value for element in elements]),
