@@ -57,9 +57,13 @@ class Folder:
                     f"{name} is a link that leaves {self.name}: put the file itself into the folder."
                 )
             if not target.is_file():  # a pipe or device could block forever
-                raise JointIdError(f"{name} in {self.name} is not a file.")
+                raise JointIdError(
+                    f"{name} in {self.name} is no ordinary file: put the file itself into the folder."
+                )
             yield target
         except (FileNotFoundError, NotADirectoryError):
             raise missing(name, self) from None
         except (OSError, RuntimeError) as error:
-            raise JointIdError(f"{name} in {self.name} cannot be read: {error!s:.200}.") from error
+            raise JointIdError(
+                f"{name} in {self.name} cannot be read: {error!s:.200}. Check its permissions."
+            ) from error

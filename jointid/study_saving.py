@@ -15,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from jointid.checked_toml import MAX_TOML_BYTES
-from jointid.contained import MAX_TOTAL_BYTES
+from jointid.contained import MAX_TOTAL_BYTES, mebibytes
 from jointid.errors import JointIdError
 from jointid.long_records import LongRecord
 from jointid.record_tables import write_record_table
@@ -70,7 +70,10 @@ def save_study(
     except OSError as error:
         if old.exists():
             old.rename(target)
-        raise JointIdError(f"{target} cannot be written: {error.strerror or error}.") from error
+        raise JointIdError(
+            f"{target} cannot be written: {error.strerror or error}. Make room or check the "
+            "permissions, or choose another path."
+        ) from error
     finally:
         for rest in (fresh, old):
             if rest.is_dir():
@@ -167,7 +170,7 @@ def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:
             total += len(data)
             if total > MAX_TOTAL_BYTES:
                 raise JointIdError(
-                    f"The study needs more than {MAX_TOTAL_BYTES} bytes, which load_study would refuse: "
+                    f"The study needs more than the {mebibytes(MAX_TOTAL_BYTES)} that load_study takes: "
                     'split it, or choose record_format="parquet".'
                 )
             member = zipfile.ZipInfo(name)  # its fixed date keeps the bytes the same
@@ -193,7 +196,9 @@ def _checked_target(path: str | os.PathLike[str], overwrite: bool) -> Path:
     except JointIdError:
         raise
     except (OSError, ValueError) as error:
-        raise JointIdError(f"{path!s:.200} is not a path to write to: {error}.") from error
+        raise JointIdError(
+            f"{path!s:.200} is not a path to write to: {error}. Choose another path."
+        ) from error
     return target
 
 

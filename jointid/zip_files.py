@@ -106,8 +106,9 @@ class Zip:
         for member in members:
             if member.file_size > _CHUNK and member.file_size > MAX_RATIO * member.compress_size:
                 raise JointIdError(
-                    f"{member.filename!r:.200} in {self.name} would unpack to more than {MAX_RATIO} "
-                    "times its packed size, which measurements never do. Give the folder instead."
+                    f"{member.filename!r:.200} in {self.name} would unpack to "
+                    f"{mebibytes(member.file_size)}, more than {MAX_RATIO} times its packed size, which "
+                    "measurements never do. Give the folder instead."
                 )
 
     def _checked_name(self, member: zipfile.ZipInfo) -> str:

@@ -231,7 +231,7 @@ def test_missing_column_names_the_nearest() -> None:
         (lambda: one(Channel("q", "counts"), Channel("tau", "N·m")), "needs a scale: counts per turn"),
         (lambda: one(Channel("q", "rad"), Channel("tau", "%")), "needs a scale: rated torque"),
         (lambda: one(Channel("q", "rad", 2.0), Channel("tau", "N·m")), "takes no scale"),
-        (lambda: one(Channel("q", "counts", 0.0), Channel("tau", "N·m")), "must not be"),
+        (lambda: one(Channel("q", "counts", 0.0), Channel("tau", "N·m")), "counts per turn is 0"),
         (lambda: one(Channel("q", "N·m"), Channel("tau", "N·m")), "unit = 'N·m'; expected one of rad"),
         (
             lambda: one(Channel("q", "rad", side="arm"), Channel("tau", "N·m")),

@@ -141,7 +141,8 @@ class Child:
             )
         except OSError as error:
             raise JointIdError(
-                f"The process that analyses cannot be started: {error!s:.200}."
+                f"The process that analyses cannot be started: {error!s:.200}. Free memory, or take "
+                "fewer workers."
             ) from error
         process = self._process
         timer = threading.Timer(_START_S, process.kill)

@@ -71,7 +71,8 @@ class Cluster:
             self._client.wait_for_workers(1, timeout=_CONNECT_S)
         except (OSError, TimeoutError) as error:
             raise JointIdError(
-                f"The scheduler at {self._address} has no workers: start some."
+                f"The scheduler at {self._address} has no workers: start some with dask worker "
+                f"{self._address}."
             ) from error
         try:
             versions = dict(self._client.run(software_version))

@@ -93,7 +93,10 @@ class Journal:
                         return file
                 file.close()  # the batch that held it has just finished and removed it
         except OSError as error:
-            raise JointIdError(f"{self.path} cannot be written: {error.strerror or error}.") from error
+            raise JointIdError(
+                f"{self.path} cannot be written: {error.strerror or error}. Make room or check the "
+                "permissions, or choose another file for the results."
+            ) from error
 
     def _read(self) -> Iterator[Row]:
         """Rows of the whole lines; what follows the last of them is cut off."""

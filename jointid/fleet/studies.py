@@ -97,7 +97,9 @@ def _below(folder: Path, seen: set[str]) -> Iterator[Path]:
     try:
         entries = sorted(folder.iterdir(), key=_natural)
     except OSError as error:
-        raise JointIdError(f"{folder} cannot be listed: {error.strerror or error}.") from error
+        raise JointIdError(
+            f"{folder} cannot be listed: {error.strerror or error}. Check its permissions."
+        ) from error
     for entry in entries:
         if entry.name.startswith(".") or entry.name == "__MACOSX":
             continue

@@ -64,7 +64,10 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
             os.fsync(file.fileno())
         os.replace(fresh, path)
     except OSError as error:
-        raise JointIdError(f"{path} cannot be written: {error.strerror or error}.") from error
+        raise JointIdError(
+            f"{path} cannot be written: {error.strerror or error}. Make room or check the permissions, "
+            "or choose another file for the results."
+        ) from error
     finally:
         fresh.unlink(missing_ok=True)
 
@@ -117,7 +120,7 @@ def read_rows(source: Path | bytes) -> tuple[Row, ...]:
             )
         if file.metadata.num_rows > MAX_ROWS:
             raise JointIdError(
-                f"{name} has {file.metadata.num_rows} rows, more than the limit of {MAX_ROWS}."
+                f"{name} has {file.metadata.num_rows} rows, more than the limit of {MAX_ROWS}: split it."
             )
         wanted = {*_HEAD, *_TAIL}
         wanted |= {c.format(j + 1) for c in _JOINTWISE.values() for j in range(MAX_JOINTS)}
@@ -126,7 +129,9 @@ def read_rows(source: Path | bytes) -> tuple[Row, ...]:
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         if isinstance(error, JointIdError):
             raise
-        raise JointIdError(f"{name} cannot be read as Parquet ({error!s:.200}).") from error
+        raise JointIdError(
+            f"{name} cannot be read as Parquet ({error!s:.200}). Run the batch again."
+        ) from error
     missing = [column for column in (*_HEAD, *_TAIL) if column not in columns]
     if missing:
         raise JointIdError(f"{name} has no column {missing[0]}: it was changed. Run the batch again.")

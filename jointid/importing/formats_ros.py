@@ -10,7 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.extras import extra
-from jointid.importing.tables import MAX_VALUES, LogColumn, LogTable, most_first, numbers
+from jointid.importing.tables import MAX_VALUES, LogColumn, LogTable, millions, most_first, numbers
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -88,14 +88,20 @@ class _TopicLog:
         self._held += values.size
         if self._held > MAX_VALUES:
             raise JointIdError(
-                f"{self._file} holds more than {MAX_VALUES:.3g} numbers: record a shorter bag."
+                f"{self._file} holds more than {millions(MAX_VALUES)} numbers: record a shorter bag."
             )
         self._rows.append((self._layouts[layout], values))
 
     def _places(self, names: tuple[str, ...], parts: list[Floats]) -> np.ndarray:
-        if len(names) > _MOST_JOINTS or len(self._layouts) > _MOST_JOINTS:
+        if len(names) > _MOST_JOINTS:
             raise JointIdError(
-                f"{self._file}: a message names {len(names)} joints: not a robot's state."
+                f"{self._file}: a message names {len(names)} joints, more than the limit of "
+                f"{_MOST_JOINTS}: record the state of one robot."
+            )
+        if len(self._layouts) > _MOST_JOINTS:
+            raise JointIdError(
+                f"{self._file}: its messages name ever other joints, more than {_MOST_JOINTS} sets of "
+                "them: record the state of one robot."
             )
         places = [
             self._columns.setdefault((name, quantity), len(self._columns))

@@ -43,7 +43,9 @@ class MappedLog:
             )
         steps = np.diff(time)
         if time.size < 2 or steps.min() <= 0:
-            raise JointIdError("time_s: at least two times, each above the one before.")
+            raise JointIdError(
+                f"time_s{_fault(time)}: give two times or more, each above the one before."
+            )
         for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
             object.__setattr__(self, name, value)
         object.__setattr__(self, "interval_s", float(np.median(steps)))
@@ -60,6 +62,14 @@ class MappedLog:
             int(np.searchsorted(self.time_s, start_s - tolerance)),
             int(np.searchsorted(self.time_s, stop_s + tolerance, side="right")),
         )
+
+
+def _fault(time: Floats) -> str:
+    """Where times do not increase."""
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if not late.size:
+        return f" has {counted(time.size, 'value')}"
+    return f" goes from {time[late[0]]:.12g} s to {time[late[0] + 1]:.12g} s at index {late[0] + 1}"
 
 
 def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
@@ -98,9 +108,10 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     notes = list(table.notes)
     if kept < table.rows:
         first = int(np.argmin(complete))
+        missed = table.rows - kept
+        said = "misses a value and was" if missed == 1 else "miss a value and were"
         notes.append(
-            f"{table.rows - kept} of {table.rows} rows miss a value and were left out; the first is "
-            f"{table.place(first)}."
+            f"{missed} of {table.rows} rows {said} left out; the first is {table.place(first)}."
         )
     unit = mapping.time
     seconds = 1 / unit.rate_hz if unit.rate_hz else TIME_UNITS[unit.unit]

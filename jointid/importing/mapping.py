@@ -171,7 +171,9 @@ class Mapping:
         if not all(isinstance(joint, JointMapping) for joint in self.joints):
             raise JointIdError("joints: expected JointMapping values only.")
         if len(self.joints) > MAX_JOINTS:
-            raise JointIdError(f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}.")
+            raise JointIdError(
+                f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}: leave some out."
+            )
         if not isinstance(self.torque_hold, bool):
             raise JointIdError(f"torque_hold = {shown(self.torque_hold)}: expected true or false.")
         delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))
@@ -208,7 +210,7 @@ def _checked_channel(
         raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
     _require_text(what, "column", channel.column)
     if not channel.column:
-        raise JointIdError(f"{what}: no column is chosen.")
+        raise JointIdError(f"{what}: no column is chosen. Choose one.")
     where = f"{what} ({channel.column:.60})"
     _require_one_of(where, "unit", channel.unit, units)
     _require_one_of(where, "side", channel.side, (MOTOR, JOINT))
@@ -223,7 +225,7 @@ def _checked_channel(
         raise JointIdError(f'{where}: the unit "{channel.unit}" needs a scale: {meaning}.')
     scale = float(finite_array(f"{where}: {meaning}", channel.scale, ndim=0))
     if scale == 0:
-        raise JointIdError(f"{where}: {meaning} is 0: it must not be.")
+        raise JointIdError(f"{where}: {meaning} is 0: give another number.")
     return Channel(channel.column, channel.unit, scale, channel.side, channel.sign)
 
 

@@ -10,6 +10,8 @@ from jointid.errors import JointIdError
 from jointid.importing.mapping import Channel, JointMapping, Mapping, TimeColumn
 from jointid.wording import listed, nearest, shown
 
+_LONGEST = 1 << 20
+
 
 def mapping_to_json(mapping: Mapping) -> str:
     """Write a mapping as JSON; ``mapping_from_json`` reads it back exactly."""
@@ -40,15 +42,23 @@ def mapping_from_json(text: str | bytes) -> Mapping:
     JointIdError
         When it is no mapping; the message names the key and the value.
     """
-    if len(text) > 1 << 20:
-        raise JointIdError(f"The mapping has {len(text)} characters: not a mapping of columns.")
+    if len(text) > _LONGEST:
+        raise JointIdError(
+            f"The mapping has {len(text)} characters, more than the limit of {_LONGEST}: choose one "
+            "that was saved here."
+        )
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise JointIdError(f"The mapping is not JSON ({error!s:.120}).") from error
+        raise JointIdError(
+            f"The mapping is not JSON ({error!s:.120}): choose one that was saved here."
+        ) from error
     top = _keys("mapping", values, ("format", "time", "joints", "torque_hold", "torque_delay_s"))
     if top.get("format") != 1:
-        raise JointIdError(f"mapping: format = {shown(top.get('format'))}; this version reads format 1.")
+        raise JointIdError(
+            f"mapping: format = {shown(top.get('format'))}; this version reads format 1. Save the "
+            "mapping anew."
+        )
     joints = top.get("joints")
     if not isinstance(joints, list):
         raise JointIdError(f"mapping: joints = {shown(joints)}; expected a list.")

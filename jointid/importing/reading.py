@@ -137,7 +137,9 @@ def _read_path(path: Path, name: str, binary: _BinaryReader) -> tuple[LogTable, 
     except (OSError, ValueError) as error:
         if isinstance(error, JointIdError):
             raise
-        raise JointIdError(f"{path!s:.200} cannot be opened ({error!s:.200}).") from error
+        raise JointIdError(
+            f"{path!s:.200} cannot be opened ({error!s:.200}): check its permissions."
+        ) from error
 
 
 class _BinaryReader:

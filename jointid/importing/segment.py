@@ -10,7 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.line_fit import fit_lines
-from jointid.wording import shown
+from jointid.wording import listed, shown
 
 HARMONICS = 3
 """Fitted beside the fundamental of a single sine, so that friction does not shift the frequency."""
@@ -63,11 +63,11 @@ class Segment:
             object.__setattr__(self, name, float(value))
         lines = tuple(sorted(float(line) for line in (self.lines_hz or (self.frequency_hz,))))
         if min(lines) <= 0:
-            raise JointIdError(f"A segment's frequency of {min(lines):g} Hz: must be positive.")
+            raise JointIdError(f"A segment's frequency is {min(lines):g} Hz: it must be positive.")
         if self.frequency_hz not in lines:
             raise JointIdError(
-                f"frequency_hz = {self.frequency_hz:g} Hz is not among lines_hz {lines}: give it "
-                "there too."
+                f"frequency_hz = {self.frequency_hz:g} Hz is not among lines_hz, "
+                f"{listed(f'{line:g}' for line in lines)} Hz: give it there too."
             )
         if not self.stop_s > self.start_s:
             raise JointIdError(

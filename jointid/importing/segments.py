@@ -15,6 +15,7 @@ from jointid.importing.lines import find_lines
 from jointid.importing.mapped_log import MappedLog
 from jointid.importing.segment import HARMONICS, Segment, lines_worth, measured
 from jointid.importing.stretches import Stretch
+from jointid.wording import counted
 
 FEWEST_PERIODS = 5
 """Periods that a segment needs to be found by itself; a user may ask for fewer."""
@@ -65,7 +66,7 @@ def find_segments(
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
-                "sine runs, or the time or position column is another one."
+                "sine runs, or the columns are the wrong ones. Choose another time or position column."
             )
     return common_frequencies(sorted(found, key=lambda s: s.start_s))
 
@@ -92,12 +93,14 @@ def measure_segment(
     time, theta = log.time_s[part], log.theta_rad[part]
     if time.size < 8:
         raise JointIdError(
-            f"{start_s:g} s to {stop_s:g} s holds {time.size} samples; a segment needs at least 8. "
-            f"The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
+            f"{start_s:g} s to {stop_s:g} s holds {counted(time.size, 'sample')}; a segment needs at "
+            f"least 8. The log spans {log.time_s[0]:g} s to {log.time_s[-1]:g} s."
         )
     if frequency_hz is None:
         if not np.any(np.ptp(theta, axis=0) > 0):
-            raise JointIdError(f"No joint moves from {start_s:g} s to {stop_s:g} s: no sine to measure.")
+            raise JointIdError(
+                f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
+            )
         lines = find_lines(time, theta)
         if not lines:
             raise JointIdError(

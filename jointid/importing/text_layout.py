@@ -183,8 +183,8 @@ def _head_lines(file: str, text: str) -> list[str]:
     if len(text) > _SAMPLED:
         if len(lines) == 1:
             raise JointIdError(
-                f"{file}: the first line is longer than {_SAMPLED} characters: not a table with one row "
-                "per sample."
+                f"{file}: the first line is longer than {_SAMPLED} characters. Export one row per "
+                "sample, each on a line of its own."
             )
         lines.pop()  # it may be cut
     return lines[:_SAMPLED_LINES]

@@ -131,15 +131,17 @@ def _read_slowly(
     strange: dict[int, tuple[int, int, str]] = {}  # column: how many cells, line and text of the first
     for number, raw in enumerate(io.StringIO(body), start=layout.first_line):
         if len(raw) > MAX_LINE:
-            raise JointIdError(f"{file}, line {number}: longer than {MAX_LINE} characters.")
+            raise JointIdError(
+                f"{file}, line {number}: longer than {MAX_LINE} characters. Export one row per sample, "
+                "each on a line of its own."
+            )
         cells = split_line(raw.rstrip("\n"), layout.separator)
         if not cells:
             continue
         if wrong is not None:
             raise JointIdError(
                 f"{file}, line {wrong[0]}: {counted(wrong[1], 'cell')}, but the table has {width} "
-                "columns. "
-                "Repair or remove the line; one log must be one table."
+                "columns. Repair or remove the line; one log must be one table."
             )
         if len(cells) != width:
             wrong = (number, len(cells))
