@@ -40,6 +40,11 @@ class Response:
             return np.asarray(self.error / np.abs(self.H))
 
 
+def element_name(i: int, j: int) -> str:
+    """Return "H₁₂" for joints 0 and 1."""
+    return f"H{i + 1}{j + 1}".translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))
+
+
 def measured(matrix: TransferMatrix, i: int, j: int) -> Response:
     """Return the points of H_ij by equations (17)-(18)."""
     error = matrix.standard_deviation[:, i, j] / np.sqrt(2)  # half of a complex variance lies along H

@@ -23,6 +23,7 @@ from jointid.figures.style import (
 )
 from jointid.response_curves import (
     Response,
+    element_name,
     freed_or_measured,
     identified,
     magnitude_limits,
@@ -66,12 +67,12 @@ def element_response(
     """
     ink = colours(dark)
     freed, removed = freed_or_measured(analysis, pose)
-    name = removed or f"measured {_label(i, j)}"
+    name = removed or f"measured {element_name(i, j)}"
     if i != j:
-        name = f"measured {_label(i, j)}{removed and ', ' + removed}"
+        name = f"measured {element_name(i, j)}{removed and ', ' + removed}"
     curves = [_Curve(name, ink.measured, measured(freed, i, j), "circle")]
     if i != j:
-        name = f"measured {_label(j, i)}{removed and ', ' + removed}"
+        name = f"measured {element_name(j, i)}{removed and ', ' + removed}"
         curves.append(_Curve(name, ink.measured, measured(freed, j, i), "square-open"))
     elif freed is not analysis.transfer_matrices[pose]:
         raw = measured(analysis.transfer_matrices[pose], i, j)
@@ -108,8 +109,8 @@ def model_over_measurement(
         *_models(analysis, pose, joint, joint, dark),
         _Curve(name, colours(dark).measured, measured(matrix, joint, joint), "circle"),
     ]
-    traces = [_magnitude(curve, _label(joint, joint)) for curve in curves]
-    title = f"|{_label(joint, joint)}| ({_UNIT})"
+    traces = [_magnitude(curve, element_name(joint, joint)) for curve in curves]
+    title = f"|{element_name(joint, joint)}| ({_UNIT})"
     return figure(
         traces,
         height=300,
@@ -192,11 +193,3 @@ def _log_range(limits: tuple[float, float]) -> list[float]:
 
 def _frequencies(curves: Iterable[_Curve]) -> Floats:
     return np.concatenate([c.response.frequency_hz for c in curves if c.symbol])
-
-
-def _label(i: int, j: int) -> str:
-    return f"H{_digit(i)}{_digit(j)}"
-
-
-def _digit(k: int) -> str:
-    return str(k + 1).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))

@@ -18,7 +18,7 @@ from jointid.reporting.curves import (
     single_record_curves,
 )
 from jointid.reporting.drawing import Drawing, Line, Marks, Text
-from jointid.response_curves import band_of, magnitude_limits
+from jointid.response_curves import band_of, element_name, magnitude_limits
 from jointid.study import Analysis
 
 PAGE_WIDTH = 482.0
@@ -64,7 +64,7 @@ def element_figure(
         Points.
     """
     curves = element_curves(analysis, pose, joint)
-    name = f"H{_low(joint + 1)}{_low(joint + 1)}"
+    name = element_name(joint, joint)
     return _bode(curves, magnitude_limits(analysis, pose, joint), name, f"|{name}|", width)
 
 
@@ -248,7 +248,3 @@ def _log_ticks(limits: tuple[float, float]) -> tuple[Floats, list[str]]:
 
 def _signed(values: Floats) -> list[str]:
     return [f"{value:g}".replace("-", "−") for value in values]
-
-
-def _low(number: int) -> str:
-    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))
