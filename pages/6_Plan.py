@@ -10,7 +10,6 @@ from jointid.ui.page import open_page
 from jointid.ui.plan_form import (
     ask,
     edit_plan,
-    pose_inertia,
     predicted,
     predicted_table,
     suggested_columns,
@@ -56,8 +55,7 @@ plot(worst_error(found, dark=page.dark), "Worst relative error over the number o
 st.subheader("A plan of your own", anchor=False)
 st.write("Change the records, add some, or delete some; below stands what they would tell.")
 try:
-    inertia = pose_inertia(analysis, settings.pose)
-    told = predicted(edit_plan(found, page.digest), analysis, inertia)
+    told = predicted(page, edit_plan(found, page.digest), analysis, settings.pose)
     st.table(predicted_table(told, analysis.fit), hide_index=True)
 except JointIdError as error:
     st.error(str(error))

@@ -20,6 +20,7 @@ from jointid.planning.plan import (
 from jointid.rounding import significant, with_error
 from jointid.ui.charts import Table
 from jointid.ui.numbers_in import numbers_in
+from jointid.ui.page import Page
 
 _NO_POSE = "as in [inertia]"
 
@@ -174,7 +175,7 @@ def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
 
 
 def predicted(
-    columns: dict[str, list[float | None]], analysis: Analysis, inertia: Inertia
+    page: Page, columns: dict[str, list[float | None]], analysis: Analysis, pose: str
 ) -> PredictedErrors:
     """Predict what an edited plan would tell.
 
@@ -183,25 +184,34 @@ def predicted(
     JointIdError
         When a cell is empty, or the plan is no experiment.
     """
-    table = {name: np.array([_number(v) for v in values]) for name, values in columns.items()}
+    table = {name: tuple(_number(v) for v in values) for name, values in columns.items()}
     if not len(table["Frequency (Hz)"]):
         raise JointIdError("The plan has no records: add a row.")
     for name, values in table.items():
         if np.isnan(values).any():
             row = int(np.flatnonzero(np.isnan(values))[0]) + 1
             raise JointIdError(f"Row {row} of the plan: {name} is empty.")
-    n = analysis.fit.n
-    amplitude = np.stack([table[f"Torque {j + 1} (N·m)"] for j in range(n)], axis=1)
-    phase = np.radians(np.stack([table[f"Phase {j + 1} (°)"] for j in range(n)], axis=1))
+    return _predicted(page.digest, page.method, pose, table, analysis)
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def _predicted(
+    digest: str, method: str, pose: str, table: dict[str, tuple[float, ...]], _analysis: Analysis
+) -> PredictedErrors:
+    n, inertia = _analysis.fit.n, pose_inertia(_analysis, pose)
+    amplitude, phase = (
+        np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(n)], axis=1)
+        for what, unit in (("Torque", "N·m"), ("Phase", "°"))
+    )
     plan: PlannedRecords = planned_records(
         inertia,
-        analysis.fit.elasticity,
+        _analysis.fit.elasticity,
         table["Frequency (Hz)"],
-        torque_Nm=amplitude * np.exp(1j * phase),
+        torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
         duration_s=table["Length (s)"],
     )
     return predict_standard_errors(
-        plan, analysis.phasors, analysis.study.inertias, analysis.fit, planned_inertia=inertia
+        plan, _analysis.phasors, _analysis.study.inertias, _analysis.fit, planned_inertia=inertia
     )
 
 
