@@ -26,6 +26,7 @@ _CLEAR = 5.0  # standard errors that friction and delay must stand clear of noth
 _WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 _LOST = 100.0  # misfit from which on the search is begun again elsewhere
+_FAR = 1e4  # misfit of one friction's form from which on a richer one leads nowhere either
 _FOUND = 10.0  # misfit that shows the other beginning to be the right one
 _BEYOND_DOUBT = 1000.0  # squared distance of friction from nothing, in its errors: far beyond _CLEAR
 
@@ -125,12 +126,16 @@ def _widened(search: _Search) -> Choice:
     """
     best = search.widen()
     misfit = search.misfit(best)
-    if misfit > _LOST:
-        good = _FOUND if np.isinf(misfit) else max(_FOUND, misfit / _LOST)
-        for start in _other_starts(search.phasors, search.inertia):
-            other = replace(search, start=start, tried={})
+    if misfit < _LOST:
+        return search.choice(best)
+    better = min(misfit / 10, _FAR)
+    probe = Model(search.frictions[:3][-1][0], search.lags[0])
+    for start in _other_starts(search.phasors, search.inertia):
+        other = replace(search, start=start, tried={})
+        other.fit(probe)
+        if other.misfit(probe) < better:
             found = other.widen()
-            if other.misfit(found) < good:
+            if other.misfit(found) < max(_FOUND, misfit / _LOST if np.isfinite(misfit) else 0.0):
                 return other.choice(found)
     return search.choice(best)
 
