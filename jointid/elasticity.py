@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.candidates import Candidate, Choice
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.likelihood import LikelihoodEstimate
 from jointid.linear_fit import Estimate, explicit, least_squares, weighted
-from jointid.model_choice import Candidate, Choice, choose_model, fit_model
+from jointid.model_choice import choose_model
 from jointid.phasors import Phasors
 from jointid.springs import SpringEquations, spring_equations
 from jointid.threads import one_thread
@@ -178,9 +179,9 @@ def identify_elasticity(
             )
         return _fit(method, _LINEAR[method](equations), equations, phasors)
     linear = weighted(equations)
-    find = choose_model if method == "auto" else fit_model
+    asked = {"friction": friction, "delay": delay, "exactly": method != "auto"}
     with one_thread():
-        choice = find(phasors, inertia, linear.p, equations.noise, friction=friction, delay=delay)
+        choice = choose_model(phasors, inertia, linear.p, equations.noise, **asked)
     if isinstance(choice.estimate, LikelihoodEstimate):
         equations = spring_equations(choice.estimate.phasors, inertia, noise=equations.noise)
         return _likelihood_fit(method, choice, choice.estimate, equations)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.candidates import Candidate, Choice, Model
 from jointid.errors import JointIdError
 from jointid.friction import FrictionWaveforms, friction_waveforms
 from jointid.joints import Inertia
@@ -31,73 +32,6 @@ _FOUND = 10.0  # misfit that shows the other beginning to be the right one
 _BEYOND_DOUBT = 1000.0  # squared distance of friction from nothing, in its errors: far beyond _CLEAR
 
 
-@dataclass(frozen=True)
-class Model:
-    """What is fitted beside K and D."""
-
-    reversal: float | None
-    """Share of the largest velocity below which friction is free; None: no friction."""
-    delay: bool
-    curve: bool = False
-    """Whether friction may change with speed beyond its viscous part."""
-
-    @property
-    def name(self) -> str:
-        """The model in words."""
-        parts = ["elasticity"] + ["friction"] * (self.reversal is not None) + ["delay"] * self.delay
-        return " + ".join(parts) + (
-            f", reversals free below {self.reversal:.0%}" if self.reversal else ""
-        )
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One model that the choice looked at."""
-
-    name: str
-    friction: bool
-    delay: bool
-    reversal: float
-    """Share of the largest velocity below which friction was left free."""
-    curve: bool
-    """Whether friction might change with speed beyond its viscous part."""
-    problem: str
-    """Why it could not be fitted; empty when it could."""
-    cost: float
-    expected_cost: float
-    parameters: int
-    """Real numbers fitted, the free shapes of friction included."""
-    criterion: float
-    """Information criterion, 2 · cost over the best model's misfit + penalty; the least is chosen.
-    Infinite where the model could not be fitted, or its friction or delay is none."""
-    chosen: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """The chosen model, its estimate, and what it was chosen from."""
-
-    model: Model
-    estimate: LikelihoodEstimate | JointIdError
-    """The error where no model could be fitted."""
-    candidates: tuple[Candidate, ...]
-    """Best first."""
-
-
-def fit_model(
-    phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
-    start: Floats,
-    noise: Noise,
-    *,
-    friction: bool,
-    delay: bool,
-) -> Choice:
-    """Fit the model as told; of friction only the width of its reversals is chosen."""
-    frictions = FRICTIONS if friction else (NO_FRICTION,)
-    return _widened(_Search(phasors, inertia, start, noise, frictions, (delay,)))
-
-
 def choose_model(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia],
@@ -106,6 +40,7 @@ def choose_model(
     *,
     friction: bool,
     delay: bool,
+    exactly: bool = False,
 ) -> Choice:
     """Go from few parts to many, no further than the noise asks for, and take the best.
 
@@ -113,9 +48,11 @@ def choose_model(
     ----------
     friction, delay : bool
         Parts that must be in the model; the others may be.
+    exactly : bool
+        The others must not; of friction only the form of its reversals is chosen.
     """
-    frictions = FRICTIONS if friction else (NO_FRICTION, *FRICTIONS)
-    lags = (True,) if delay else (False, True)
+    frictions = FRICTIONS if friction else (NO_FRICTION,) if exactly else (NO_FRICTION, *FRICTIONS)
+    lags = (delay,) if delay or exactly else (False, True)
     return _widened(_Search(phasors, inertia, start, noise, frictions, lags))
 
 

@@ -61,6 +61,7 @@ STOREYS = [
     ["torque_balance"],
     ["whitened_balance"],
     ["likelihood"],
+    ["candidates"],
     ["model_choice"],
     ["elasticity"],
     ["uncertainty", "planning"],

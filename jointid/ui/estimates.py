@@ -8,7 +8,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit
-from jointid.model_choice import Candidate
+from jointid.candidates import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.cached import ESTIMATORS
 from jointid.ui.charts import Table, table
