@@ -20,6 +20,10 @@ TRUTH = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 ANSWER = np.concatenate([TRUTH.K, TRUTH.D])
 FREQUENCIES_HZ = np.geomspace(3.0, 30.0, 18).round(2)
 RATE_HZ = 4000.0
+ENCODER_COUNTS = 65536
+COUNT_RAD = 2 * np.pi / ENCODER_COUNTS
+TORQUE_NOISE_NM = (0.02, 0.01)
+"""Standard deviation of each logged sample."""
 VISCOUS = np.array([0.002, 0.0005])
 FRICTION = {"none": (0.0, 0.0), "mild": (0.05, 0.012), "heavy": (0.4, 0.08)}
 """Coulomb friction at the motors, N·m; heavy is about half the smallest torque amplitude, and sticks."""
@@ -46,7 +50,7 @@ def simulated(
         excitation=Excitation(periods=periods, velocity_rad_s=8.0),
         controller=Controller(sample_rate_hz=rate_hz, torque_delay_s=untold_delay_s),
         friction=MotorFriction(coulomb=coulomb, viscous=VISCOUS if any(coulomb) else 0.0),
-        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+        measurement=Measurement(encoder_counts=ENCODER_COUNTS, torque_noise_Nm=TORQUE_NOISE_NM),
         declare_timing=untold_delay_s == 0,
         seed=seed,
     )

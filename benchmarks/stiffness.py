@@ -8,14 +8,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from benchmarks import grey_box_frequency as frequency
-from benchmarks.campaign import ANSWER, FREQUENCIES_HZ, FRICTION, INERTIA, simulated
+from benchmarks.campaign import (
+    ANSWER,
+    COUNT_RAD,
+    FREQUENCIES_HZ,
+    FRICTION,
+    INERTIA,
+    TORQUE_NOISE_NM,
+    simulated,
+)
 from benchmarks.harness import NOT_INSTALLED, Cell, Table, Timing, interleaved, optional
 from jointid import SineRecord, extract_phasors, identify_elasticity
+from jointid.likelihood import maximum_likelihood
 
 Records = tuple[SineRecord, ...]
 Estimator = Callable[[Records], np.ndarray]
@@ -92,6 +101,8 @@ def _case(friction: str, effort: Effort) -> Table:
     for name, estimator in estimators.items():
         found = np.array([estimator(records) for records in data])
         rows.append(_row(name, found, timings[name]))
+    if friction == "none":
+        rows.append(_bound(data[0]))
     # MuJoCo takes minutes for each campaign: only where there is friction to be told from damping.
     rows += _expensive(data, effort, with_mujoco=effort is QUICK or friction == "heavy")
     size = sum(record.time_s.size for record in data[0])
@@ -124,6 +135,29 @@ def _row(name: str, found: np.ndarray, timing: Timing, remark: str = "") -> dict
         "spread": timing.spread,
         "× jointid": timing.ratio,
         "remark": remark,
+    }
+
+
+def _bound(records: Records) -> dict[str, Cell]:
+    """Smallest standard deviation that an unbiased estimator can have, of the noise as it was simulated.
+
+    The encoder's rounding is white where the motor passes many counts in a period, as it does here.
+    """
+    variance = np.array([COUNT_RAD**2 / 12] * 2 + [noise**2 for noise in TORQUE_NOISE_NM])
+    phasors = extract_phasors(records, harmonics=1)
+    covariance = np.array([np.diag(4 * variance / r.samples).astype(complex) for r in records])
+    exact = replace(
+        phasors,
+        covariance=covariance,
+        harmonic_covariance=covariance[:, None],
+        freedom=np.full(len(records), 1e9),
+    )
+    least = np.sqrt(np.diag(maximum_likelihood(exact, INERTIA, ANSWER).covariance))
+    cells = [f"σ {100 * value:.2g}" for value in least / ANSWER]
+    return {
+        "estimator": "Cramér–Rao bound",
+        **dict(zip(("K1", "K2", "D1", "D2"), cells, strict=True)),
+        "remark": "no unbiased estimator scatters less",
     }
 
 
