@@ -11,14 +11,14 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
-from functools import wraps
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
-from playwright.sync_api import ConsoleMessage, Page, Request, expect
-from playwright.sync_api import Error as PlaywrightError
+from playwright.sync_api import BrowserContext, ConsoleMessage, Page, Request, WebSocket, expect
+from streamlit.proto.BackMsg_pb2 import BackMsg
+from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
 
 ROOT = Path(__file__).parents[1]
 FLAGS = [
@@ -29,6 +29,7 @@ FLAGS = [
     "--no-first-run",
 ]
 PATIENCE_MS = 40_000
+expect.set_options(timeout=PATIENCE_MS)  # 5 s is too short where the cores have other work
 
 # On a page's own address streamlit's client first asks there for its server, then at the root.
 PROBE = re.compile(r"http://127\.0\.0\.1:\d+/\w+/_stcore/(health|host-config)")
@@ -51,12 +52,12 @@ class Server:
         environment = os.environ | {"JOINTID_DATA_DIR": str(self.data)}
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **silent)
-        for _ in range(300):
+        for _ in range(600):
             try:
                 with urllib.request.urlopen(f"{self.address}/_stcore/health", timeout=5):
                     return
             except (urllib.error.URLError, ConnectionError):
-                time.sleep(0.1)
+                time.sleep(0.05)
         self.kill()
         raise AssertionError("The server did not come up.")
 
@@ -91,31 +92,147 @@ class Watch:
             self.abroad.append(request.url)
 
 
-def once_more(test: Callable[..., None]) -> Callable[..., None]:
-    """Try a test of clicks and keys a second time: on a machine under load a browser may miss one."""
+class Runs:
+    """The runs of a page's script: asked for, begun and ended, as its connection tells.
 
-    @wraps(test)
-    def tried(*arguments: Any, **named: Any) -> None:
-        try:
-            test(*arguments, **named)
-        except (AssertionError, PlaywrightError):
-            test(*arguments, **named)
+    The page itself says "notRunning" too early: before the server has heard of a click, between a run
+    and the one that ``st.rerun`` asks for, and while a fragment is about to ask for a run by itself.
+    """
 
-    return tried
+    QUIET_S = 0.05
+    """What has come in is drawn after this time."""
+
+    def __init__(self, page: Page) -> None:
+        self.asked = 0
+        """How many runs the page has asked for because of what somebody did."""
+        self._waits, self._runs, self._asks_again = True, False, False
+        self._heard = time.monotonic()
+        page.on("request", self._request)
+        page.on("websocket", self._listen)
+
+    @property
+    def over(self) -> bool:
+        """Whether the page stands as it is until somebody does something."""
+        quiet = time.monotonic() - self._heard > self.QUIET_S
+        return quiet and not (self._waits or self._runs or self._asks_again)
+
+    def _request(self, request: Request) -> None:
+        if request.is_navigation_request():
+            self._waits, self._runs, self._asks_again = True, False, False
+            self._heard = time.monotonic()
+
+    def _listen(self, connection: WebSocket) -> None:
+        connection.on("framesent", self._sent)
+        connection.on("framereceived", self._received)
+
+    def _sent(self, frame: bytes | str) -> None:
+        message = BackMsg.FromString(frame) if isinstance(frame, bytes) else BackMsg()
+        if message.HasField("rerun_script") and not message.rerun_script.is_auto_rerun:
+            self.asked += 1
+            self._waits = True
+            self._heard = time.monotonic()
+
+    def _received(self, frame: bytes | str) -> None:
+        message = ForwardMsg.FromString(frame) if isinstance(frame, bytes) else ForwardMsg()
+        match message.WhichOneof("type"):
+            case "new_session":
+                self._runs = True
+                if not message.metadata.run.fragment_ids:
+                    self._waits = self._asks_again = False
+            case "auto_rerun":
+                self._asks_again = True
+            case "script_finished":
+                self._runs = message.script_finished == ForwardMsg.FINISHED_EARLY_FOR_RERUN
+            case _:
+                pass
+        self._heard = time.monotonic()
+
+
+_runs: dict[Page, Runs] = {}
+
+
+def new_page(context: BrowserContext) -> Page:
+    """A tab whose runs are followed; every page that is waited for is made by this."""
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    _runs[page] = Runs(page)
+    page.on("close", lambda page: _runs.pop(page, None))
+    return page
+
+
+def _wait(page: Page, condition: Callable[[], bool], problem: str) -> None:
+    until = time.monotonic() + PATIENCE_MS / 1e3
+    while not condition():
+        assert time.monotonic() < until, problem
+        page.wait_for_timeout(10)  # what the connection tells comes in meanwhile
 
 
 def rested(page: Page) -> None:
-    """Wait until the page's script has ended, and find no exception on it."""
-    expect(page.get_by_test_id("stApp")).to_have_attribute(
-        "data-test-script-state", "notRunning", timeout=PATIENCE_MS
-    )
+    """Wait until the page stands as it is until somebody does something; find no exception on it."""
+    runs = _runs[page]
+    _wait(page, lambda: runs.over, "The page's script did not come to an end.")
+    app = page.get_by_test_id("stApp")
+    expect(app).to_have_attribute("data-test-script-state", "notRunning")
+    # Each kind of element is drawn by a script of its own, which comes when the first one is needed.
+    expect(page.locator("[data-testid=stSkeleton], [data-stale=true]")).to_have_count(0)
     expect(page.get_by_test_id("stException")).to_have_count(0)
 
 
-def finished(page: Page, title: str) -> None:
-    """Wait until the page has its title and its script has ended."""
-    expect(page.get_by_role("heading", level=1)).to_have_text(title, timeout=PATIENCE_MS)
+@contextmanager
+def heard(page: Page) -> Iterator[None]:
+    """Do something to a page that stands still, and wait until it has told the server."""
     rested(page)
+    before = _runs[page].asked
+    yield
+    _wait(page, lambda: _runs[page].asked > before, "The server heard nothing of it.")
+
+
+@contextmanager
+def answered(page: Page) -> Iterator[None]:
+    """Do something to a page that stands still, and wait until the server has answered it."""
+    with heard(page):
+        yield
+    rested(page)
+
+
+def finished(page: Page, title: str) -> None:
+    """Wait until the page has its title and stands still."""
+    expect(page.get_by_role("heading", level=1)).to_have_text(title)
+    rested(page)
+
+
+def choose(page: Page, box: str, option: str) -> None:
+    """Pick an option of a select box."""
+    select = page.get_by_role("combobox", name=box)
+    with answered(page):
+        # A click that has to scroll closes the list again that it opens: scrolling closes lists.
+        select.scroll_into_view_if_needed()
+        select.evaluate("() => new Promise(requestAnimationFrame)")
+        select.click()
+        select.fill(option)  # a long list holds only what is in view
+        page.get_by_role("option", name=option, exact=True).click()
+    expect(select).to_have_value(option)
+
+
+def follow(page: Page, link: str, title: str) -> None:
+    """Go to another page by its link in the sidebar, whatever the page is still doing."""
+    page.get_by_test_id("stSidebar").get_by_role("link", name=link, exact=True).click()
+    finished(page, title)
+
+
+def drop_study(page: Page, name: str, data: bytes) -> None:
+    """Give a file to the sidebar; the page's runs go on by themselves."""
+    page.get_by_role("button", name="Open a study (.zip)").click()
+    uploader = page.get_by_test_id("stPopoverBody").locator("input[type=file]")
+    uploader.set_input_files({"name": name, "mimeType": "application/zip", "buffer": data})
+
+
+def open_file(page: Page, name: str, data: bytes) -> None:
+    """Open a study by the sidebar."""
+    with answered(page):
+        drop_study(page, name, data)
+    page.keyboard.press("Escape")
+    expect(page.get_by_test_id("stPopoverBody")).to_have_count(0)
 
 
 def too_wide(page: Page) -> int:

@@ -7,7 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ from jointid.study_files import save_study
 
 if TYPE_CHECKING:
     from browsing import Server
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, BrowserContext, Page
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 
@@ -110,12 +110,13 @@ def chromium() -> str:
 
 @pytest.fixture(scope="session")
 def tree(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The app as it stands, with the tests' sample studies beside it."""
+    """A copy of the app, which nobody edits meanwhile, with the tests' sample studies beside it."""
     from browsing import ROOT
 
     tree = tmp_path_factory.mktemp("app")
-    for name in ("app.py", "pages", "jointid", ".streamlit"):
-        (tree / name).symlink_to(ROOT / name)
+    shutil.copy2(ROOT / "app.py", tree)
+    for name in ("pages", "jointid", ".streamlit"):
+        shutil.copytree(ROOT / name, tree / name)
     (tree / "sample_data").symlink_to(sample_folder)
     return tree
 
@@ -154,3 +155,35 @@ def browser(chromium: str) -> Iterator[Browser]:
         browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="module")
+def context(browser: Browser) -> BrowserContext:
+    """One for all tests of a file: the client's code is parsed once."""
+    return browser.new_context()
+
+
+@pytest.fixture
+def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
+    """Open an address in a new tab; afterwards nothing may have gone wrong or left the machine."""
+    from browsing import Watch, new_page
+
+    watches: list[Watch] = []
+    pages: list[Page] = []
+
+    def open_address(
+        url: str, *, width: int = 1440, height: int = 900, scheme: Literal["light", "dark"] = "light"
+    ) -> Page:
+        page = new_page(context)
+        page.set_viewport_size({"width": width, "height": height})
+        page.emulate_media(color_scheme=scheme)
+        pages.append(page)
+        watches.append(Watch(page))
+        page.goto(url, wait_until="commit")
+        return page
+
+    yield open_address
+    for page in pages:
+        page.close()
+    for watch in watches:
+        watch.check()

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import Literal
+from collections.abc import Callable
 
 import pytest
-from browsing import PATIENCE_MS, Server, Watch, finished, once_more, too_wide
-from clicks import choose
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from browsing import (
+    Server,
+    answered,
+    choose,
+    finished,
+    follow,
+    open_file,
+    too_wide,
+)
+from playwright.sync_api import Page, expect
 
 from jointid import Study
 from jointid.study_files import pack_study
@@ -33,39 +39,9 @@ MEASURED_COLOUR = (
 )
 
 
-@pytest.fixture(scope="module")
-def context(browser: Browser) -> BrowserContext:
-    return browser.new_context()  # one for all: the client's code is parsed once
-
-
-@pytest.fixture
-def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
-    """Open an address in a new tab; afterwards nothing may have gone wrong or left the machine."""
-    watches: list[Watch] = []
-    pages: list[Page] = []
-
-    def open_address(
-        url: str, *, width: int = 1440, height: int = 900, scheme: Literal["light", "dark"] = "light"
-    ) -> Page:
-        page = context.new_page()
-        page.set_viewport_size({"width": width, "height": height})
-        page.emulate_media(color_scheme=scheme)
-        page.set_default_timeout(PATIENCE_MS)
-        pages.append(page)
-        watches.append(Watch(page))
-        page.goto(url, wait_until="commit")
-        return page
-
-    yield open_address
-    for page in pages:
-        page.close()
-    for watch in watches:
-        watch.check()
-
-
 def figures(page: Page, count: int) -> None:
-    expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
-    expect(page.locator(".js-plotly-plot")).to_have_count(count, timeout=PATIENCE_MS)
+    expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
+    expect(page.locator(".js-plotly-plot")).to_have_count(count)
 
 
 @pytest.mark.parametrize("path", list(PAGES)[1:])
@@ -92,11 +68,8 @@ def test_study_and_settings_survive_links_and_a_refresh(
     finished(page, "Elasticity")
     choose(page, "Estimator", "least-squares")
     expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
-    sidebar = page.get_by_test_id("stSidebar")
-    sidebar.get_by_role("link", name="Study", exact=True).click()
-    finished(page, "Test cell with 3 joint(s)")
-    sidebar.get_by_role("link", name="Elasticity").click()
-    finished(page, "Elasticity")
+    follow(page, "Study", "Test cell with 3 joint(s)")
+    follow(page, "Elasticity", "Elasticity")
     for _ in range(2):
         expect(page.get_by_role("combobox", name="Study")).to_have_value("three joints")
         expect(page.get_by_test_id("stMetric")).to_have_count(6)
@@ -110,13 +83,9 @@ def test_a_study_of_ones_own_is_opened(
 ) -> None:
     page = open_in(address)
     finished(page, PAGES[""])
-    page.get_by_role("button", name="Open a study (.zip)").click()
-    file = {"name": "mine.zip", "mimeType": "application/zip", "buffer": pack_study(studies[1])}
-    page.locator("input[type=file]").set_input_files(file)
+    open_file(page, "mine.zip", pack_study(studies[1]))
     finished(page, "Test cell with 1 joint(s)")
-    page.keyboard.press("Escape")
-    page.get_by_test_id("stSidebar").get_by_role("link", name="Records").click()
-    finished(page, "Records")
+    follow(page, "Records", "Records")
     expect(page.get_by_role("combobox", name="Study")).to_have_value("mine.zip")
     figures(page, 3)
 
@@ -124,9 +93,7 @@ def test_a_study_of_ones_own_is_opened(
 def test_a_refused_file_leaves_the_study_in_place(address: str, open_in: Callable[..., Page]) -> None:
     page = open_in(address)
     finished(page, PAGES[""])
-    page.get_by_role("button", name="Open a study (.zip)").click()
-    file = {"name": "bad.zip", "mimeType": "application/zip", "buffer": b"no archive"}
-    page.locator("input[type=file]").set_input_files(file)
+    open_file(page, "bad.zip", b"no archive")
     expect(page.get_by_text("bad.zip was not opened")).to_be_visible()
     finished(page, PAGES[""])
 
@@ -135,13 +102,13 @@ def test_a_log_becomes_a_record(address: str, open_in: Callable[..., Page], jitt
     page = open_in(f"{address}/Import_a_log")
     finished(page, PAGES["Import_a_log"])
     file = {"name": "actuator.csv", "mimeType": "text/csv", "buffer": jittered_log}
-    page.get_by_test_id("stMain").locator("input[type=file]").set_input_files(file)
+    with answered(page):
+        page.get_by_test_id("stMain").locator("input[type=file]").set_input_files(file)
     page.get_by_role("textbox", name="Rotor inertias").fill("0.001")
     page.get_by_role("textbox", name="Arm inertia").fill("0.002")
     page.get_by_role("button", name="Open as study").click()
     finished(page, "actuator")
-    page.get_by_test_id("stSidebar").get_by_role("link", name="Records").click()
-    finished(page, "Records")
+    follow(page, "Records", "Records")
     figures(page, 3)
 
 
@@ -151,9 +118,9 @@ def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., P
     page.get_by_label("Length of a record (s)").fill("25")
     page.get_by_label("Frequencies", exact=True).fill("50")
     page.get_by_role("button", name="Simulate", exact=True).click()
-    expect(page.get_by_text("Simulating 100 records")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_text("Simulating 100 records")).to_be_visible()
     page.get_by_test_id("stButton").get_by_role("button", name="Stop", exact=True).click()
-    expect(page.get_by_text("Simulating 100 records")).to_have_count(0, timeout=PATIENCE_MS)
+    expect(page.get_by_text("Simulating 100 records")).to_have_count(0)
     finished(page, PAGES["Simulate"])
     expect(page.get_by_role("combobox", name="Study")).to_have_value("paper")
 
@@ -194,13 +161,11 @@ FOCUSED = """() => {
 
 
 @pytest.mark.parametrize("path", ["", "Report", "Simulate"])
-@once_more
 def test_tab_reaches_every_control_and_shows_where_it_is(
     address: str, open_in: Callable[..., Page], path: str
 ) -> None:
     page = open_in(f"{address}/{path}")
     finished(page, PAGES[path])
-    page.wait_for_timeout(500)  # figures come a little later than the script's end
     page.bring_to_front()
     for _ in range(4 * page.evaluate(TABBABLE)):
         page.keyboard.press("Tab")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browsing import PATIENCE_MS, Watch, rested, too_wide
+from browsing import Watch, new_page, rested, too_wide
 from playwright.sync_api import Browser, Page, expect
 
 pytestmark = pytest.mark.browser
@@ -30,7 +30,7 @@ def browse(address: str, browser: Browser) -> Iterator[Browse]:
         kind = repr(options)
         if kind not in windows:
             context = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
-            windows[kind] = Window(context.new_page(), f"{address}/Cut")
+            windows[kind] = Window(new_page(context), f"{address}/Cut")
         windows[kind].look(look)
 
     yield look_at
@@ -43,9 +43,8 @@ class Window:
 
     def __init__(self, page: Page, url: str) -> None:
         self.page, self.watch = page, Watch(page)
-        page.set_default_timeout(PATIENCE_MS)
         page.goto(url, wait_until="commit")
-        expect(canvas(page)).to_have_attribute("data-frame", re.compile(r"\d+"), timeout=PATIENCE_MS)
+        expect(canvas(page)).to_have_attribute("data-frame", re.compile(r"\d+"))
         rested(page)
 
     def look(self, look: Look) -> None:
@@ -301,7 +300,7 @@ def test_on_a_phone_in_either_theme(browse: Browse) -> None:
         expect(key).to_have_css("border-top-color", "rgb(0, 114, 178)")
         page.emulate_media(color_scheme="dark")
         page.reload(wait_until="commit")
-        expect(key).to_have_css("border-top-color", "rgb(86, 180, 233)", timeout=PATIENCE_MS)
+        expect(key).to_have_css("border-top-color", "rgb(86, 180, 233)")
 
     browse(look, viewport=PHONE)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browsing import PATIENCE_MS, Server, finished, once_more, rested
+from browsing import Server, answered, finished, follow, new_page, rested
 from log_makers import (
     Log,
     as_csv,
@@ -35,7 +34,8 @@ KINDS: dict[str, Callable[[Log, Path], bytes]] = {
     "log.parquet": lambda log, _: as_parquet(log),
     "log5.mat": lambda log, _: as_mat(log),
     "log73.mat": lambda log, _: as_mat_v73(log),
-    "week.zip": lambda log, _: zipped({"log.h5": as_hdf5(log)}),
+    "log.h5": lambda log, _: as_hdf5(log),
+    "week.zip": lambda log, _: zipped({"log.parquet": as_parquet(log)}),
     "log.xlsx": lambda log, _: as_excel(log),
     "bag.db3": lambda log, folder: as_ros_bag(log, folder, "sqlite3"),
     "bag.mcap": lambda log, folder: as_ros_bag(log, folder, "mcap"),
@@ -70,8 +70,7 @@ def shared(new_server: Callable[[], Server]) -> Iterator[Server]:
 def tab(browser: Browser) -> Iterator[Page]:
     """A tab that the tests of this file share."""
     context = browser.new_context()
-    page = context.new_page()
-    page.set_default_timeout(PATIENCE_MS)
+    page = new_page(context)
     yield page
     context.close()
 
@@ -81,30 +80,30 @@ def page(tab: Page, shared: Server) -> Page:
     """The import page with no log open."""
     if tab.url == "about:blank":
         tab.goto(f"{shared.address}/Import_a_log", wait_until="commit")
+        finished(tab, "Import a log")
     else:
-        tab.get_by_test_id("stSidebar").get_by_role("link", name="Import a log").click()
-    finished(tab, "Import a log")
+        follow(tab, "Import a log", "Import a log")
     close = tab.get_by_role("button", name="Close these logs")
     if close.count():
-        close.click()
-        expect(close).to_have_count(0, timeout=PATIENCE_MS)
-        rested(tab)
+        with answered(tab):
+            close.click()
+        expect(close).to_have_count(0)
     return tab
 
 
 def upload(page: Page, name: str, data: bytes) -> None:
     file = {"name": name, "mimeType": "application/octet-stream", "buffer": data}
-    page.get_by_test_id("stMain").locator("input[type=file]").first.set_input_files(file)
-    expect(page.get_by_role("heading", name="The robot")).to_be_visible(timeout=PATIENCE_MS)
-    rested(page)
+    with answered(page):
+        page.get_by_test_id("stMain").locator("input[type=file]").first.set_input_files(file)
+    expect(page.get_by_role("heading", name="The robot")).to_be_visible()
 
 
 def enter(page: Page, boxes: Sequence[tuple[Locator, str]]) -> None:
     """Fill boxes one after the other; leaving one sends it, and so does Enter in the last."""
-    for box, value in boxes:
-        box.fill(value)
-    boxes[-1][0].press("Enter")
-    rested(page)
+    with answered(page):
+        for box, value in boxes:
+            box.fill(value)
+        boxes[-1][0].press("Enter")
     for box, value in boxes:
         expect(box).to_have_value(value)
 
@@ -112,9 +111,9 @@ def enter(page: Page, boxes: Sequence[tuple[Locator, str]]) -> None:
 def hold_torque(page: Page) -> None:
     box = page.get_by_role("checkbox", name="Torque held from sample to sample")
     if not box.is_checked():  # known for these columns already
-        page.get_by_text("Torque held from sample to sample", exact=True).click()
+        with answered(page):
+            page.get_by_text("Torque held from sample to sample", exact=True).click()
     expect(box).to_be_checked()
-    rested(page)
 
 
 def correct(page: Page) -> None:
@@ -129,7 +128,7 @@ def correct(page: Page) -> None:
 def values(page: Page) -> dict[str, float]:
     """The tiles of the first page: K1, D1, K2, D2."""
     tiles = page.get_by_test_id("stMetric")
-    expect(tiles).to_have_count(4, timeout=PATIENCE_MS)
+    expect(tiles).to_have_count(4)
     found = {}
     for text in tiles.all_inner_texts():
         name, value = re.search(r"([KD]\d)\D*?\s([\d.]+)", text.replace("\n", " ")).groups()  # type: ignore[union-attr]
@@ -145,8 +144,7 @@ def open_study(page: Page) -> None:
     enter(page, [(rotors(page), M), (page.get_by_role("textbox", name="Arm inertia M2"), M2)])
     expect(page.get_by_text("As the method takes them")).to_be_visible()
     page.get_by_role("button", name="Open as study").click()
-    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log", timeout=PATIENCE_MS)
-    rested(page)
+    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
 
 
 def near_the_truth(page: Page) -> None:
@@ -167,29 +165,27 @@ def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_p
     near_the_truth(page)
 
 
-@once_more
 def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
     log: Log, page: Page, browser: Browser, shared: Server
 ) -> None:
     upload(page, "cell.csv", as_csv(log, RATIOS, RATED_NM))
     correct(page)
     page.reload(wait_until="commit")
-    expect(page.get_by_text("Still open: cell.csv")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_text("Still open: cell.csv")).to_be_visible()
     rested(page)
     expect(page.get_by_role("spinbutton", name="Gear ratio of joint 2")).to_have_value("-90")
     hold_torque(page)
     drop_first_run(page)
     enter(page, [(rotors(page), M)])
-    kept(shared, f'"import M": "{M}"')
+    assert is_kept(shared, f'"import M": "{M}"')
     address = page.url
     shared.kill()
     page.goto("about:blank")
     shared.start()
     context = browser.new_context()
-    again = context.new_page()
-    again.set_default_timeout(PATIENCE_MS)
+    again = new_page(context)
     again.goto(address, wait_until="commit")
-    expect(again.get_by_text("Still open: cell.csv")).to_be_visible(timeout=PATIENCE_MS)
+    expect(again.get_by_text("Still open: cell.csv")).to_be_visible()
     finished(again, "Import a log")
     expect(again.get_by_role("spinbutton", name="Gear ratio of joint 1")).to_have_value("100")
     expect(again.get_by_role("spinbutton", name="Rated torque, N·m").nth(1)).to_have_value("2")
@@ -204,12 +200,9 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
     context.close()
 
 
-def kept(server: Server, text: str) -> None:
-    """Wait until the store holds an entry: what was typed a moment ago is on its way to the server."""
-    until = time.monotonic() + PATIENCE_MS / 1e3
-    while not any(text.encode() in file.read_bytes() for file in server.data.rglob("*.data")):
-        assert time.monotonic() < until, f"The store never held {text}."
-        time.sleep(0.05)
+def is_kept(server: Server, text: str) -> bool:
+    """Whether the store holds an entry."""
+    return any(text.encode() in file.read_bytes() for file in server.data.rglob("*.data"))
 
 
 def drop_first_run(page: Page) -> None:
@@ -218,7 +211,7 @@ def drop_first_run(page: Page) -> None:
     table.scroll_into_view_if_needed()
     box = table.locator("canvas").first.bounding_box()
     assert box is not None
-    page.mouse.click(box["x"] + 77, box["y"] + 52)
+    with answered(page):
+        page.mouse.click(box["x"] + 77, box["y"] + 52)
     left_out = page.locator(".js-plotly-plot .legendtext", has_text="left out")
-    expect(left_out).to_be_visible(timeout=PATIENCE_MS)
-    rested(page)
+    expect(left_out).to_be_visible()

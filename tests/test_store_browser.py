@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from urllib.parse import parse_qs, urlsplit
 
 import pytest
-from browsing import PATIENCE_MS, Server, finished, once_more, rested
-from clicks import choose
-from playwright.sync_api import Browser, Page, expect
+from browsing import (
+    Server,
+    answered,
+    choose,
+    drop_study,
+    finished,
+    follow,
+    heard,
+    new_page,
+    open_file,
+    rested,
+)
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 
 from jointid import Study
 from jointid.study_files import pack_study
@@ -28,89 +39,91 @@ def server(new_server: Callable[[], Server]) -> Iterator[Server]:
 
 
 @pytest.fixture
-def visit(browser: Browser) -> Iterator[Visit]:
-    """Open an address as somebody who was never here, and wait for the title."""
-    contexts = []
+def visit(context: BrowserContext) -> Iterator[Visit]:
+    """Open an address in a tab of its own, and wait for the title; nothing is known but the address."""
+    pages = []
 
     def open_address(address: str, title: str) -> Page:
-        contexts.append(browser.new_context())
-        page = contexts[-1].new_page()
-        page.set_default_timeout(PATIENCE_MS)
+        page = new_page(context)
+        pages.append(page)
         page.goto(address, wait_until="commit")
         finished(page, title)
         return page
 
     yield open_address
-    for context in contexts:
-        context.close()
-
-
-def upload(page: Page, study: Study, name: str, *, title: str = "") -> None:
-    page.get_by_role("button", name="Open a study (.zip)").click()
-    file = {"name": name, "mimeType": "application/zip", "buffer": pack_study(study)}
-    page.get_by_test_id("stPopoverBody").locator("input[type=file]").set_input_files(file)
-    if title:
-        workspace_of(page)  # the address has one as soon as the file has arrived
-    finished(page, title or study.name)
-    page.keyboard.press("Escape")
+    for page in pages:
+        page.close()
 
 
 def chosen(page: Page, name: str) -> None:
-    expect(page.get_by_role("combobox", name="Study")).to_have_value(name, timeout=PATIENCE_MS)
+    expect(page.get_by_role("combobox", name="Study")).to_have_value(name)
 
 
 def workspace_of(page: Page) -> str:
-    expect(page).to_have_url(re.compile(r"[?&]w=[\w-]{32}(&|$)"), timeout=PATIENCE_MS)
+    expect(page).to_have_url(re.compile(r"[?&]w=[\w-]{32}(&|$)"))
     return parse_qs(urlsplit(page.url).query)["w"][0]
 
 
-@once_more
+def reload(page: Page, title: str) -> None:
+    page.reload(wait_until="commit")
+    finished(page, title)
+
+
 def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
-    server: Server, studies: dict[int, Study], visit: Visit
+    server: Server, studies: dict[int, Study], visit: Visit, browser: Browser
 ) -> None:
     page = visit(server.address, studies[2].name)
     assert "w=" not in page.url
-    upload(page, studies[1], "mine.zip")
-    place = workspace_of(page)
-    page.reload(wait_until="commit")
+    open_file(page, "mine.zip", pack_study(studies[1]))
     finished(page, studies[1].name)
+    place = workspace_of(page)
+    reload(page, studies[1].name)
     chosen(page, "mine.zip")
-    for name in ("Records", "Simulate a robot", "Elasticity"):
-        page.get_by_test_id("stSidebar").get_by_role("link", name=name, exact=True).click()
-        finished(page, name)
+    for name in ("Records", "Simulate a robot"):
+        follow(page, name, name)
         chosen(page, "mine.zip")
         assert workspace_of(page) == place
-    expect(page.get_by_test_id("stMetric")).to_have_count(2)
-    expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
     choose(page, "Estimator", "least-squares")
-    expect(page).to_have_url(re.compile("estimator=least-squares"), timeout=PATIENCE_MS)
-    address = page.url
+    expect(page).to_have_url(re.compile("estimator=least-squares"))
+    address = page.url.replace("/Simulate", "/Elasticity")
     server.kill()
+    page.close()
     server.start()
-    page.reload(wait_until="commit")
-    finished(page, "Elasticity")
-    chosen(page, "mine.zip")
-    page.context.close()
-    again = visit(address, "Elasticity")
+    elsewhere = browser.new_context()
+    again = new_page(elsewhere)
+    again.goto(address, wait_until="commit")
+    finished(again, "Elasticity")
     chosen(again, "mine.zip")
     expect(again.get_by_test_id("stMetric")).to_have_count(2)
+    expect(again.locator(".js-plotly-plot .main-svg").first).to_be_visible()
     expect(again.get_by_role("combobox", name="Estimator")).to_have_value("least-squares")
+    elsewhere.close()
 
 
-@once_more
+def test_a_study_that_was_being_read_when_somebody_went_elsewhere_is_there(
+    server: Server, studies: dict[int, Study], visit: Visit
+) -> None:
+    page = visit(f"{server.address}/Import_a_log", "Import a log")
+    record = studies[1].records[0]
+    many = [replace(record, label=str(k)) for k in range(300)]  # reading them takes a while
+    with heard(page):
+        drop_study(page, "long.zip", pack_study(replace(studies[1], records=many)))
+    follow(page, "Simulate a robot", "Simulate a robot")
+    chosen(page, "long.zip")
+
+
 def test_who_lacks_the_address_sees_nothing(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
     quick = f"{server.address}/Import_a_log"  # the sidebar of a page without pictures
     mine, theirs = visit(quick, "Import a log"), visit(quick, "Import a log")
-    upload(mine, studies[1], "mine.zip", title="Import a log")
+    open_file(mine, "mine.zip", pack_study(studies[1]))
     expect(theirs.get_by_text("Recent studies")).to_have_count(0)
-    upload(theirs, studies[3], "theirs.zip", title="Import a log")
+    open_file(theirs, "theirs.zip", pack_study(studies[3]))
     assert workspace_of(mine) != workspace_of(theirs)
-    mine.reload(wait_until="commit")
+    reload(mine, "Import a log")
     for page, seen, hidden in ((mine, "mine.zip", "theirs.zip"), (theirs, "theirs.zip", "mine.zip")):
         chosen(page, seen)
-        rested(page)
         page.get_by_role("combobox", name="Study").click()
         expect(page.get_by_role("option", name=seen)).to_be_visible()
         expect(page.get_by_role("option", name=hidden)).to_have_count(0)
@@ -123,62 +136,58 @@ def test_who_lacks_the_address_sees_nothing(
         f"study={entry}&w=../../etc/passwd",
     ):
         stranger.goto(f"{quick}?{query}", wait_until="commit")
-        expect(stranger.get_by_text("is not in this workspace")).to_be_visible(timeout=PATIENCE_MS)
-        chosen(stranger, "paper")
+        expect(stranger.get_by_text("is not in this workspace")).to_be_visible()
         rested(stranger)
+        chosen(stranger, "paper")
         expect(stranger.get_by_text("mine.zip")).to_have_count(0)
-    stranger.goto(mine.url.replace("/Import_a_log", "/"), wait_until="commit")
-    finished(stranger, studies[1].name)
+    stranger.goto(mine.url.replace("/Import_a_log", "/Records"), wait_until="commit")
+    finished(stranger, "Records")
     chosen(stranger, "mine.zip")
 
 
-@once_more
 def test_recent_studies_are_renamed_and_deleted(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
-    page = visit(server.address, studies[2].name)
-    upload(page, studies[1], "one.zip")
-    upload(page, studies[3], "three.zip")
+    page = visit(f"{server.address}/Import_a_log", "Import a log")
+    open_file(page, "one.zip", pack_study(studies[1]))
+    open_file(page, "three.zip", pack_study(studies[3]))
     page.get_by_text("Recent studies (2)").click()
-    page.get_by_role("button", name="one.zip", exact=True).click()
-    finished(page, studies[1].name)
+    with answered(page):
+        page.get_by_role("button", name="one.zip", exact=True).click()
     chosen(page, "one.zip")
     page.get_by_role("button", name="Edit").last.click()
-    page.get_by_role("textbox", name="Name").fill("axis 1, worn *gear*")
-    page.keyboard.press("Enter")
+    with answered(page):
+        page.get_by_role("textbox", name="Name").fill("axis 1, worn *gear*")
+        page.keyboard.press("Enter")
     chosen(page, "axis 1, worn *gear*")
-    page.reload(wait_until="commit")
-    finished(page, studies[1].name)
+    reload(page, "Import a log")
     chosen(page, "axis 1, worn *gear*")
     page.get_by_text("Recent studies (2)").click()
     page.get_by_role("button", name="Edit").last.click()
-    page.get_by_role("button", name="Delete").click()
-    finished(page, studies[2].name)
+    with answered(page):
+        page.get_by_role("button", name="Delete").click()
     chosen(page, "paper")
     expect(page.get_by_text("Recent studies (1)")).to_be_visible()
-    page.reload(wait_until="commit")
-    finished(page, studies[2].name)
+    reload(page, "Import a log")
     expect(page.get_by_text("Recent studies (1)")).to_be_visible()
 
 
-@once_more
 def test_a_damaged_study_is_told_and_the_app_goes_on(
     server: Server, studies: dict[int, Study], visit: Visit
 ) -> None:
     before = set(server.data.rglob("*.data"))
-    page = visit(server.address, studies[2].name)
-    upload(page, studies[1], "mine.zip")
-    server.kill()
+    page = visit(f"{server.address}/Import_a_log", "Import a log")  # it does not read the study
+    open_file(page, "mine.zip", pack_study(studies[1]))
     (file,) = set(server.data.rglob("*.data")) - before
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
-    server.start()
-    page.reload(wait_until="commit")
-    expect(page.get_by_text('kept copy of "mine.zip" is damaged')).to_be_visible(timeout=PATIENCE_MS)
-    page.reload(wait_until="commit")
-    finished(page, studies[2].name)
+    follow(page, "Records", "Records")
+    expect(page.get_by_text('kept copy of "mine.zip" is damaged')).to_be_visible()
+    reload(page, "Records")
+    chosen(page, "paper")
     expect(page.get_by_text("mine.zip was damaged")).to_be_visible()
-    page.get_by_role("button", name="Noted").click()
+    with answered(page):
+        page.get_by_role("button", name="Noted").click()
     expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
     assert (server.data / "damaged" / file.name).read_bytes() == data

@@ -82,8 +82,18 @@ def workspace() -> str | None:
             "or its folder was removed."
         )
         return None
-    st.session_state["workspace"] = st.query_params["w"] = found
+    st.session_state["workspace"] = found
+    say_in_address("w", found)
     return found
+
+
+def say_in_address(name: str, value: str) -> None:
+    """Set a parameter of the address, where links between pages have dropped it.
+
+    Every setting is a message to the browser, and a place where the next click ends this run.
+    """
+    if st.query_params.get(name) != value:
+        st.query_params[name] = value
 
 
 def recent() -> dict[str, Entry]:
@@ -133,15 +143,22 @@ def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
     JointIdError
         When the store cannot take it.
     """
-    place = workspace() or new_workspace()
+    place = workspace() or _new_workspace()
     write(store(), part_of(place, part))
-    st.session_state["workspace"] = st.query_params["w"] = place
+    st.session_state["workspace"] = place
+    say_in_address("w", place)
+
+
+def _new_workspace() -> str:
+    """Return the workspace that this session is to have; a run that was ended halfway has named it."""
+    place: str = st.session_state.setdefault("workspace_to_be", new_workspace())
+    return place
 
 
 def keep(study: Study, name: str) -> None:
     """Keep a study in this workspace; the next run of the page shows it."""
     digest = study_digest(study)
-    place = workspace() or new_workspace()
+    place = workspace() or _new_workspace()
     try:
         data = pack_study(study, record_format="parquet")
         st.session_state["chosen"] = store().put(place, name, digest, data).id
