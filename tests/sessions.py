@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import ExitStack
 from typing import Any
 
@@ -11,6 +12,7 @@ from streamlit.proto.WidgetStates_pb2 import WidgetState
 from websockets.sync.client import connect
 
 PATIENCE_S = 60.0
+_ENDED = (ForwardMsg.FINISHED_SUCCESSFULLY, ForwardMsg.FINISHED_FRAGMENT_RUN_SUCCESSFULLY)
 
 
 class Session:
@@ -21,18 +23,39 @@ class Session:
         self._open = ExitStack()
         way = connect(url, subprotocols=["streamlit"], max_size=None)  # type: ignore[list-item]
         self.socket = self._open.enter_context(way)
-        self.query = ""
+        self.page = self.query = ""
         self.widgets: dict[str, WidgetState] = {}
         self.sent: list[Any] = []
+        self.asked: list[Any] = []
+        """Reruns of its own that the page last run has asked for: interval and fragment."""
 
     def run(self, page: str, query: str = "") -> list[Any]:
         """Run a page by its name in the address; returns its elements."""
+        self.page, self.query = page, query or self.query
+        self.sent = []
+        self._rerun()
+        return self.sent
+
+    def settle(self) -> float:
+        """Rerun what the page asks for, as its client would; returns the seconds that this took."""
+        took = 0.0
+        while self.asked:
+            wish = self.asked.pop()
+            time.sleep(wish.interval)
+            begin = time.perf_counter()
+            self._rerun(wish.fragment_id)
+            took += time.perf_counter() - begin
+        return took
+
+    def _rerun(self, fragment: str = "") -> None:
         message = BackMsg()
-        message.rerun_script.page_name = page
-        message.rerun_script.query_string = query or self.query
+        message.rerun_script.page_name = self.page
+        message.rerun_script.query_string = self.query
+        message.rerun_script.fragment_id = fragment
+        message.rerun_script.is_auto_rerun = bool(fragment)
         message.rerun_script.widget_states.widgets.extend(self.widgets.values())
         self.socket.send(message.SerializeToString())
-        self.sent = []
+        self.asked = []
         while True:
             got = ForwardMsg()
             got.ParseFromString(self.socket.recv(timeout=PATIENCE_S))  # type: ignore[arg-type]
@@ -41,15 +64,28 @@ class Session:
                 self.query = got.page_info_changed.query_string
             elif kind == "delta" and got.delta.WhichOneof("type") == "new_element":
                 self.sent.append(got.delta.new_element)
-            elif kind == "script_finished" and got.script_finished == 0:
-                return self.sent
+            elif kind == "auto_rerun":
+                self.asked.append(got.auto_rerun)
+            elif kind == "script_finished":
+                if got.script_finished in _ENDED:
+                    return
+                self.asked = []  # of a run that gave way to another one
+
+    def shows(self, kind: str, label: str) -> Any:
+        """Return the select box or slider of this label on the page last run; None without one."""
+        found = (getattr(e, kind) for e in self.sent if e.HasField(kind))
+        return next((element for element in found if element.label == label), None)
 
     def choose(self, label: str, value: str) -> None:
         """Choose in a select box of the page last run; the next run says so."""
-        box = next(
-            e.selectbox for e in self.sent if e.HasField("selectbox") and e.selectbox.label == label
-        )
+        box = self.shows("selectbox", label)
         self.widgets[box.id] = WidgetState(id=box.id, string_value=value)
+
+    def slide(self, label: str, value: float) -> None:
+        """Move a slider of the page last run; the next run says so."""
+        state = WidgetState(id=self.shows("slider", label).id)
+        state.double_array_value.data.append(value)
+        self.widgets[state.id] = state
 
     def close(self) -> None:
         self._open.close()

@@ -28,6 +28,8 @@ EVERYDAY_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
 )
 """A controller as there are many, this software's own choice; friction is not compensated."""
+ZONES_M = (0.001, 0.005, 0.010)
+"""Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
 _ALIKE = 0.1
 """Path errors within 10 % of each other do not tell robots apart."""
 _SMALLEST_SHOWN_M = 1e-6

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.answer import without
 from jointid.arrays import Floats
-from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres, study_outcome
+from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, study_outcome
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
@@ -18,9 +18,6 @@ from jointid.reporting.curves import IDENTIFIED, NOMINAL
 from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
 from jointid.rounding import significant
 from jointid.study import Analysis
-
-ZONES_M = (0.001, 0.005, 0.010)
-"""Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
 
 
 class FigureNumbers:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable
+from functools import wraps
+from threading import Semaphore
+from typing import ParamSpec, TypeVar
 
 import streamlit as st
 
@@ -22,7 +26,33 @@ MOST_ANALYSES = 64
 """Twenty persons with a study each and three estimators; the studies themselves are kept elsewhere."""
 
 
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+_LONGEST_WAIT_S = 1.0
+_turn = Semaphore(1)
+
+
+def in_turn(compute: Callable[Given, Found]) -> Callable[Given, Found]:
+    """Let a computation wait for those of other sessions: their short reruns go on meanwhile.
+
+    Sessions share one interpreter, so that ten computations at once would slow everybody's every click
+    tenfold, and end no sooner than in turn. None waits longer than a second, for a turn may be long.
+    """
+
+    @wraps(compute)
+    def waited(*given: Given.args, **named: Given.kwargs) -> Found:
+        mine = _turn.acquire(timeout=_LONGEST_WAIT_S)
+        try:
+            return compute(*given, **named)
+        finally:
+            if mine:
+                _turn.release()
+
+    return waited
+
+
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines, identifying the springs")
+@in_turn
 def analysis(digest: str, method: str, _study: Study) -> Analysis:
     """Run the whole method."""
     return analyse(_study, method=method)

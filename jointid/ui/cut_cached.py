@@ -5,10 +5,11 @@ from __future__ import annotations
 import streamlit as st
 
 from jointid import Analysis, Elasticity
-from jointid.cut.outcome import Outcome, Promise, promised, with_promise
+from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promise
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
+from jointid.ui.cached import in_turn
 from jointid.ui.cut_settings import CutSettings, usual
 
 MapKey = tuple[str, str, CutSettings, str]
@@ -32,16 +33,24 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
 def pair(
     digest: str, method: str, settings: CutSettings, zone_m: float, outcome: Outcome
 ) -> tuple[TrackingRun, TrackingRun]:
-    """Cut before and after by the robots of an outcome with ``settings``, with another corner zone."""
+    """Cut before and after with a corner zone of Figure 7, by the robots that cut its largest one.
+
+    So the figure stays as it is while the zone of ``settings`` changes, but where the two are the same.
+    """
     if zone_m == settings.zone_m:
         return outcome.before, outcome.after
-    there, edge = settings.with_zone(zone_m), outcome.edge
-    before = _before(digest, method, there, outcome.robot, outcome.assumed)
-    springs = (*edge.K.tolist(), *edge.D.tolist())
-    return before, _after(digest, method, there.after, springs, outcome.robot, edge)
+    there, largest = settings.with_zone(zone_m), settings.with_zone(ZONES_M[-1])
+    robot = outcome.robot
+    before = _before(digest, method, there, robot, outcome.assumed)
+    promise = _promise(digest, method, largest.after, robot)
+    if there == largest:
+        return before, promise.after
+    springs = (*promise.edge.K.tolist(), *promise.edge.D.tolist())
+    return before, _after(digest, method, there.after, springs, robot, promise.edge)
 
 
 @st.cache_resource(max_entries=512, show_spinner=False)
+@in_turn
 def _before(
     digest: str, method: str, settings: CutSettings, _robot: CutRobot, _assumed: Elasticity | None
 ) -> TrackingRun:
@@ -56,11 +65,13 @@ def _before(
 
 
 @st.cache_resource(max_entries=256, show_spinner="Cutting")
+@in_turn
 def _promise(digest: str, method: str, settings: CutSettings, _robot: CutRobot) -> Promise:
     return promised(_robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
 
 
 @st.cache_resource(max_entries=512, show_spinner=False)
+@in_turn
 def _after(
     digest: str,
     method: str,
@@ -80,6 +91,7 @@ def _after(
 
 
 @st.cache_resource(max_entries=256, show_spinner=False)
+@in_turn
 def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outcome) -> list[float]:
     """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
     ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]

@@ -9,15 +9,12 @@ from html import escape
 import streamlit as st
 
 from jointid import JointIdError, TrackingRun
-from jointid.cut.outcome import Outcome, millimetres
+from jointid.cut.outcome import ZONES_M, Outcome, millimetres
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
 from jointid.ui import cut_cached
 from jointid.ui.cut_settings import CutSettings
 from jointid.ui.page import Page
-
-ZONES_M = (0.001, 0.005, 0.010)
-"""Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
 
 _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
@@ -32,7 +29,8 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         except JointIdError as error:
             pairs.append((zone, str(error)))
     names = (nominal, "identified")
-    html = page.drawn(f"figure 7 {settings}", lambda: _figure_7_html(pairs, names, colours(page.dark)))
+    own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
+    html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))
     st.html(html)
     done = [(zone, runs) for zone, runs in pairs if not isinstance(runs, str)]
     if not done:

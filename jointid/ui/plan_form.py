@@ -18,6 +18,7 @@ from jointid.planning.plan import (
     suggest_records,
 )
 from jointid.rounding import significant, with_error
+from jointid.ui.cached import in_turn
 from jointid.ui.charts import Table
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import Page
@@ -98,6 +99,7 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
 
 
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
+@in_turn
 def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
     """Choose the records that would cut the worst error bar most."""
     return suggest_records(
@@ -195,6 +197,7 @@ def predicted(
 
 
 @st.cache_resource(max_entries=64, show_spinner=False)
+@in_turn
 def _predicted(
     digest: str, method: str, pose: str, table: dict[str, tuple[float, ...]], _analysis: Analysis
 ) -> PredictedErrors:
