@@ -137,9 +137,9 @@ def server(new_server: Callable[[], Server]) -> Iterator[Server]:
     server.kill()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def address(new_server: Callable[[], Server]) -> Iterator[str]:
-    """Where a server stands that the tests of a file share."""
+    """Where a server stands that tests share: what one has computed, the next one need not."""
     server = new_server()
     yield server.address
     server.kill()
