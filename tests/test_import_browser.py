@@ -165,9 +165,7 @@ def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_p
     near_the_truth(page)
 
 
-def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
-    log: Log, page: Page, browser: Browser, shared: Server
-) -> None:
+def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(log: Log, page: Page, shared: Server) -> None:
     upload(page, "cell.csv", as_csv(log, RATIOS, RATED_NM))
     correct(page)
     page.reload(wait_until="commit")
@@ -182,8 +180,7 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
     shared.kill()
     page.goto("about:blank")
     shared.start()
-    context = browser.new_context()
-    again = new_page(context)
+    again = new_page(page.context)
     again.goto(address, wait_until="commit")
     expect(again.get_by_text("Still open: cell.csv")).to_be_visible()
     finished(again, "Import a log")
@@ -197,7 +194,7 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(
     again.goto(address, wait_until="commit")
     finished(again, "Import a log")
     expect(again.get_by_text("Still open")).to_have_count(0)
-    context.close()
+    again.close()
 
 
 def is_kept(server: Server, text: str) -> bool:
