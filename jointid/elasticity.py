@@ -57,8 +57,7 @@ class ElasticityFit:
     """Damping, shape (n,), N·m·s/rad."""
     covariance: Floats
     """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n): the noise of the phasors carried through
-    the estimator, times ``misfit`` where that is above 1; with friction, what its unseen harmonics may
-    do is added."""
+    the estimator, times ``inflation``; with friction, what its unseen harmonics may do is added."""
     residual: Complexes
     """Spring torque that K and D leave unexplained, by record and joint, shape (r, n), N·m."""
     residual_noise: Floats
@@ -71,6 +70,9 @@ class ElasticityFit:
     """The springs' equations, their torque freed from friction and delay where these were fitted."""
     phasors: Phasors
     """The phasors in these equations: those given, freed from friction and delay likewise."""
+    inflation: float = 1.0
+    """Factor by which the model's misfit widens the variances, at least 1: ``misfit``, or with maximum
+    likelihood that of the fundamental."""
     unseen_error: Floats | float = 0.0
     """The part of ``standard_error`` that no noise makes: friction beyond the harmonics, (2n,)."""
     friction: Friction | None = None
@@ -199,8 +201,7 @@ def _likelihood_fit(
         share = 4 / np.pi * np.abs(p[2 * n : 3 * n]) / np.median(np.abs(estimate.phasors.tau), axis=0)
         floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
         fit = replace(fit, covariance=fit.covariance + np.diag(floor**2), unseen_error=floor)
-    inflation = max(1.0, fit.misfit)
-    error = np.sqrt(np.diag(estimate.covariance) * inflation)
+    error = np.sqrt(np.diag(estimate.covariance))
     friction = (
         Friction(p[2 * n : 3 * n], p[3 * n : 4 * n], error[2 * n : 4 * n])
         if choice.model.reversal is not None
@@ -220,12 +221,18 @@ def _fit(method: str, estimate: Estimate, equations: SpringEquations, phasors: P
     K, D = estimate.p[:n], estimate.p[n : 2 * n]
     squared = equations.omega[:, None] ** 2
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
-    inflation = max(1.0, estimate.cost / estimate.expected_cost) if estimate.expected_cost > 0 else 1.0
+    covariance, inflation = estimate.covariance[: 2 * n, : 2 * n], 1.0
+    if isinstance(estimate, LikelihoodEstimate):
+        inflation = estimate.inflation  # which its covariance holds
+    elif estimate.expected_cost > 0:
+        inflation = max(1.0, estimate.cost / estimate.expected_cost)
+        covariance = covariance * inflation
     return ElasticityFit(
         method=method,
         K=K,
         D=D,
-        covariance=estimate.covariance[: 2 * n, : 2 * n] * inflation,
+        covariance=covariance,
+        inflation=inflation,
         residual=-equations.residual(K, D) / squared,
         residual_noise=noise / squared,
         cost=estimate.cost,

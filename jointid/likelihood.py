@@ -34,6 +34,8 @@ class LikelihoodEstimate(Estimate):
 
     phasors: Phasors
     """The phasors whose torque is freed from friction and delay: what the springs and inertias got."""
+    inflation: float
+    """Factor of the fundamental's variance in ``covariance``, for what the model leaves unexplained."""
 
 
 def maximum_likelihood(
@@ -93,6 +95,7 @@ def maximum_likelihood(
         expected_cost=max((problem.rows - rank - p.size) / 2, 0.0),
         parameters=rank + p.size,
         phasors=clean,
+        inflation=float(scale[0]),
     )
 
 

@@ -28,7 +28,6 @@ _WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs
 _NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
 _LOST = 100.0  # misfit from which on the search is begun again elsewhere
 _FAR = 1e4  # misfit of one friction's form from which on a richer one leads nowhere either
-_FOUND = 10.0  # misfit that shows the other beginning to be the right one
 _BEYOND_DOUBT = 1000.0  # squared distance of friction from nothing, in its errors: far beyond _CLEAR
 
 
@@ -66,13 +65,14 @@ def _widened(search: _Search) -> Choice:
     if misfit < _LOST:
         return search.choice(best)
     better = min(misfit / 10, _FAR)
-    probe = Model(search.frictions[:3][-1][0], search.lags[0])
+    good = _LOST if np.isinf(misfit) else min(misfit / 3, max(_LOST, misfit / _LOST))
+    probe = Model(search.frictions[:3][-1][0], search.lags[-1])
     for start in _other_starts(search.phasors, search.inertia):
         other = replace(search, start=start, tried={})
         other.fit(probe)
         if other.misfit(probe) < better:
             found = other.widen()
-            if other.misfit(found) < max(_FOUND, misfit / _LOST if np.isfinite(misfit) else 0.0):
+            if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
 
@@ -108,17 +108,20 @@ class _Search:
         if (problem := self._pointless(model)) is not None:
             self.tried[model] = problem
             return
+        self.tried[model] = self._fitted(model, self._begin(model))
+
+    def _fitted(self, model: Model, start: Floats) -> LikelihoodEstimate | JointIdError:
         try:
-            self.tried[model] = maximum_likelihood(
+            return maximum_likelihood(
                 self.phasors,
                 self.inertia,
-                self._begin(model),
+                start,
                 friction=self._waveforms(model.reversal, model.curve),
                 delay=model.delay,
                 noise=self.noise,
             )
         except JointIdError as error:
-            self.tried[model] = error
+            return error
 
     def _pointless(self, model: Model) -> JointIdError | None:
         """Say so where a fit could not be the best."""
@@ -180,6 +183,21 @@ class _Search:
             best = self.best(models)
             if self.explains(best):
                 break
+        return self.plainer(best, models)
+
+    def plainer(self, best: Model, models: Sequence[Model]) -> Model:
+        """Fit again without friction from what was found with it: alone it may have gone astray."""
+        plain, found = Model(None, best.delay), self.tried[best]
+        if best == plain or plain not in models or self._hopeless(plain):
+            return best
+        if isinstance(found, JointIdError):
+            return best
+        lag = found.p[-1:] if best.delay else found.p[:0]
+        before = self.misfit(plain)
+        again = self._fitted(plain, np.concatenate([found.p[: 2 * self.phasors.n], lag]))
+        if isinstance(again, LikelihoodEstimate) and _misfit(again) < before:
+            self.tried[plain] = again
+            return self.best(models)
         return best
 
     def explains(self, model: Model) -> bool:

@@ -177,6 +177,46 @@ def test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end(start: tuple
     assert np.all(np.abs(found - [*good.K, *good.D]) < 0.05 * good.standard_error)
 
 
+def test_another_beginning_is_found_also_where_the_model_does_not_fit_well() -> None:
+    """Rotor inertias 2.5 % off under friction."""
+    phasors = extract_phasors(prescribed_motion(np.sign))
+    wrong = Inertia(1.025 * PARALLELOGRAM.M, PARALLELOGRAM.M2)
+    good = identify_elasticity(phasors, wrong)
+    assert good.misfit > 20
+    choice = choose_model(
+        phasors,
+        wrong,
+        np.array([-10, 8, 0.1, 0.02]),
+        spring_equations(phasors, wrong).noise,
+        friction=False,
+        delay=False,
+    )
+    assert isinstance(choice.estimate, LikelihoodEstimate)
+    assert np.allclose(choice.estimate.p[:2], good.K, rtol=1e-4)
+
+
+@pytest.mark.parametrize("delay_s", [0.008, 0.013, -0.004])
+def test_a_long_lag_alone_is_no_friction(delay_s: float) -> None:
+    fit = identify_elasticity(
+        extract_phasors(prescribed_motion(lambda v: 0 * v, delay_s=delay_s)), PARALLELOGRAM
+    )
+    assert fit.friction is None
+    assert fit.delay == pytest.approx(delay_s, abs=2e-6)
+    assert errors_percent(fit).max() < 0.2
+
+
+def test_error_bars_widen_once_by_what_the_model_leaves() -> None:
+    """Rotor inertias 1 % off: bars grow as the root of the fundamental's misfit, no further."""
+    phasors = extract_phasors(prescribed_motion(lambda v: 0 * v))
+    right = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood")
+    wrong = identify_elasticity(
+        phasors, Inertia(1.01 * PARALLELOGRAM.M, PARALLELOGRAM.M2), method="maximum-likelihood"
+    )
+    assert wrong.inflation > 3
+    wider = wrong.standard_error / right.standard_error * np.sqrt(right.inflation)
+    assert np.allclose(wider, np.sqrt(wrong.inflation), rtol=0.1)
+
+
 def test_models_without_certain_friction_are_not_fitted_and_say_so() -> None:
     fit = identify_elasticity(extract_phasors(prescribed_motion(np.sign)), PARALLELOGRAM)
     without = [c for c in fit.candidates if not c.friction]

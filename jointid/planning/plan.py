@@ -86,7 +86,7 @@ def predict_standard_errors(
         [pose] * count,
         now,
     ).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(max(1.0, fit.misfit))
+    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
     today, alone, both = (
         inflation * np.sqrt(np.diag(bound(information))[:p]) for information in (old, new, old + new)
     )
@@ -185,7 +185,7 @@ def suggest_records(
         now,
     )
     total = measured_information(phasors, each, now).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(max(1.0, fit.misfit))
+    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
     estimate = np.abs(np.concatenate([fit.K, fit.D]))
     estimate = np.maximum(estimate, fit.standard_error)  # a damping near zero has no relative error
 

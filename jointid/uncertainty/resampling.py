@@ -132,7 +132,7 @@ def bootstrap(
         raise JointIdError(f"draws = {draws!r}: expected a whole number from 2 to 100000.")
     rng = np.random.default_rng(seed)
     noise = spring_equations(phasors, inertia).noise
-    root = _root(noise.covariance) * np.sqrt(max(1.0, fit.misfit))
+    root = _root(noise.covariance) * np.sqrt(fit.inflation)
     root *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
     if fit.method in ("least-squares", "explicit"):

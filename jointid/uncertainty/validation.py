@@ -89,7 +89,6 @@ def predict_left_out(
     method = "weighted" if fit.method == "weighted" else "maximum-likelihood"
     if fit.method in ("least-squares", "explicit"):
         method = fit.method
-    inflation = max(1.0, fit.misfit)
     rows, estimates = [], []
     for fold in range(folds):
         out = np.concatenate([group for _, group in groups[fold::folds]])
@@ -100,8 +99,8 @@ def predict_left_out(
         predicted = motor_response(matrix.omega, inertia, part.elasticity)
         slope = _slope_of_response(matrix.omega, inertia, part.elasticity)
         # Both errors grow with what the model leaves unexplained.
-        covariance = matrix.covariance * inflation
-        own = part.covariance * inflation / max(1.0, part.misfit)
+        covariance = matrix.covariance * fit.inflation
+        own = part.covariance * fit.inflation / part.inflation
         covariance = covariance + slope @ own @ slope.conj().swapaxes(1, 2)
         apart = (matrix.H - predicted).reshape(len(predicted), -1, 1)
         floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2

@@ -25,7 +25,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     if fit.method == paper.method or np.any(fit.K <= 0):
         return
     p, other = np.concatenate([fit.K, fit.D]), np.concatenate([paper.K, paper.D])
-    by_noise = paper.standard_error / np.sqrt(max(1.0, paper.misfit))
+    by_noise = paper.standard_error / np.sqrt(paper.inflation)
     error = np.hypot(fit.standard_error, by_noise)
     share = relative(other - p, p)
     clear = (np.abs(other - p) > _CLEAR * error) & (share > 2e-3)

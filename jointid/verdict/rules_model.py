@@ -49,7 +49,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
 def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     """The error bar is so wide that the value says little."""
     fit = evidence.fit
-    error = fit.standard_error / np.sqrt(max(1.0, fit.misfit))  # what is not noise has its own finding
+    error = fit.standard_error / np.sqrt(fit.inflation)  # what is not noise has its own finding
     share = relative(error, np.concatenate([fit.K, fit.D]))
     limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
     names = [n for n, s, m in zip(parameter_names(fit.n), share, limit, strict=True) if s > m]
@@ -119,7 +119,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if np.any(fit.K <= 0) or np.any(-2 * fit.standard_error[fit.n :] > fit.D):
         return
-    error = fit.standard_error / np.sqrt(max(1.0, fit.misfit))
+    error = fit.standard_error / np.sqrt(fit.inflation)
     share = float(relative(error, np.concatenate([fit.K, fit.D])).max())
     missed = []
     for pose in dict.fromkeys(evidence.poses):
