@@ -32,10 +32,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.experiment import Controller, Excitation, Measurement
-from jointid.likelihood import harmonic_scale, inverse_normal, quadratic
-from jointid.springs import inertia_arrays
-from jointid.torque_balance import make_problem
-from jointid.uncertainty.chosen_model import chosen_friction, refit
+from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
     InertiaSensitivity,
@@ -143,10 +140,10 @@ def turned_inertia(sensitivity: InertiaSensitivity, column: int, share: float) -
 
 @pytest.mark.parametrize(
     ("model", "rtol"),
-    [({}, 0.01), ({"friction": True}, 0.15), ({"friction": True, "delay": True}, 0.15)],
+    [({}, 0.01), ({"friction": True}, 0.03), ({"friction": True, "delay": True}, 0.03)],
 )
-def test_one_step_agrees_with_complete_refits(model: dict[str, bool], rtol: float) -> None:
-    """What is reported, against fits made anew; with friction these weigh harmonics anew too."""
+def test_few_steps_agree_with_complete_refits(model: dict[str, bool], rtol: float) -> None:
+    """What is reported, against fits made anew with inertias that are off by one per cent."""
     phasors, inertia = (rubbing(), PARALLELOGRAM) if model else (measured(), SERIAL)
     fit = fitted(phasors, inertia, "maximum-likelihood", **model)
     sensitivity = inertia_sensitivity(phasors, inertia, fit)
@@ -154,38 +151,11 @@ def test_one_step_agrees_with_complete_refits(model: dict[str, bool], rtol: floa
     for column, value in enumerate(sensitivity.value):
         up, down = (
             refit(phasors, turned_inertia(sensitivity, column, share), fit).p[:4]
-            for share in (2e-3, -2e-3)
+            for share in (1e-2, -1e-2)
         )
-        slope[:, column] = (up - down) / (4e-3 * value)
+        slope[:, column] = (up - down) / (2e-2 * value)
     again = replace(sensitivity, slope=slope)
     assert np.allclose(sensitivity.standard_error(), again.standard_error(), rtol=rtol)
-
-
-def test_one_step_goes_where_the_optimum_goes() -> None:
-    """With the weights held, as many Gauss-Newton steps as it takes, from inertias off by 0.1 %."""
-    phasors = rubbing()
-    fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True, delay=True)
-    assert fit.friction is not None
-    sensitivity = inertia_sensitivity(phasors, PARALLELOGRAM, fit)
-    waveforms = chosen_friction(phasors, fit)
-    p = np.concatenate([fit.K, fit.D, fit.friction.coulomb, fit.friction.viscous])
-    p = np.concatenate([p, np.zeros(2 * waveforms.curve.shape[3]), [fit.delay or 0.0]])
-    problem = make_problem(phasors, PARALLELOGRAM, p, waveforms, True, fit.equations.noise)
-    _, scale = harmonic_scale(problem, p)
-
-    def optimum(inertia: Inertia) -> np.ndarray:
-        M, arm = inertia_arrays(phasors, inertia)
-        at = p.copy()
-        for _ in range(20):
-            _, gradient, normal = quadratic(replace(problem, M=M, arm=arm), at, scale)
-            at -= inverse_normal(problem, normal) @ gradient
-        return at[:4]
-
-    for column, value in enumerate(sensitivity.value):
-        up, down = (optimum(turned_inertia(sensitivity, column, share)) for share in (1e-3, -1e-3))
-        expected = (up - down) / (2e-3 * value)
-        largest = np.abs(sensitivity.slope).max(axis=1)
-        assert np.allclose(sensitivity.slope[:, column], expected, rtol=0, atol=5e-3 * largest)
 
 
 def test_second_error_bar() -> None:

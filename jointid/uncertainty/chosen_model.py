@@ -17,6 +17,7 @@ from jointid.phasors import Phasors
 from jointid.springs import inertia_arrays, spring_equations
 from jointid.torque_balance import make_problem
 
+_GAUSS_NEWTON = 2  # steps after which inertias that are off by a per cent move the optimum no more
 _LINEAR = {"least-squares": least_squares, "explicit": explicit, "weighted": weighted}
 
 
@@ -69,10 +70,9 @@ def difference_by_inertia(
 ) -> Callable[[Sequence[Inertia], Sequence[Inertia]], Floats]:
     """Return a function of two sets of inertias that says by how much K and D differ between them.
 
-    A linear estimator estimates twice. The likelihood's optimum moves, to first order, by
-    −(JᵀJ)⁻¹(g₁ − g₂) with the half gradients g of its cost at the fit: one Gauss-Newton step. Noise,
-    friction's waveforms and the weights of the harmonics are those of the records, of which inertias
-    change nothing.
+    A linear estimator estimates twice. The likelihood's optimum is followed by Gauss-Newton steps from
+    the fit, each with the weights that the harmonics have by then. Noise and friction's waveforms are
+    those of the records, of which inertias change nothing.
 
     Parameters
     ----------
@@ -89,14 +89,17 @@ def difference_by_inertia(
     if waveforms is not None and waveforms.curve.shape[3]:
         p = maximum_likelihood(phasors, inertia, p, friction=waveforms, delay=lags, noise=noise).p
     problem = make_problem(phasors, inertia, p, waveforms, lags, noise)
-    _, scale = harmonic_scale(problem, p)
-    inverse = inverse_normal(problem, quadratic(problem, p, scale)[2])[:n2]
 
-    def gradient(inertias: Sequence[Inertia]) -> Floats:
+    def optimum(inertias: Sequence[Inertia]) -> Floats:
         M, arm = inertia_arrays(phasors, inertias)
-        return quadratic(replace(problem, M=M, arm=arm), p, scale)[1]
+        changed, x = replace(problem, M=M, arm=arm), p
+        for _ in range(_GAUSS_NEWTON):
+            _, scale = harmonic_scale(changed, x)
+            _, gradient, normal = quadratic(changed, x, scale)
+            x = x - inverse_normal(changed, normal) @ gradient
+        return x[:n2]
 
-    return lambda one, other: np.asarray(inverse @ (gradient(other) - gradient(one)))
+    return lambda one, other: optimum(one) - optimum(other)
 
 
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:

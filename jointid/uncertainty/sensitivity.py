@@ -20,7 +20,7 @@ from jointid.phasors import Phasors
 from jointid.threads import one_thread
 from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_each, parameter_names
 
-_STEP = 1e-3
+_STEP = 1e-2
 """Relative change of an inertia for central differences; their error is of its square."""
 
 
