@@ -35,7 +35,13 @@ OPENED, SEEN, NEW = "opening a study", "page and setting seen before", "page or 
 
 
 def measure(quick: bool) -> Iterator[Table]:
-    """One table: every rerun, and the kinds of which it is made."""
+    """Two tables: every rerun, and the kinds of which it is made."""
+    for shared in (True, False):
+        yield _crowd(shared, quick)
+
+
+def _crowd(shared: bool, quick: bool) -> Table:
+    """Twenty people with one study, as in a course, or each with a study that nobody else has."""
     sys.path.insert(0, str(ROOT / "tests"))
     from browsing import Server
 
@@ -45,9 +51,13 @@ def measure(quick: bool) -> Iterator[Table]:
     with tempfile.TemporaryDirectory() as folder:
         server = Server(ROOT, Path(folder))
         try:
-            places = [_kept(sample, number, Store(Path(folder))) for number in range(people)]
+            store = Store(Path(folder))
+            places = [_kept(sample, 0 if shared else k, store) for k in range(people)]
             _warmed(server.address)
             crowd = [Person(server.address, *places[k], random.Random(k)) for k in range(people)]
+            if shared:  # what one of them has seen, the server has computed for all
+                for person in crowd:
+                    person.seen = crowd[0].seen
             begin = time.monotonic()
             until, grown, worked = (
                 begin + lasting,
@@ -68,17 +78,18 @@ def measure(quick: bool) -> Iterator[Table]:
     took = [one for person in crowd for one in person.took]
     rows = [_row("every rerun", [s for _, s in took])]
     rows += [_row(kind, [s for k, s in took if k == kind]) for kind in (SEEN, NEW, OPENED)]
-    yield Table(
-        "sessions",
-        f"{people} people at once",
+    whose = "one study" if shared else "a study each"
+    return Table(
+        f"sessions, {whose}",
+        f"{people} people at once, {whose}",
         COLUMNS,
         tuple(row for row in rows if row),
         (
-            f"They arrive within {arriving:g} s at a server that has shown a page before, each with a "
-            "study of two joints that nobody else has, and act every "
+            f"They arrive within {arriving:g} s at a server that has shown a page before, with "
+            f"{'the same study' if shared else 'studies'} of two joints, and act every "
             f"{thinking[0]:g} to {thinking[1]:g} s until {lasting:g} s: another page, or on it another "
             "record, estimator or corner zone of the cut. Opening is the first screen of a study that "
-            "the server keeps. The first time is that of this person with this page, estimator and "
+            "the server keeps. The first time is that of this study with this page, estimator and "
             "setting, and what the first screen adds by itself once it stands.",
             f"The server kept {worked / passed:.2f} processors busy; its memory grew by {grown:.0f} MB "
             "per person.",
