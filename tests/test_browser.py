@@ -15,6 +15,7 @@ from browsing import (
     too_wide,
 )
 from playwright.sync_api import Page, expect
+from sessions import Session
 
 from jointid import Study
 from jointid.study_files import pack_study
@@ -45,11 +46,20 @@ def figures(page: Page, count: int) -> None:
 
 
 @pytest.mark.parametrize("path", list(PAGES)[1:])
-def test_a_fresh_server_opens_every_page_by_its_address(
-    server: Server, open_in: Callable[..., Page], path: str
+def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None:
+    session = Session(server.address)
+    elements = session.run(path)
+    session.close()
+    titles = [e.heading.body for e in elements if e.HasField("heading") and e.heading.tag == "h1"]
+    assert titles == [PAGES[path]]
+    assert not any(e.HasField("exception") for e in elements)
+
+
+def test_a_fresh_server_opens_a_page_by_its_address(
+    server: Server, open_in: Callable[..., Page]
 ) -> None:
-    page = open_in(f"{server.address}/{path}")
-    finished(page, PAGES[path])
+    page = open_in(f"{server.address}/Cut")
+    finished(page, PAGES["Cut"])
     assert not page.get_by_text("Page not found").count()
 
 
