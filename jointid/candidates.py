@@ -21,9 +21,10 @@ class Model:
     @property
     def name(self) -> str:
         """The model in words."""
-        parts = ["elasticity"] + ["friction"] * (self.reversal is not None) + ["delay"] * self.delay
+        friction = ["friction that varies with speed" if self.curve else "friction"]
+        parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
         return " + ".join(parts) + (
-            f", reversals free below {self.reversal:.0%}" if self.reversal else ""
+            f", reversals free below {100 * self.reversal:g} %" if self.reversal else ""
         )
 
 

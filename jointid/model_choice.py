@@ -141,7 +141,7 @@ class _Search:
         )
         if gain / max(1.0, _misfit(without)) > _WORTH_A_FIT:
             return None
-        return JointIdError("Not fitted: a lag of the torque would not lower the cost by its penalty.")
+        return JointIdError("Not fitted: the data show no lag of the torque.")
 
     def _hopeless(self, model: Model) -> bool:
         """Whether it lacks friction where the same with friction shows Coulomb's beyond doubt.
@@ -149,6 +149,8 @@ class _Search:
         The cost would rise by half the square of friction's distance from nothing in its errors.
         """
         rubbing = self.tried.get(Model(0.0, model.delay))
+        if isinstance(rubbing, JointIdError):  # with friction no lag is to be seen
+            rubbing = self.tried.get(Model(0.0, False))
         if model.reversal is not None or not isinstance(rubbing, LikelihoodEstimate):
             return False
         coulomb = slice(2 * self.phasors.n, 3 * self.phasors.n)

@@ -113,8 +113,9 @@ def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> s
     *first, last = causes or ["the controller's rate"]
     named = f"{', '.join(first)} and {last}" if first else last
     return (
-        f"What remains, {left}, is {named}, not the springs: within the fit's uncertainty it changes by "
-        f"{millimetres(outcome.spread_m)}."
+        f"What remains, {left}, is {named}, not the springs: within the noise of the fit it changes by "
+        f"{millimetres(outcome.spread_m)}, and its 95 % point is shown. Inertias that are off move K by "
+        "more: what an error of K costs stands below."
     )
 
 

@@ -52,13 +52,15 @@ def show_also_fitted(fit: ElasticityFit) -> None:
 
 def _show_candidates(candidates: Sequence[Candidate]) -> None:
     st.write(
-        "The simplest model that the data support is taken: the one with the smallest criterion, which "
-        "weighs what is left unexplained against the number of parameters."
+        "The model with the smallest criterion is taken: what is left unexplained, plus a price for "
+        "every parameter. Around a reversal a motor may stick, and its friction is then unknown: "
+        '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at the '
+        "price of many parameters."
     )
     st.table(
         {
             "Model": [c.name + (" (taken)" if c.chosen else "") for c in candidates],
-            "Parameters": [str(c.parameters) for c in candidates],
+            "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
             "Left over / noise": [_left_over(c) for c in candidates],
             "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
         },

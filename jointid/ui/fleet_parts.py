@@ -129,6 +129,9 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
                     },
                 )
             )
+    if not any(len(spread.rows) >= LEAST for spread in spreads):
+        st.info(f"With fewer than {LEAST} studies nothing can be said to stand out.")
+        return
     if not found:
         st.success("Nothing stands out for this joint.")
         return

@@ -48,12 +48,10 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         time = proposed[0] if proposed else names[0]
         others = [name for name in names if name != time]
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
+        key = f"import curves {log.signature}"
+        begun = None if key in st.session_state else curves[:_FEW_CURVES]
         chosen = st.multiselect(
-            "Columns in the picture",
-            others,
-            default=curves[:_FEW_CURVES],
-            key=f"import curves {log.signature}",
-            persist_state="session",
+            "Columns in the picture", others, begun, key=key, persist_state="session"
         )
         headings = {c.name: _heading(c.name, c.unit) for c in log.columns}
         if chosen:

@@ -26,9 +26,11 @@ def show_refused() -> None:
         return
     st.error(f"**{refused.file} was not opened.** {refused.message}")
     if refused.tables:
-        with st.expander("What is in the file", expanded=True):
-            names = [table.name for table in refused.tables]
-            culprit = next((k for k, table in enumerate(refused.tables) if table.refused), 0)
+        names = [table.name for table in refused.tables]
+        culprits = [k for k, table in enumerate(refused.tables) if table.refused]
+        # Where no table is at fault, none hides the page.
+        with st.expander("What is in the file", expanded=bool(culprits)):
+            culprit = next(iter(culprits), 0)
             name = st.selectbox(
                 "Table",
                 names,

@@ -242,7 +242,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         draws = _SLOW_DRAWS if slow else _FAST_DRAWS
         if not place.button(f"Check the error bars ({draws} draws)", key="check_errors"):
             return
-        place.empty()
+        place.button("Checking the error bars", key="checking_errors", disabled=True)
         with working.container():
             bar = st.progress(0.0, "Drawing noise")
             st.button("Stop", key="stop_checks", help="Ends the check; nothing is kept of it.")
@@ -252,6 +252,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
             working.error(str(error))
             return
         keep(page, "checks", checks)
+        place.empty()
         working.empty()
     drawn, left_out = checks
     names, (_, stated) = names_of(analysis), estimates_of(analysis)

@@ -120,8 +120,8 @@ def _all_well(fit: ElasticityFit) -> Finding:
     ]
     parts = " with " + " and ".join(beyond) if beyond else ""
     return good(
-        "The model explains the data; noise limits the answer",
-        f"One standard error: {errors}. The equations{parts} leave "
-        f"{number(np.sqrt(fit.misfit), 2)} times what the noise explains. What the inertias M "
-        "and M2 are off comes on top.",
+        "The model explains the data",
+        f"The equations{parts} leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
+        f"One standard error from noise alone: {errors}. Inertias M and M2 that are off are not seen "
+        "here, and may move K and D by far more.",
     )

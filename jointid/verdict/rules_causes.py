@@ -24,6 +24,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     fit, paper = evidence.fit, evidence.paper
     if fit.method == paper.method or np.any(fit.K <= 0):
         return
+    if fit.friction is not None and np.any(fit.friction.coulomb < -fit.friction.standard_error[: fit.n]):
+        return  # friction that drives is none
     p, other = np.concatenate([fit.K, fit.D]), np.concatenate([paper.K, paper.D])
     by_noise = paper.standard_error / np.sqrt(paper.inflation)
     error = np.hypot(fit.standard_error, by_noise)
