@@ -58,8 +58,8 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "Models that were compared. Left over / noise: what the equations leave over what noise "
             "explains, 1 is ideal. "
             "The model of the smallest information criterion is chosen. One without a criterion could "
-            "not be fitted, need not be because friction or the lack of a lag is certain, or adds what does "
-            "not stand out of its own error.",
+            "not be fitted, need not be because friction or the lack of a lag is certain, or adds what "
+            "does not stand out of its own error.",
         )
     names = parameter_names(fit.n)
     yield Table(

@@ -115,7 +115,7 @@ def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> s
     return (
         f"What remains, {left}, is {named}, not the springs: within the noise of the fit it changes by "
         f"{millimetres(outcome.spread_m)}, and its 95 % point is shown. Inertias that are off move K by "
-        "more: what an error of K costs stands below."
+        "more: the page Cut says what an error of K costs."
     )
 
 

@@ -54,8 +54,8 @@ def _show_candidates(candidates: Sequence[Candidate]) -> None:
     st.write(
         "The model with the smallest criterion is taken: what is left unexplained, plus a price for "
         "every parameter. Around a reversal a motor may stick, and its friction is then unknown: "
-        '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at the '
-        "price of many parameters."
+        '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at '
+        "the price of many parameters."
     )
     st.table(
         {
