@@ -26,7 +26,7 @@ def cut(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Cut the paper's rectangle before and after the identification, simulated."""
+    """Cut the paper's rectangle, before and after."""
     from jointid.cut.outcome import millimetres
     from jointid.cut.robot import cut_robot, demonstration
 
