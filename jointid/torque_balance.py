@@ -34,13 +34,17 @@ class Problem:
     arm: Floats  # M2⁻¹, (r, n, n)
     friction: FrictionWaveforms | None
     names: tuple[str, ...]  # of the parameters, K and D first
-    free: FreeFriction
     stiffest: Floats  # far above the linear estimate: a stiffness that runs away is none
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.M.shape[1])
+
+    @property
+    def free(self) -> FreeFriction:
+        """What friction may do around the reversals."""
+        return FreeFriction(()) if self.friction is None else self.friction.free
 
     @property
     def counts(self) -> np.ndarray:
@@ -84,7 +88,6 @@ def make_problem(
         arm=arm,
         friction=friction,
         names=parameter_names(n, friction, delay=delay),
-        free=FreeFriction(()) if friction is None else friction.free,
         stiffest=100 * start[:n],
     )
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.elasticity import ElasticityFit
-from jointid.free_friction import FreeFriction
 from jointid.friction import friction_waveforms
 from jointid.joints import Inertia
 from jointid.noise import Noise
@@ -112,7 +111,6 @@ def record_information(
         arm=np.linalg.inv(np.array([i.M2 for i in inertias])),
         friction=waves,
         names=parameter_names(n, waves, delay=fit.delay is not None),
-        free=FreeFriction(()) if waves is None else waves.free,
         stiffest=np.full(n, np.inf),
     )
     p = np.zeros(now.parameters)
