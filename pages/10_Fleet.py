@@ -4,17 +4,10 @@ import streamlit as st
 
 from jointid.fleet.table import to_parquet
 from jointid.ui.charts import is_dark
+from jointid.ui.fleet_drift import show_drift
 from jointid.ui.fleet_files import open_fleet, show_samples_button
-from jointid.ui.fleet_parts import (
-    choose,
-    show_drift,
-    show_failed,
-    show_headline,
-    show_outstanding,
-    show_spread,
-    show_studies,
-    spreads_of,
-)
+from jointid.ui.fleet_parts import choose, show_headline, show_outstanding, show_spread, spreads_of
+from jointid.ui.fleet_studies import show_failed, show_studies
 from jointid.ui.page import start
 
 start("Fleet")

@@ -80,13 +80,8 @@ class ManyArms:
     def step(self, torque: Floats) -> None:
         """Advance by one step under motor torques reflected to the arm side, (2, runs), N·m."""
         self.log.append(self.link)
-        dt, link, rate, joint, joint_rate = (
-            self._dt,
-            self.link,
-            self._link_rate,
-            self.link,
-            self._link_rate,
-        )
+        dt, link, rate = self._dt, self.link, self._link_rate
+        joint, joint_rate = link, rate
         if self._serial:
             joint, joint_rate = joint.copy(), joint_rate.copy()
             joint[1] -= link[0]

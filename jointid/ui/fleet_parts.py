@@ -12,20 +12,8 @@ from jointid.fleet.row import Row
 from jointid.fleet.spread import LEAST, OUTSTANDING, Spread, fleet_spread
 from jointid.rounding import significant, with_error
 from jointid.ui.charts import plot, side_by_side, table
-from jointid.ui.fleet_drift import show_drift
-from jointid.ui.fleet_studies import SIGNS, label, show_failed, show_studies
+from jointid.ui.fleet_studies import SIGNS, label
 from jointid.wording import counted
-
-__all__ = [
-    "choose",
-    "show_drift",
-    "show_failed",
-    "show_headline",
-    "show_outstanding",
-    "show_spread",
-    "show_studies",
-    "spreads_of",
-]
 
 _UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
