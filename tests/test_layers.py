@@ -31,7 +31,7 @@ HOMES = {
     "distributed": ["jointid/fleet/cluster.py"],
     "dask": ["jointid/fleet/cluster.py"],
     "tomli_w": ["jointid/study_*.py", "jointid/checked_toml.py", "jointid/exporting/*"],
-    "reportlab": ["jointid/reporting/pdf.py"],
+    "reportlab": ["jointid/reporting/pdf*.py"],
     "control": ["jointid/exporting/*"],
     "h5py": ["jointid/importing/*"],
     "openpyxl": ["jointid/importing/*"],

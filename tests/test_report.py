@@ -33,7 +33,12 @@ from jointid.cut.outcome import millimetres, study_outcome
 from jointid.digest import study_digest
 from jointid.reporting.blocks import Figure, Paragraph, Report, Section, Table
 from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
-from jointid.reporting.figures import cut_figure, element_figure, single_record_figure
+from jointid.reporting.figures import (
+    PAGE_WIDTH,
+    cut_figure,
+    element_figure,
+    single_record_figure,
+)
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.rounding import with_error
 
@@ -238,6 +243,65 @@ def test_long_tables_break_over_pages() -> None:
     rows = tuple((f"record {k}", str(k)) for k in range(200))
     made = Report("Long", "", (Section("Rows", (Table(("record", "number"), rows),)),), "foot")
     assert to_pdf(made).count(b"/Type /Page\n") >= 3
+
+
+def left_empty(data: bytes, folder: Path) -> list[float]:
+    """Share of each page's room under its last line, the footer not counted."""
+    if shutil.which("pdftotext") is None:
+        pytest.skip("There is no pdftotext on the PATH.")
+    (folder / "r.pdf").write_bytes(data)
+    command = ["pdftotext", "-bbox", str(folder / "r.pdf"), "-"]
+    text = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+    pages = text.split("<page ")[1:]
+    lowest = [[float(y) for y in re.findall(r'yMax="([\d.]+)">', page)] for page in pages]
+    return [1 - (max(y for y in page if y < 795) - 50) / 742 for page in lowest]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_no_page_but_the_last_is_mostly_empty(
+    analyses: dict[int, Analysis], report: Report, n: int, tmp_path: Path
+) -> None:
+    """Figures give way a little, tables break."""
+    empty = left_empty(to_pdf(report if n == 2 else make_report(analyses[n])), tmp_path)
+    assert len(empty) > 1
+    assert max(empty[:-1]) < 0.35
+
+
+@pytest.mark.parametrize("lines", [0, 20, 35, 38, 42, 50])
+def test_a_figure_gives_way_before_it_leaves_a_page_empty(
+    analyses: dict[int, Analysis], lines: int, tmp_path: Path
+) -> None:
+    """Wherever the figures come to stand."""
+    figure = Figure((element_figure(analyses[2], 0, width=PAGE_WIDTH),), "Figure.")
+    text = tuple(Paragraph("A line.") for _ in range(lines))
+    made = Report("Figures", "", (Section("Here", (*text, *([figure] * 6))),), "foot")
+    assert max(left_empty(to_pdf(made), tmp_path)[:-1]) < 0.3
+
+
+def test_a_caption_stays_with_the_end_of_its_table(tmp_path: Path) -> None:
+    if shutil.which("pdftotext") is None:
+        pytest.skip("There is no pdftotext on the PATH.")
+    for count in range(44, 56):
+        rows = tuple((f"record {k}", str(k)) for k in range(count))
+        table = Table(("record", "number"), rows, "The caption.")
+        (tmp_path / "r.pdf").write_bytes(to_pdf(Report("", "", (Section("Rows", (table,)),), "")))
+        command = ["pdftotext", "-layout", str(tmp_path / "r.pdf"), "-"]
+        text = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+        last = next(page for page in text.split("\f") if "The caption." in page)
+        assert last.count("record ") >= 4
+
+
+def test_a_drawing_made_lower_keeps_what_is_to_scale() -> None:
+    line = Line(np.array([[0.0, 0.0], [30.0, 40.0]]), "#000000")
+    shapes = (line, Text(10, 20, "here", 7))
+    for to_scale, end in ((True, (24, 32)), (False, (30, 32))):
+        lower = Drawing(100, 50, shapes, "", to_scale).lowered(0.8)
+        assert (lower.width, lower.height) == (80 if to_scale else 100, 40)
+        drawn, text = lower.shapes
+        assert isinstance(drawn, Line)
+        assert isinstance(text, Text)
+        assert tuple(drawn.points[1]) == end
+        assert (text.y, text.size) == (16, 7)
 
 
 def test_empty_paragraphs_and_wide_tables_are_set() -> None:

@@ -5,7 +5,7 @@ Coordinates are in points (1/72 inch), x to the right and y downwards from the u
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 from xml.sax.saxutils import escape, quoteattr
 
@@ -63,6 +63,28 @@ class Drawing:
     shapes: tuple[Line | Marks | Text, ...]
     description: str
     """For those who cannot see it."""
+    to_scale: bool = False
+    """Whether a length means the same in both directions."""
+    least: float = 1.0
+    """Share of its height down to which it can still be read."""
+
+    def lowered(self, share: float) -> Drawing:
+        """Return the picture at a share of its height, texts and marks as large as before."""
+        if share == 1.0:
+            return self
+        across = share if self.to_scale else 1.0
+        return replace(
+            self,
+            width=across * self.width,
+            height=share * self.height,
+            shapes=tuple(_moved(shape, across, share) for shape in self.shapes),
+        )
+
+
+def _moved(shape: Line | Marks | Text, across: float, down: float) -> Line | Marks | Text:
+    if isinstance(shape, Text):
+        return replace(shape, x=across * shape.x, y=down * shape.y)
+    return replace(shape, points=shape.points * (across, down))
 
 
 def to_svg(drawing: Drawing) -> str:

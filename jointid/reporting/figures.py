@@ -124,7 +124,8 @@ def cut_figure(
         f"{heading}: " + ", ".join(f"{label} {millimetres(r.max_contour_error_m)}" for label, r in cuts)
         for heading, _, cuts in rows
     )
-    return Drawing(width, top - 8, tuple(shapes), f"Cut paths with their largest path errors. {said}.")
+    text = f"Cut paths with their largest path errors. {said}."
+    return Drawing(width, top - 8, tuple(shapes), text, to_scale=True, least=0.8)
 
 
 def _bode(
@@ -169,7 +170,7 @@ def _bode(
     count = int(sum(c.response.frequency_hz.size for c in curves if c.symbol))
     models = " and ".join(c.name for c in curves if c.symbol is None) or "none"
     said = f"Magnitude and phase of {name} over frequency: {count} measured points; models: {models}."
-    return Drawing(width, bottom + 24, tuple(shapes), said)
+    return Drawing(width, bottom + 24, tuple(shapes), said, least=0.75)
 
 
 def _frame(

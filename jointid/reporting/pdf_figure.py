@@ -1,0 +1,102 @@
+"""A figure as a piece of a PDF page; it gives way a little where that lets it stand on the page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from jointid.reporting.blocks import Figure
+from jointid.reporting.drawing import Drawing, Line, Marks
+from jointid.reporting.pdf_type import BOLD, REGULAR, clean, printable
+
+_GAP = 5.0  # between drawings and caption
+
+
+def figure_piece(
+    figure: Figure, styles: dict[str, Any], share: float = 1.0, *, painted: bool = True
+) -> Any:
+    """Return drawings side by side over their caption, as one piece of a page.
+
+    Parameters
+    ----------
+    figure : Figure
+    styles : dict
+        Of ``page_styles``.
+    share : float
+        Height of the drawings over their full one, as far as they allow. Where the rest of a page is too
+        low for it, they are made lower still; with less room than they need, the next page has them.
+    painted : bool
+        False takes the room only.
+    """
+    from reportlab.platypus import Flowable
+    from reportlab.platypus import Paragraph as Set
+
+    class Piece(Flowable):  # type: ignore[misc]
+        """Drawings and caption."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.spaceBefore, self.spaceAfter = 6, 10
+            self._caption = Set(clean(figure.caption), styles["caption"])
+            self._drawings = figure.drawings
+
+        def wrap(self, width: float, height: float) -> tuple[float, float]:
+            _, below = self._caption.wrap(width, height)
+            room = (height - below - _GAP) / max(drawing.height for drawing in figure.drawings)
+            least = max(drawing.least for drawing in figure.drawings)
+            wanted = max(share, least)
+            given = min(wanted, room) if room >= least else wanted
+            self._drawings = tuple(drawing.lowered(given) for drawing in figure.drawings)
+            self.width = width
+            self.height = max(drawing.height for drawing in self._drawings) + _GAP + below
+            return self.width, self.height
+
+        def draw(self) -> None:
+            if not painted:
+                return
+            used = sum(drawing.width for drawing in self._drawings)
+            gap = (self.width - used) / max(1, len(self._drawings) - 1)
+            at = 0.0
+            for drawing in self._drawings:
+                self.canv.saveState()
+                self.canv.translate(at, self.height - drawing.height)
+                _paint(drawing, self.canv)
+                self.canv.restoreState()
+                at += drawing.width + gap
+            self._caption.drawOn(self.canv, 0, 0)
+
+    return Piece()
+
+
+def _paint(drawing: Drawing, canvas: Any) -> None:
+    """Drawings count y downwards, pages upwards."""
+    top = drawing.height
+    for shape in drawing.shapes:
+        canvas.saveState()
+        if isinstance(shape, Line):
+            canvas.setStrokeColor(shape.colour, alpha=shape.opacity)
+            canvas.setLineWidth(shape.width)
+            canvas.setLineJoin(1)
+            canvas.setDash(*([list(shape.dash)] if shape.dash else []))
+            path = canvas.beginPath()
+            for k, (x, y) in enumerate(shape.points.tolist()):
+                (path.lineTo if k else path.moveTo)(round(x, 2), round(top - y, 2))
+            canvas.drawPath(path)
+        elif isinstance(shape, Marks):
+            canvas.setStrokeColor(shape.colour)
+            canvas.setFillColor(shape.colour)
+            canvas.setLineWidth(0.8)
+            r, filled = shape.size / 2, shape.symbol == "circle"
+            for x, y in shape.points.tolist():
+                if shape.symbol == "square":
+                    canvas.rect(x - r, top - y - r, 2 * r, 2 * r)
+                else:
+                    canvas.circle(x, top - y, r, stroke=not filled, fill=filled)
+        else:
+            canvas.setFillColor(shape.colour)
+            canvas.setFont(BOLD if shape.bold else REGULAR, shape.size)
+            canvas.translate(shape.x, top - shape.y)
+            if shape.turned:
+                canvas.rotate(90)
+            place = {"start": canvas.drawString, "middle": canvas.drawCentredString}
+            place.get(shape.anchor, canvas.drawRightString)(0, 0, printable(shape.text))
+        canvas.restoreState()
