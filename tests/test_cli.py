@@ -21,6 +21,7 @@ from jointid.cli.output import finite
 from jointid.digest import study_digest
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
+from jointid.importing.log_study import study_name
 from jointid.rounding import with_error
 
 run = CliRunner()
@@ -376,3 +377,23 @@ def test_convert_takes_a_zip_of_logs_and_their_poses(here: Path) -> None:
     assert [record.frequency_hz for record in study.records] == pytest.approx([3.0, 5.0], rel=1e-4)
     assert {record.pose for record in study.records} == {"far"}
     assert study.poses["far"].M2.tolist() == [[0.006]]
+    assert study.name == "logs"
+    (here / "robot.toml").write_text('name = "Cell 7"\nM = [0.0025]\nM2 = [[0.004]]\n')
+    for given, name in (((), "Cell 7"), (("--name", "Mine"), "Mine")):
+        ok("convert", "logs.zip", *known, *given, "--output", "study", "--overwrite")
+        assert load_study("study").name == name
+
+
+@pytest.mark.parametrize(
+    ("logs", "name"),
+    [
+        (["cell_3.csv"], "cell 3"),
+        (["a.csv", "b.csv", "c.csv"], "a and 2 more"),
+        (["logs.zip/1.csv", "logs.zip/2.csv"], "logs"),
+        (["logs.zip/1.csv", "2.csv"], "1 and 1 more"),
+        (["book.xlsx: Sheet1", "book.xlsx: Sheet2"], "book"),
+        ([], ""),
+    ],
+)
+def test_a_study_is_named_after_its_logs(logs: list[str], name: str) -> None:
+    assert study_name(logs) == name

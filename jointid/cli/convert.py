@@ -43,7 +43,9 @@ def convert(
     ] = None,
     nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
     nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
-    name: Annotated[str, typer.Option(help="Name of the study.")] = "",
+    name: Annotated[
+        str, typer.Option(help="Name of the study; else that in the inertia file, else the logs'.")
+    ] = "",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -88,7 +90,9 @@ def convert(
     chosen = mapping_from_json(mapping.read_bytes())
     require_free(output, overwrite)
     with status("Looking for sine runs", quiet=as_json):
-        study, notes = mapped_study(tables, chosen, replace(robot, name=name), poses)
+        study, notes = mapped_study(
+            tables, chosen, robot if not name else replace(robot, name=name), poses
+        )
     save_study(study, output, overwrite=overwrite)
     made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
     for note in notes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
 from typing import cast
 
 import numpy as np
@@ -97,7 +98,7 @@ def study_from_logs(
     pose_of : sequence of str or None, optional
         Pose of each log; None, and by default, the one that ``inertia`` holds for.
     name, description : str, optional
-        By default from the logs.
+        By default from the logs; see ``study_name``.
 
     Raises
     ------
@@ -139,12 +140,31 @@ def study_from_logs(
         records=tuple(records),
         inertia=inertia,
         nominal=nominal,
-        name=name or sources,
+        name=name or study_name([log.name for log in logs]),
         origin="measured",
         description=description
         or f"Imported: {counted(len(flat), 'sine segment')} of {sources or 'a log'}.",
         poses=poses or {},
     )
+
+
+def study_name(logs: Sequence[str]) -> str:
+    """Name a study after its logs: "cell 3", "cell 3 and 2 more", and after an archive that holds all.
+
+    Parameters
+    ----------
+    logs : sequence of str
+        What they are called: "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
+    """
+    paths = [PurePosixPath(log.partition(": ")[0].replace("\\", "/")) for log in logs if log]
+    archives = {path.parts[0] if len(path.parts) > 1 else "" for path in paths}
+    if len(archives) == 1 and any(archives):
+        paths = [PurePosixPath(*archives)]
+    files = list(dict.fromkeys(paths))
+    if not files:
+        return ""
+    stem = files[0].stem.replace("_", " ")
+    return stem if len(files) == 1 else f"{stem} and {len(files) - 1} more"
 
 
 def _others(time: np.ndarray, signals: np.ndarray, line: float, others: Sequence[float]) -> np.ndarray:

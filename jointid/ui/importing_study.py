@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.importing.log_study import study_name
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.ui.importing_inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.wording import counted
@@ -59,7 +59,7 @@ def ask_robot(
     name = left.text_input(
         "Name of the study",
         key="import name",
-        placeholder=(known.name if known else "") or _stem(logs),
+        placeholder=(known.name if known else "") or study_name(logs),
         persist_state="session",
     )
     # The button stands above what changes its height, so that it never moves away under a click.
@@ -79,7 +79,7 @@ def ask_robot(
         show_inertia(known)
     if not wanted or problem or known is None:
         return None
-    return Robot(name.strip() or known.name or _stem(logs), known, poses)
+    return Robot(name.strip() or known.name or study_name(logs), known, poses)
 
 
 def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | None, ...]:
@@ -96,8 +96,3 @@ def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | Non
         place = places[number % len(places)]
         chosen.append(place.selectbox(f"Pose of {log}", options, key=key, persist_state="session"))
     return tuple(None if pose == _NO_POSE else pose for pose in chosen)
-
-
-def _stem(files: Sequence[str]) -> str:
-    stem = PurePath(files[0].partition(": ")[0]).stem.replace("_", " ")
-    return stem if len(files) == 1 else f"{stem} and {len(files) - 1} more"
