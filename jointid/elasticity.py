@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -171,9 +171,38 @@ def identify_elasticity(
         When a joint's spring is not deflected in any record, the method is not known, or the records
         cannot tell the parameters apart.
     """
-    if method not in METHODS:
-        raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
+    fits = identify_each(phasors, inertia, [method], friction=friction, delay=delay)
+    return fits[method]
+
+
+def identify_each(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    methods: Iterable[str],
+    *,
+    friction: bool = False,
+    delay: bool = False,
+) -> dict[str, ElasticityFit]:
+    """Find K and D by several estimators, which share the equations.
+
+    Parameters, errors and each of the fits as in :func:`identify_elasticity`.
+    """
+    names = list(dict.fromkeys(methods))
+    for method in names:
+        if method not in METHODS:
+            raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
     equations = spring_equations(phasors, inertia)
+    return {name: _identified(name, phasors, inertia, equations, friction, delay) for name in names}
+
+
+def _identified(
+    method: str,
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    equations: SpringEquations,
+    friction: bool,
+    delay: bool,
+) -> ElasticityFit:
     if method in _LINEAR:
         if friction or delay:
             raise JointIdError(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jointid.elasticity import ElasticityFit, identify_elasticity
+from jointid.elasticity import ElasticityFit, identify_each
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors import Phasors, extract_phasors
@@ -161,8 +161,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 def _analyse(study: Study, method: str) -> Analysis:
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
-    names = dict.fromkeys([method, "weighted", "least-squares", "explicit"])
-    fits = {name: identify_elasticity(phasors, study.inertias, method=name) for name in names}
+    fits = identify_each(phasors, study.inertias, [method, "weighted", "least-squares", "explicit"])
     freed, _ = _transfer_matrices(study, fits[method].phasors)
     return Analysis(
         study=study,

@@ -22,15 +22,15 @@ from hypothesis import strategies as st
 from jointid import JointIdError, analyse, contained, load_study, save_study, study_parts
 from jointid.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
-from jointid.fleet.child import Child, Ended
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import Done, Job
+from jointid.fleet.jobs import WORKER, Done, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
 from jointid.fleet.studies import shown
 from jointid.fleet.worker import answer, study_row
+from jointid.processes.child import Child, Ended
 
 COUNT = 10
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -289,7 +289,7 @@ def test_what_is_too_long_to_be_sent_is_refused_and_analysed_here(
     with pytest.raises(JointIdError, match=r"cannot be sent to a cluster, .*\.parquet is too long"):
         packed(path)
     about = {"do": "pack", "study": "x", "method": "auto", "known": "", "path": str(path)}
-    refused = from_plain(answer(about, b"")[0]["row"])
+    refused = from_plain(answer(about, b"", lambda done: None)[0]["row"])
     assert (refused.failure, refused.content) == ("refused", "")  # known by no content: tried again
     monkeypatch.setattr(study_parts, "LONG_BYTES", 1 << 13)
     assert study_row(path, "x", "auto", known=refused.content).is_good
@@ -558,7 +558,7 @@ def test_a_damaged_line_of_the_journal_costs_that_row_only(
 
 @posix
 def test_a_process_that_was_ended_while_idle_is_begun_anew(paths: list[Path]) -> None:
-    child = Child(Limits(time_s=30))
+    child = Child(WORKER, Limits(time_s=30))
     request = {"do": "analyse", "study": "x", "method": "explicit", "known": "", "path": str(paths[0])}
     request["content"] = ""
     first = child.ask(request)[0]["row"]

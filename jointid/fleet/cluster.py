@@ -22,9 +22,9 @@ from distributed.scheduler import KilledWorker
 
 from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
-from jointid.fleet.child import Child, Limits
-from jointid.fleet.jobs import Done, Job, asked, do_job
+from jointid.fleet.jobs import WORKER, Done, Job, asked, do_job
 from jointid.fleet.row import LOST, Row, failed, from_plain
+from jointid.processes.child import Child, Limits
 
 _CONNECT_S = 20.0
 _LOOK_S = 1.0
@@ -92,7 +92,7 @@ class Cluster:
         """Yield jobs as they are done; closing the generator gives the others up."""
         done = queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception]()
         room, stopped = _Room(_AHEAD), threading.Event()
-        reader = Child(self._limits)
+        reader = Child(WORKER, self._limits)
 
         def send() -> None:
             try:
@@ -230,7 +230,7 @@ _children: dict[tuple[str, int], Child] = {}
 
 
 def _analysed(job: Job, limits: Limits, batch: str) -> Row | None:
-    child = _children.setdefault((batch, threading.get_ident()), Child(limits))
+    child = _children.setdefault((batch, threading.get_ident()), Child(WORKER, limits))
     return do_job(child, job).row
 
 

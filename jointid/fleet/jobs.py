@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from jointid.fleet.child import Child, Ended
-from jointid.fleet.row import Row, failed, from_plain, to_plain
+from jointid.fleet.row import CRASH, TIME, Row, failed, from_plain, to_plain
+from jointid.processes.child import Child, Ended
+
+WORKER = "jointid.fleet.worker"
+"""What the processes run that analyse."""
 
 
 @dataclass(frozen=True)
@@ -70,4 +73,5 @@ def asked(
     try:
         return child.ask(request | about, body)
     except Ended as ended:
-        return {"row": to_plain(failed(job.study, job.method, ended.failure, str(ended)))}, b""
+        failure = TIME if ended.late else CRASH
+        return {"row": to_plain(failed(job.study, job.method, failure, str(ended)))}, b""

@@ -7,8 +7,8 @@ import threading
 from collections.abc import Callable, Generator, Sequence
 
 from jointid.errors import JointIdError
-from jointid.fleet.child import Child, Limits
-from jointid.fleet.jobs import Done, Job, do_job
+from jointid.fleet.jobs import WORKER, Done, Job, do_job
+from jointid.processes.child import Child, Limits
 
 _LOOK_S = 0.2
 
@@ -49,7 +49,7 @@ class Local:
         """Yield jobs as they are done; closing the generator ends the processes."""
         todo, done = iter(jobs), queue.SimpleQueue[Done | Exception]()
         lock, stopped = threading.Lock(), threading.Event()
-        children = [Child(self._limits) for _ in range(min(self._workers, len(jobs)))]
+        children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
 
         def work(child: Child) -> None:
             try:

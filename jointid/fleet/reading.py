@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 
 from jointid.errors import JointIdError
-from jointid.fleet.child import Child, Ended, Limits
+from jointid.fleet.jobs import WORKER
 from jointid.fleet.row import Row, from_plain
+from jointid.processes.child import Child, Ended, Limits
 
 _LIMITS = Limits(time_s=60.0, memory_bytes=2 << 30)
 
@@ -24,7 +25,7 @@ def read_apart(data: bytes) -> tuple[Row, ...]:
     JointIdError
         When it is something else, is damaged, or takes too much memory or time.
     """
-    child = Child(_LIMITS)
+    child = Child(WORKER, _LIMITS)
     try:
         said, body = child.ask({"do": "read"}, data)
     except Ended as ended:

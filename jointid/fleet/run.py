@@ -12,13 +12,13 @@ from pathlib import Path
 from jointid.elasticity import METHODS
 from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
-from jointid.fleet.child import Limits
 from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, shown
 from jointid.fleet.table import read_rows, write_rows
+from jointid.processes.child import Limits
 
 
 @dataclass(frozen=True)

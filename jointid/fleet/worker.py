@@ -1,32 +1,18 @@
-"""The process that analyses studies: whatever one of them does to it, the batch lives on.
-
-A request is a line of JSON on standard input, followed by as many bytes as it says; so is an answer, on
-standard output.
-"""
+"""The process that analyses studies: whatever one of them does to it, the batch lives on."""
 
 from __future__ import annotations
 
 import json
-import math
-import os
-import signal
-import sys
 import time
-import warnings
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from jointid.errors import JointIdError
-from jointid.exporting.identification import software_version
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.row import FAULT, MEMORY, REFUSED, Row, failed, row_of, to_plain
+from jointid.processes.serving import Progress, serve_here
 from jointid.study import analyse
 from jointid.study_files import load_study
-
-IDLE_S = 600.0
-"""How long the process waits for a request before it ends: its owner may have ended without a word."""
-GRACE_S = 10.0
-"""How much later than its owner it ends itself over a request that takes too long."""
 
 
 def study_row(
@@ -83,7 +69,7 @@ def _said(error: BaseException) -> tuple[str, str]:
     return FAULT, f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid."
 
 
-def answer(request: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]:
+def answer(request: dict[str, Any], body: bytes, _: Progress) -> tuple[dict[str, Any], bytes]:
     """Answer one request.
 
     "analyse" takes a study by its ``path`` or as the body, "pack" reads its files to send them
@@ -113,50 +99,6 @@ def answer(request: dict[str, Any], body: bytes) -> tuple[dict[str, Any], bytes]
     return ({"unchanged": True} if row is None else {"row": to_plain(row)}), b""
 
 
-def serve(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer requests until there are none."""
-    _send(answers, {"ready": software_version()}, b"")
-    while True:
-        _end_in(IDLE_S)
-        line = requests.readline()
-        if not line:
-            return
-        request = json.loads(line)
-        _end_in(request["time_s"] + GRACE_S)
-        body = requests.read(request["bytes"])
-        _send(answers, {"begun": True}, b"")
-        _send(answers, *answer(request, body))
-
-
-def _send(answers: BinaryIO, header: dict[str, Any], body: bytes) -> None:
-    answers.write(json.dumps(header | {"bytes": len(body)}).encode() + b"\n" + body)
-    answers.flush()
-
-
-def _end_in(time_s: float) -> None:
-    """Have the system end this process, even in the middle of a call that never returns."""
-    if hasattr(signal, "alarm"):
-        signal.alarm(math.ceil(time_s))
-
-
-def _limit_memory(size: int) -> None:
-    """Bound what studies may take beyond the program itself, where the system can."""
-    try:
-        import resource
-
-        here = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
-        resource.setrlimit(resource.RLIMIT_AS, (here + size, here + size))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except (ImportError, OSError, ValueError):
-        return
-
-
 def main(memory_bytes: int) -> None:
     """Serve on standard input and output."""
-    if hasattr(signal, "SIGINT"):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the owner's
-    warnings.simplefilter("ignore")
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may write among the answers
-    _limit_memory(memory_bytes)
-    serve(sys.stdin.buffer, answers)
+    serve_here(answer, memory_bytes)

@@ -9,7 +9,7 @@ from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promis
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
-from jointid.ui.cached import in_turn
+from jointid.ui.aside import aside
 from jointid.ui.cut_settings import CutSettings, usual
 
 MapKey = tuple[str, str, CutSettings, str]
@@ -50,11 +50,11 @@ def pair(
 
 
 @st.cache_resource(max_entries=512, show_spinner=False)
-@in_turn
 def _before(
     digest: str, method: str, settings: CutSettings, _robot: CutRobot, _assumed: Elasticity | None
 ) -> TrackingRun:
-    return track(
+    return aside(
+        track,
         _robot.arm,
         settings.toolpath,
         _robot.elasticity,
@@ -65,13 +65,11 @@ def _before(
 
 
 @st.cache_resource(max_entries=256, show_spinner="Cutting")
-@in_turn
 def _promise(digest: str, method: str, settings: CutSettings, _robot: CutRobot) -> Promise:
-    return promised(_robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
+    return aside(promised, _robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
 
 
 @st.cache_resource(max_entries=512, show_spinner=False)
-@in_turn
 def _after(
     digest: str,
     method: str,
@@ -80,7 +78,8 @@ def _after(
     _robot: CutRobot,
     _edge: Elasticity,
 ) -> TrackingRun:
-    return track(
+    return aside(
+        track,
         _robot.arm,
         settings.toolpath,
         _edge,
@@ -91,12 +90,12 @@ def _after(
 
 
 @st.cache_resource(max_entries=256, show_spinner=False)
-@in_turn
 def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outcome) -> list[float]:
     """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
     ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
     robot = _outcome.robot
-    errors, _ = errors_of_mismatch(
+    errors, _ = aside(
+        errors_of_mismatch,
         robot.arm,
         _outcome.toolpath,
         robot.elasticity,

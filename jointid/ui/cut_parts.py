@@ -19,6 +19,7 @@ from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import colours
 from jointid.rounding import significant
 from jointid.ui import cut_cached
+from jointid.ui.aside import aside
 from jointid.ui.charts import plot
 from jointid.ui.cut_pictures import key_line, picture
 from jointid.ui.cut_settings import CutSettings
@@ -205,7 +206,8 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
 
         robot = outcome.robot
         ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
-        tolerance = tolerance_map(
+        tolerance = aside(
+            tolerance_map,
             robot.arm,
             outcome.toolpath,
             robot.elasticity,

@@ -12,13 +12,13 @@ from hashlib import blake2b
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.fleet.child import Limits
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job
 from jointid.fleet.local import Local
 from jointid.fleet.reading import read_apart
 from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
+from jointid.processes.child import Limits
 from jointid.store import PARTS, Store
 from jointid.ui.workspace import keep_part, place_for, sample_paths, store, workspace
 from jointid.wording import counted

@@ -18,7 +18,7 @@ from jointid.planning.plan import (
     suggest_records,
 )
 from jointid.rounding import significant, with_error
-from jointid.ui.cached import in_turn
+from jointid.ui.aside import aside
 from jointid.ui.charts import Table
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import Page
@@ -99,10 +99,10 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
 
 
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
-@in_turn
 def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
     """Choose the records that would cut the worst error bar most."""
-    return suggest_records(
+    return aside(
+        suggest_records,
         _analysis.phasors,
         _analysis.study.inertias,
         _analysis.fit,
@@ -197,7 +197,6 @@ def predicted(
 
 
 @st.cache_resource(max_entries=64, show_spinner=False)
-@in_turn
 def _predicted(
     digest: str, method: str, pose: str, table: dict[str, tuple[float, ...]], _analysis: Analysis
 ) -> PredictedErrors:
@@ -213,8 +212,13 @@ def _predicted(
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
         duration_s=table["Length (s)"],
     )
-    return predict_standard_errors(
-        plan, _analysis.phasors, _analysis.study.inertias, _analysis.fit, planned_inertia=inertia
+    return aside(
+        predict_standard_errors,
+        plan,
+        _analysis.phasors,
+        _analysis.study.inertias,
+        _analysis.fit,
+        planned_inertia=inertia,
     )
 
 

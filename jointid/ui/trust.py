@@ -16,6 +16,7 @@ from jointid.answer import inertia_sentence
 from jointid.arrays import Floats
 from jointid.figures.trust import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
+from jointid.ui.aside import aside
 from jointid.ui.charts import Table, plot
 from jointid.ui.page import Page
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
@@ -152,7 +153,8 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
         bar.caption("± is noise alone. What inertias that are off would add is computed next.")
         return
     try:
-        found: InertiaSensitivity | str = inertia_sensitivity(
+        found: InertiaSensitivity | str = aside(
+            inertia_sensitivity,
             analysis.phasors,
             page.study.inertias,
             analysis.fit,
@@ -277,9 +279,9 @@ def _checks(
     page: Page, analysis: Analysis, draws: int, bar: DeltaGenerator
 ) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
-    drawn = bootstrap(*given, draws=draws, progress=reporter(bar, "Drawing noise"))
+    drawn = aside(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
     try:
-        return drawn, jackknife(*given, progress=reporter(bar, "Leaving out frequencies"))
+        return drawn, aside(jackknife, *given, progress=reporter(bar, "Leaving out frequencies"))
     except JointIdError as error:
         return drawn, str(error)
 

@@ -1,4 +1,4 @@
-"""A process that analyses what it is told, and can be ended without losing more than one study."""
+"""A process that answers what it is asked, and can be ended without losing more than one answer."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 from jointid.errors import JointIdError
-from jointid.fleet.row import CRASH, TIME
 
 _BEGIN = """
-import sys
+import importlib, sys
 sys.path.insert(0, sys.argv[1])
-from jointid.fleet.worker import main
-main(int(sys.argv[2]))
+importlib.import_module(sys.argv[2]).main(int(sys.argv[3]))
 """
 _START_S = 60.0
 _LONGEST_HEADER = 64 << 20
@@ -30,7 +29,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLI
 
 @dataclass(frozen=True)
 class Limits:
-    """What one study may take."""
+    """What one request may take."""
 
     time_s: float = 120.0
     memory_bytes: int = 4 << 30
@@ -38,37 +37,67 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 0 < self.time_s < 1e7:
-            raise JointIdError(f"time_s = {self.time_s:g} s: a study needs a time above 0, below 10⁷ s.")
+            raise JointIdError(f"time_s = {self.time_s:g} s: give a time above 0, below 10⁷ s.")
         if self.memory_bytes < 64 << 20:
-            raise JointIdError(
-                f"memory_bytes = {self.memory_bytes}: a study needs at least {64 << 20} (64 MiB)."
-            )
+            raise JointIdError(f"memory_bytes = {self.memory_bytes}: give at least {64 << 20} (64 MiB).")
 
 
 class Ended(Exception):
     """The process ended over a request, or was ended."""
 
-    def __init__(self, failure: str, text: str) -> None:
+    def __init__(self, text: str, *, late: bool = False) -> None:
         super().__init__(text)
-        self.failure = failure
+        self.late = late
+        """Whether it was ended for the time that it took."""
 
 
 class Child:
-    """One process, begun when first needed and anew when a study has ended it.
+    """One process, begun when first needed and anew when a request has ended it.
 
     Parameters
     ----------
+    module : str
+        What it runs, a module with a ``main`` that serves; see ``serving.py``.
     limits : Limits
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, module: str, limits: Limits) -> None:
+        self._module = module
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
         self._errors: IO[bytes] | None = None
         self._stopped = False
 
-    def ask(self, request: dict[str, Any], body: bytes = b"") -> tuple[dict[str, Any], bytes]:
+    @property
+    def runs(self) -> bool:
+        """Whether the process is there, so that it answers without having to begin."""
+        return self._process is not None and self._process.poll() is None
+
+    def begin(self) -> None:
+        """Begin the process, if it is not there.
+
+        Raises
+        ------
+        JointIdError
+            When no process can be started.
+        """
+        self._running()
+
+    def ask(
+        self,
+        request: dict[str, Any],
+        body: bytes = b"",
+        progress: Callable[[float], None] | None = None,
+    ) -> tuple[dict[str, Any], bytes]:
         """Send a request and return its answer.
+
+        Parameters
+        ----------
+        request : dict
+            As JSON can hold it.
+        body : bytes
+        progress : callable, optional
+            Called with the fraction done, as far as the process tells. What it raises ends the process.
 
         Raises
         ------
@@ -96,22 +125,36 @@ class Child:
                 process.stdin.write(body)
                 process.stdin.flush()
                 begun = bool(_received(process)[0]["begun"])
-                return _received(process)
+                return self._answer(process, progress)
             except (OSError, ValueError, EOFError):
+                if self._process is not process:
+                    raise  # of ``progress``, which has ended it
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(1.0)  # its own exit code tells more than being ended
                 code = self._end()
                 if late.is_set():
                     text = f"It took more than {self._limits.time_s:g} s and was ended."
-                    raise Ended(TIME, text) from None
+                    raise Ended(text, late=True) from None
                 if begun or attempt or self._stopped:
-                    raise Ended(
-                        CRASH, f"It ended the process that analysed it ({_why(code)})."
-                    ) from None
-                # The process was idle too long, or somebody ended it: the study is not to blame.
+                    raise Ended(f"It ended the process that worked on it ({_why(code)}).") from None
+                # The process was idle too long, or somebody ended it: the request is not to blame.
             finally:
                 timer.cancel()
         raise AssertionError
+
+    def _answer(
+        self, process: subprocess.Popen[bytes], progress: Callable[[float], None] | None
+    ) -> tuple[dict[str, Any], bytes]:
+        while True:
+            header, body = _received(process)
+            if "progress" not in header:
+                return header, body
+            if progress is not None:
+                try:
+                    progress(header["progress"])
+                except BaseException:  # nobody waits for the answer any more
+                    self._end()
+                    raise
 
     def kill(self) -> None:
         """End the process from another thread; ``ask`` then raises ``Ended``."""
@@ -125,14 +168,14 @@ class Child:
         self._end()
 
     def _running(self) -> subprocess.Popen[bytes]:
-        if self._process is not None and self._process.poll() is None:
+        if self._process is not None and self.runs:
             return self._process
         self._end()
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
         command = [sys.executable, "-P", "-c", _BEGIN, str(Path(__file__).parents[2])]
         try:
             self._process = subprocess.Popen(
-                [*command, str(self._limits.memory_bytes)],
+                [*command, self._module, str(self._limits.memory_bytes)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
@@ -141,7 +184,7 @@ class Child:
             )
         except OSError as error:
             raise JointIdError(
-                f"The process that analyses cannot be started: {error!s:.200}. Free memory, or take "
+                f"A process of its own cannot be started: {error!s:.200}. Free memory, or take "
                 "fewer workers."
             ) from error
         process = self._process
@@ -156,15 +199,15 @@ class Child:
             said = self._last_words()
             code = self._end()
             if self._stopped:
-                raise Ended(CRASH, "It was stopped.") from None
+                raise Ended("It was stopped.") from None
             raise JointIdError(
-                f"The process that analyses ended as it began ({_why(code)}). {said}"
+                f"A process of its own ended as it began ({_why(code)}). {said}"
             ) from None
         finally:
             timer.cancel()
         if self._stopped:
             self._end()
-            raise Ended(CRASH, "It was stopped.")
+            raise Ended("It was stopped.")
         return process
 
     def _last_words(self) -> str:

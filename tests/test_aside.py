@@ -1,0 +1,183 @@
+"""Computations aside: in a process of their own the same to the last bit, else here and in turn."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields, is_dataclass
+from functools import partial
+from pathlib import Path
+from threading import Event
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jointid import JointIdError, Study, analyse, load_study
+from jointid.processes.child import Child
+from jointid.processes.pool import NoneReadyError, Pool
+from jointid.ui import aside as aside_module
+from jointid.ui.aside import aside
+from jointid.uncertainty.resampling import jackknife
+
+SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"
+PATIENCE_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return load_study(SAMPLE)
+
+
+@pytest.fixture(scope="module")
+def ready() -> Iterator[Pool]:
+    """A pool whose one process stands ready."""
+    pool = Pool(1)
+    pool.begin()
+    assert pool.call(len, "abc", patience_s=PATIENCE_S) == 3
+    yield pool
+    pool.stop()
+
+
+@pytest.fixture
+def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
+    """The pages' pool, without processes, and nobody's turn."""
+    mine = Pool(1)
+    monkeypatch.setattr(aside_module, "_pool", lambda: mine)
+    yield mine
+    mine.stop()
+
+
+def differences(one: Any, other: Any, where: str = "") -> list[str]:
+    """Where two values differ in a bit, in kind, or in being read-only."""
+    if type(one) is not type(other):
+        return [f"{where}: {type(one)} and {type(other)}"]
+    if isinstance(one, np.ndarray):
+        same = one.tobytes() == other.tobytes() and one.dtype == other.dtype
+        return [] if same and one.flags.writeable == other.flags.writeable else [where]
+    if is_dataclass(one):
+        parts = [(f.name, getattr(one, f.name), getattr(other, f.name)) for f in fields(one)]
+    elif isinstance(one, dict | MappingProxyType):
+        assert list(one) == list(other), where
+        parts = [(str(key), one[key], other[key]) for key in one]
+    elif isinstance(one, tuple | list):
+        assert len(one) == len(other), where
+        parts = [(str(k), a, b) for k, (a, b) in enumerate(zip(one, other, strict=True))]
+    else:
+        return [] if one == other or (one != one and other != other) else [f"{where}: {one} {other}"]
+    return [found for name, a, b in parts for found in differences(a, b, f"{where}.{name}")]
+
+
+def test_an_analysis_comes_back_to_the_last_bit(ready: Pool, study: Study) -> None:
+    found = ready.call(partial(analyse, method="auto"), study)
+    assert found.study is study, "what was given comes back as itself"
+    assert differences(found, analyse(study)) == []
+    with pytest.raises(TypeError):
+        found.fits["auto"] = None
+
+
+def test_errors_and_progress_come_back(ready: Pool, study: Study) -> None:
+    with pytest.raises(JointIdError, match="needs a Study"):
+        ready.call(analyse, "no study")
+    analysis, seen = analyse(study), list[float]()
+    given = (analysis.phasors, study.inertias, analysis.fit)
+    found = ready.call(jackknife, *given, progress=seen.append)
+    assert differences(found, jackknife(*given)) == []
+    assert seen == sorted(seen)
+    assert seen[-1] == 1
+
+
+def test_who_gives_up_does_not_wait(ready: Pool, study: Study) -> None:
+    class ClickedError(BaseException):
+        """As the pages' own way to end a script."""
+
+    def click(_: float) -> None:
+        raise ClickedError
+
+    analysis = analyse(study)
+    with pytest.raises(ClickedError):
+        ready.call(jackknife, analysis.phasors, study.inertias, analysis.fit, progress=click)
+    ready.begin()
+    assert ready.call(len, "abcd", patience_s=PATIENCE_S) == 4
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_process_that_was_killed_is_begun_anew(ready: Pool) -> None:
+    os.kill(ready.call(os.getpid), signal.SIGKILL)
+    while True:  # until the system has noticed
+        try:
+            assert ready.call(len, "abcde", patience_s=PATIENCE_S) == 5
+            break
+        except NoneReadyError:
+            continue
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_call_that_ends_its_process_twice_is_given_up(ready: Pool) -> None:
+    with pytest.raises(JointIdError, match="SIGABRT"):
+        ready.call(os.abort)
+    ready.begin()
+    assert ready.call(len, "ab", patience_s=PATIENCE_S) == 2
+
+
+def test_without_processes_it_is_computed_here(pool: Pool) -> None:
+    with pytest.raises(NoneReadyError):
+        pool.call(len, "abc")
+    assert aside(os.getpid) == os.getpid()
+
+
+def test_a_process_that_cannot_begin_is_done_without(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(_: Child) -> None:
+        raise JointIdError("no memory")
+
+    monkeypatch.setattr(Child, "begin", fails)
+    pool._begin_one()
+    pool.begin()
+    assert aside(os.getpid) == os.getpid()
+
+
+@pytest.fixture
+def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
+    """A computation that says when it began, and ends when it is told to."""
+    began, end = Event(), Event()
+
+    def long() -> str:
+        began.set()
+        assert end.wait(PATIENCE_S)
+        return "long"
+
+    yield long, began, end
+    end.set()
+
+
+def test_who_would_have_to_wait_has_processes_begin(
+    pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(aside_module, "_LONGEST_TURN_S", 0.01)
+    long, began, end = held
+    with ThreadPoolExecutor(1) as threads:
+        first = threads.submit(aside, long)
+        assert began.wait(PATIENCE_S)
+        assert not pool._there, "one alone needs none"
+        assert aside(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
+        assert pool.call(os.getpid, patience_s=PATIENCE_S) != os.getpid()
+        assert aside(os.getpid) != os.getpid()
+        assert not first.done()
+        end.set()
+        assert first.result(PATIENCE_S) == "long"
+
+
+def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
+    def fails() -> None:
+        raise ValueError("no")
+
+    for _ in range(3):
+        with pytest.raises(ValueError, match="no"):
+            aside(fails)
+    assert aside_module._turn.acquire(blocking=False)
+    aside_module._turn.release()
