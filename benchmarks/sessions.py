@@ -59,17 +59,12 @@ def _crowd(shared: bool, quick: bool) -> Table:
                 for person in crowd:
                     person.seen = crowd[0].seen
             begin = time.monotonic()
-            until, grown, worked = (
-                begin + lasting,
-                _memory(server.process.pid),
-                _cpu_s(server.process.pid),
-            )
+            until, before = begin + lasting, _Used.by(server.process.pid)
             with ThreadPoolExecutor(people) as threads:
                 for person in crowd:
                     threads.submit(person.live, begin, arriving, until, thinking)
             passed = time.monotonic() - begin
-            grown = (_memory(server.process.pid) - grown) / people
-            worked = _cpu_s(server.process.pid) - worked
+            after = _Used.by(server.process.pid)
         finally:
             server.kill()
     problems = [person.problem for person in crowd if person.problem]
@@ -91,8 +86,10 @@ def _crowd(shared: bool, quick: bool) -> Table:
             "record, estimator or corner zone of the cut. Opening is the first screen of a study that "
             "the server keeps. The first time is that of this study with this page, estimator and "
             "setting, and what the first screen adds by itself once it stands.",
-            f"The server kept {worked / passed:.2f} processors busy; its memory grew by {grown:.0f} MB "
-            "per person.",
+            f"The server kept {(after.here_s - before.here_s) / passed:.2f} processors busy; its memory "
+            f"grew by {(after.here_MB - before.here_MB) / people:.0f} MB per person. Its "
+            f"{after.others} processes for computations kept "
+            f"{after.others_s / passed:.2f} busy and took {after.others_MB:.0f} MB.",
         ),
     )
 
@@ -192,7 +189,12 @@ def _warmed(address: str) -> None:
 def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
     """Keep a study that nobody else has; returns its workspace and its id."""
     study, place = replace(sample, name=f"Cell {number}"), new_workspace()
-    entry = store.put(place, f"p{number}.zip", study_digest(study), pack_study(study))
+    entry = store.put(
+        place,
+        f"p{number}.zip",
+        study_digest(study),
+        pack_study(study, record_format="parquet"),  # as the app keeps them
+    )
     return place, entry.id
 
 
@@ -207,6 +209,37 @@ def _row(name: str, seconds: list[float]) -> dict[str, Any]:
         "95th percentile": float(high),
         "longest": max(seconds),
     }
+
+
+@dataclass(frozen=True)
+class _Used:
+    """Processor time and resident memory of a server and of the processes that it began."""
+
+    here_s: float
+    here_MB: float
+    others: int
+    others_s: float
+    others_MB: float
+
+    @classmethod
+    def by(cls, server: int) -> _Used:
+        """Read them; not numbers where /proc does not tell."""
+        others = _children(server)
+        return cls(
+            _cpu_s(server),
+            _memory(server),
+            len(others),
+            sum(map(_cpu_s, others)),
+            sum(map(_memory, others)),
+        )
+
+
+def _children(process: int) -> list[int]:
+    try:
+        tasks = Path(f"/proc/{process}/task").iterdir()
+        return [int(child) for task in tasks for child in (task / "children").read_text().split()]
+    except OSError:
+        return []
 
 
 def _memory(process: int) -> float:
