@@ -25,7 +25,7 @@ from jointid.ui.importing_mapping import (
 )
 from jointid.ui.importing_pictures import choose_log, show_raw
 from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing_study import ask_robot
+from jointid.ui.importing_study import ROBOT, ask_robot, say_way
 from jointid.ui.importing_work import StoppedError, Watch
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
@@ -47,8 +47,9 @@ with kept_import():
         )
         st.stop()
 
+    way = st.container()
     log = choose_log(logs)
-    show_raw(log.table, proposed_columns(log.key, log.table))
+    raw = st.container()
 
     st.subheader("What the columns are", anchor=False)
     mapping, not_confirmed = None, ""
@@ -57,6 +58,9 @@ with kept_import():
         remember(log.table, mapping)
     except JointIdError as error:
         st.error(str(error))
+    with raw:
+        columns = proposed_columns(log.key, log.table)
+        show_raw(log.table, columns, folded=mapping is not None and bool(columns))
     mapping_files(log.table, mapping)
     if mapping is None:
         st.stop()
@@ -92,10 +96,6 @@ with kept_import():
             "choose other columns: the method needs steady sines of a few periods."
         )
     rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
-    st.caption(
-        "Untick a run to leave it out, correct its times, or add one in the empty last row: without a "
-        "frequency it is estimated. Motor angles and torques are drawn as the mapping makes them."
-    )
     kept, dropped, problems = chosen_segments(rows, ready, rules)
     for problem in problems:
         st.error(problem)
@@ -106,7 +106,9 @@ with kept_import():
             figure = log_spans(ready[log.key], kept[log.key], dropped[log.key], dark=is_dark())
             plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
 
-    st.subheader("The robot", anchor=False)
+    with way:
+        say_way(kept, bool(not_confirmed))
+    st.subheader("The robot", anchor=ROBOT)
     try:
         ratios = [joint.gear_ratio for joint in mapping.joints]
         names = [mapped_log.name for mapped_log in ready.values()]

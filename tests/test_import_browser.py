@@ -21,7 +21,7 @@ from log_makers import (
     zipped,
 )
 from plants import PAPER, PARALLELOGRAM
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import BrowserContext, Locator, Page, expect
 
 from jointid import Controller, Excitation, Measurement, simulate_records
 
@@ -67,12 +67,9 @@ def shared(new_server: Callable[[], Server]) -> Iterator[Server]:
 
 
 @pytest.fixture(scope="module")
-def tab(browser: Browser) -> Iterator[Page]:
+def tab(context: BrowserContext) -> Page:
     """A tab that the tests of this file share."""
-    context = browser.new_context()
-    page = new_page(context)
-    yield page
-    context.close()
+    return new_page(context)
 
 
 @pytest.fixture
@@ -159,7 +156,7 @@ def near_the_truth(page: Page) -> None:
 def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_path: Path) -> None:
     upload(page, name, KINDS[name](log, tmp_path))
     hold_torque(page)
-    expect(page.get_by_test_id("stMain").locator(".js-plotly-plot .main-svg").first).to_be_visible()
+    expect(page.get_by_test_id("stMain").locator(".js-plotly-plot .main-svg").last).to_be_visible()
     open_study(page)
     expect(page.get_by_text("6 records")).to_be_visible()
     near_the_truth(page)
@@ -204,6 +201,7 @@ def is_kept(server: Server, text: str) -> bool:
 
 def drop_first_run(page: Page) -> None:
     """Untick the first line of the table, whose cells are drawn on a canvas."""
+    page.get_by_text("Correct the runs").click()
     table = page.get_by_test_id("stDataFrame").last
     table.scroll_into_view_if_needed()
     box = table.locator("canvas").first.bounding_box()

@@ -230,6 +230,50 @@ class TestStudy:
         widget(at, "number_input", "Torque constant").set_value(0.3)
         assert said(shown(at.run())) == ""
 
+    def test_what_a_log_cannot_prove_is_open_until_it_is_ticked(self, page: AppTest) -> None:
+        def said(at: AppTest) -> str:
+            return " ".join(c.value for c in at.caption if "not confirmed" in c.value)
+
+        at = drop(page, ("cell.csv", cell_log()))
+        widget(at, "checkbox", "Checked: joint 1").check()
+        at = shown(at.run())
+        assert "joint 1" not in said(at)
+        assert "side of position of joint 2" in said(at)
+        for name in ("joint 2", "not held"):
+            widget(at, "checkbox", f"Checked: {name}").check()
+        at = shown(at.run())
+        assert said(at) == ""
+        assert not any("To check" in c.value for c in at.caption)
+        at = shown(at.switch_page("pages/1_Records.py").run())
+        at = shown(at.switch_page(PAGE).run())
+        assert widget(at, "checkbox", "Checked: joint 1").value is True
+        widget(at, "number_input", "Gear ratio").set_value(100.0)  # leaves another question
+        at = shown(at.run())
+        assert widget(at, "checkbox", "Checked: joint 1").value is False
+        assert widget(at, "checkbox", "Checked: joint 2").value is True
+
+    def test_what_is_understood_is_folded_and_what_comes_next_is_said(self, page: AppTest) -> None:
+        def unfolded(at: AppTest) -> list[str]:
+            return [e.label for e in at.expander if e.proto.expanded]
+
+        def next_step(at: AppTest) -> str:
+            return next(m.value for m in at.markdown if "**Next:**" in m.value)
+
+        at = drop(page, ("one.csv", long_log()))
+        assert unfolded(at) == []
+        assert next_step(at).startswith("3 steady sine runs of 4 to 11 Hz found.")
+        assert "give the inertias" in next_step(at)
+        at.text_input(key="import M").set_value("0.001")
+        assert "open it as a study" in next_step(shown(at.run()))
+        widget(at, "selectbox", "Torque of joint 1").set_value("joint position")
+        assert "The file as it is: its first rows and its curves" in unfolded(shown(at.run()))
+
+    def test_unclear_columns_are_unfolded(self, page: AppTest) -> None:
+        at = drop(page, ("scope.mat", mat_scope()))
+        assert "All entries: columns, units, sides, directions, and why they are so" in [
+            e.label for e in at.expander if e.proto.expanded
+        ]
+
     def test_runs_are_counted(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
         assert "3 runs, 3 used" in [m.value for m in at.markdown]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingType
 from typing import TypeVar
@@ -21,6 +22,8 @@ from jointid.importing.units import (
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
+from jointid.ui.importing_checks import Checks
+from jointid.wording import counted
 
 T = TypeVar("T")
 
@@ -34,42 +37,25 @@ class Entries:
 
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
-        self.reasons = {reason.what: reason for reason in guess.reasons}
-        self.sure: list[str] = []
-        self.assumed: list[str] = []
-        """Ratios and scales that are 1 because nobody gave them."""
-        self.unsure: list[str] = []
-        """What else is marked "To check"."""
+        self.checks = Checks(guess, key)
         self.asked: list[tuple[Channel, Channel, float]] = []
         self.used: set[str] = set()
 
     def ask(self) -> Mapping:
-        with st.container(border=True):
+        """Draw what the entries come to, what is to check of it, and below, folded, all entries."""
+        self._summary = st.container(border=True)
+        folded = self.base != self.guess.mapping or not self.checks.columns_are_open
+        with st.expander(
+            "All entries: columns, units, sides, directions, and why they are so", expanded=not folded
+        ):
             time, joints = self._time()
-        self.used = {time[0], *(c for c in self.base.columns if c != self.base.time.column)}
-        for j in range(joints):
-            self.asked.append(self._joint(j))
-        with st.container(border=True):
-            left, right = st.columns(2, vertical_alignment="bottom")
-            held = left.checkbox(
-                "Torque held from sample to sample",
-                self.base.torque_hold,
-                help="A digital controller's torque stays constant until its next sample.",
-                key=self._id("held"),
-                persist_state="session",
-            )
-            delay = right.number_input(
-                "Torque acts after its sample by (ms)",
-                value=1e3 * self.base.torque_delay_s,
-                format="%g",
-                key=self._id("delay"),
-                persist_state="session",
-            )
-            self._why(("torque hold", not held))
-        if self.sure:
-            with st.expander("Why the other entries were guessed as they are"):
-                for text in self.sure:
-                    st.caption(text)
+            self.used = {time[0], *(c for c in self.base.columns if c != self.base.time.column)}
+            for j in range(joints):
+                self.asked.append(self._joint(j))
+            held, delay = self._timing()
+            st.caption("  \n".join(self.checks.sure))
+        with self._summary:
+            self.checks.say_how()
         for number, (position, torque, _) in enumerate(self.asked, start=1):
             for role, channel in (("position", position), ("torque", torque)):
                 if not channel.column:
@@ -77,9 +63,29 @@ class Entries:
                         f"No column is left for the {role} of joint {number}: choose one that another "
                         "joint does without, or give fewer joints."
                     )
-        return Mapping(
-            TimeColumn(*time), tuple(JointMapping(*a) for a in self.asked), held, float(delay) / 1e3
+        return Mapping(TimeColumn(*time), tuple(JointMapping(*a) for a in self.asked), held, delay)
+
+    def _timing(self) -> tuple[bool, float]:
+        """Whether the torque is held, and its delay in seconds."""
+        delay = st.number_input(
+            "Torque acts after its sample by (ms)",
+            value=1e3 * self.base.torque_delay_s,
+            format="%g",
+            key=self._id("delay"),
+            persist_state="session",
         )
+        with self._summary:
+            held = st.checkbox(
+                "Torque held from sample to sample",
+                self.base.torque_hold,
+                help="A digital controller's torque stays constant until its next sample.",
+                key=self._id("held"),
+                persist_state="session",
+            )
+            if delay:
+                st.markdown(f"**Torque** acts {delay:g} ms after its sample")
+            self.checks.ask("not held", ("torque hold", not held))
+        return held, float(delay) / 1e3
 
     def _time(self) -> tuple[tuple[str, str, float | None], int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
@@ -108,11 +114,14 @@ class Entries:
         time = "" if column == _NO_COLUMN else column
         guess = self.guess.mapping.time
         still = time == guess.column
-        self._why(
-            ("joints", int(joints) == self.guess.mapping.n),
-            ("time", still),
-            ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz)),
-        )
+        with self._summary:
+            st.markdown(time_line(time, unit, rate, int(joints)))
+            self.checks.ask(
+                "time",
+                ("joints", int(joints) == self.guess.mapping.n),
+                ("time", still),
+                ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz)),
+            )
         return (time, unit, rate), int(joints)
 
     def _joint(self, j: int) -> tuple[Channel, Channel, float]:
@@ -123,10 +132,9 @@ class Entries:
             like = self.asked[0][0], self.asked[0][1]
             *first_two, why = propose_joint(self.table, j + 1, like, self.used)
             first = first_two[0], first_two[1]
-            self.reasons |= {reason.what: reason for reason in why}
-        with st.container(border=True):
+            self.checks.add(why)
+        with self._summary:
             left, right = st.columns([3, 2], vertical_alignment="center")
-            left.markdown(f"**Joint {j + 1}**")
             ratio = right.number_input(
                 f"Gear ratio of joint {j + 1}",
                 value=known.gear_ratio if known else 1.0,
@@ -137,31 +145,26 @@ class Entries:
                 help="Motor turns over joint turns; negative when they turn against each other. "
                 "It counts for channels measured on the joint's side.",
             )
+        with st.container(border=True):
+            st.markdown(f"**Joint {j + 1}**")
             position = self._channel(
-                "position", j, first[0], tuple(ANGLE_UNITS), POSITION_SCALES,
+                "position", j, first[0], tuple(ANGLE_UNITS), POSITION_SCALES, right,
             )  # fmt: skip
             torque = self._channel(
-                "torque", j, first[1], tuple(TORQUE_UNITS), TORQUE_SCALES,
+                "torque", j, first[1], tuple(TORQUE_UNITS), TORQUE_SCALES, right,
             )  # fmt: skip
-            if known is None:
-                self._why_joint(j, position, torque, float(ratio), first)
-            elif j < self.guess.mapping.n:
-                guess = self.guess.mapping.joints[j]
-                self._why_joint(j, position, torque, float(ratio), (guess.position, guess.torque))
+        left.markdown(joint_line(j + 1, position, torque))
+        then = self.guess.mapping.joints[j] if known is not None and j < self.guess.mapping.n else None
+        if known is None:
+            self._check_joint(j, position, torque, float(ratio), first)
+        elif then is not None:
+            self._check_joint(j, position, torque, float(ratio), (then.position, then.torque))
+        else:
+            self.checks.assumed += _assumed(j, position, torque, float(ratio))
         self.used |= {position.column, torque.column}
-        self._note_assumed(j, position, torque, float(ratio))
         return position, torque, float(ratio)
 
-    def _note_assumed(self, j: int, position: Channel, torque: Channel, ratio: float) -> None:
-        end = f" of joint {j + 1}"
-        if ratio == 1.0 and JOINT in (position.side, torque.side):
-            self.assumed.append(f"gear ratio 1{end}")
-        for channel, scales in ((position, POSITION_SCALES), (torque, TORQUE_SCALES)):
-            if channel.scale == 1.0:
-                what, _, unit = scales[channel.unit].partition(", ")
-                self.assumed.append(f"{what} 1{f' {unit}' if unit else ''}{end}")
-
-    def _why_joint(
+    def _check_joint(
         self, j: int, position: Channel, torque: Channel, ratio: float, then: tuple[Channel, Channel]
     ) -> None:
         end = f" of joint {j + 1}"
@@ -174,13 +177,22 @@ class Entries:
                 (f"scale of {role}{end}", same and (now.unit, now.scale) == (was.unit, was.scale)),
                 (f"side of {role}{end}", same and now.side == was.side),
             ]
-        geared = JOINT in (position.side, torque.side)
-        self._why(*stands, (f"gear ratio{end}", geared and ratio == 1.0), part_of=end)
+        stands.append((f"gear ratio{end}", JOINT in (position.side, torque.side) and ratio == 1.0))
+        assumed = _assumed(j, position, torque, ratio)
+        with self._summary:
+            self.checks.ask(f"joint {j + 1}", *stands, part_of=end, assumed=assumed)
 
     def _channel(
-        self, role: str, j: int, base: Channel, units: tuple[str, ...], scales: MappingType[str, str]
+        self,
+        role: str,
+        j: int,
+        base: Channel,
+        units: tuple[str, ...],
+        scales: MappingType[str, str],
+        place: DeltaGenerator,
     ) -> Channel:
-        one, two, three, four, five = st.columns([3, 1.5, 2.5, 1.5, 2])
+        """Ask for a column; the scale of its unit, which no log says, is asked for at ``place``."""
+        one, two, three, four = st.columns([3, 1.5, 1.5, 2])
         name = f"{role} {j}"
         column = self._select(
             one, f"{role.capitalize()} of joint {j + 1}", self.table.names, base.column, name
@@ -188,15 +200,15 @@ class Entries:
         unit = self._select(two, f"Unit of {role} {j + 1}", units, base.unit, f"{name} unit")
         scale = None
         if meaning := scales.get(unit):
-            scale = three.number_input(
+            scale = place.number_input(
                 _upper(meaning),
                 value=base.scale if base.unit == unit and base.scale else 1.0,
                 format="%g",
                 key=self._id(f"{name} scale {meaning}"),
                 persist_state="session",
             )
-        side = self._select(four, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
-        sign = self._select(five, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
+        side = self._select(three, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
+        sign = self._select(four, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
         return Channel(column, unit, scale, side, sign)
 
     def _select(
@@ -223,25 +235,52 @@ class Entries:
         )
         return value if chosen is None else chosen
 
-    def _why(self, *stands: tuple[str, bool], part_of: str = "") -> None:
-        """Say what was guessed without being sure, and remember the other reasons; not once changed."""
-        found = [
-            self.reasons[what] for what, stands_yet in stands if stands_yet and what in self.reasons
-        ]
-        self.unsure += [
-            r.what for r in found if not r.sure and not r.what.startswith(("gear ratio", "scale"))
-        ]
-        check = [
-            f"**{_upper(reason.what.removesuffix(part_of))}:** {reason.text}"
-            for reason in found
-            if not reason.sure
-        ]
-        if check:
-            st.caption(f":orange-badge[To check] {' '.join(check)}")
-        self.sure += [f"**{_upper(r.what)}:** {r.text}" for r in found if r.sure]
-
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"
+
+
+def _assumed(j: int, position: Channel, torque: Channel, ratio: float) -> list[str]:
+    """Ratio and scales that are 1 where they count."""
+    end, found = f" of joint {j + 1}", []
+    if ratio == 1.0 and JOINT in (position.side, torque.side):
+        found.append(f"gear ratio 1{end}")
+    for channel, scales in ((position, POSITION_SCALES), (torque, TORQUE_SCALES)):
+        if channel.scale == 1.0:
+            what, _, unit = scales[channel.unit].partition(", ")
+            found.append(f"{what} 1{f' {unit}' if unit else ''}{end}")
+    return found
+
+
+def time_line(column: str, unit: str, rate_hz: float | None, joints: int) -> str:
+    """Say in a line where the time comes from, and of how many joints."""
+    where = "row number" if not column else f'"{column}"'
+    at = f"{where}, {rate_hz:g} Hz" if rate_hz is not None else f"{where} in {unit}"
+    return f"**Time** {_plain(at)} · {counted(joints, 'joint')}"
+
+
+def joint_line(number: int, position: Channel, torque: Channel) -> str:
+    """Say in a line where angle and torque of a joint come from."""
+    parts = []
+    for role, channel, scales in (
+        ("position", position, POSITION_SCALES),
+        ("torque", torque, TORQUE_SCALES),
+    ):
+        if not channel.column:
+            parts.append(f"{role}: no column")
+            continue
+        scale = ""
+        if meaning := scales.get(channel.unit):
+            what, _, unit = meaning.partition(", ")
+            scale = f" ({what} {channel.scale:g}{f' {unit}' if unit else ''})"
+        turned = ", reversed" if channel.sign < 0 else ""
+        name = _plain(f'"{channel.column}" in {channel.unit}')
+        parts.append(f"{role} {name}{scale} at the {_SIDES[channel.side]}{turned}")
+    return f"**Joint {number}** {'; '.join(parts)}"
+
+
+def _plain(text: str) -> str:
+    """A column's name as it is: nothing in it is markup."""
+    return re.sub(r"([\\`*_{}\[\]()#+!|~<>$:-])", r"\\\1", text)
 
 
 def _upper(text: str) -> str:

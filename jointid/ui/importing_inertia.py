@@ -71,10 +71,10 @@ def ask_nominal(joints: int) -> Elasticity | None:
     JointIdError
         When one of them is missing or is no stiffness or damping.
     """
-    left, right = st.columns(2)
-    help_ = "What the controller assumes today: the app compares it with what is found."
-    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
-    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
+    with st.expander("What the controller assumes today, to compare with: nominal K and D (optional)"):
+        left, right = st.columns(2)
+        K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5")
+        D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015")
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):
@@ -94,6 +94,11 @@ def show_inertia(robot: KnownRobot) -> None:
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
     text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
+    if (nominal := robot.nominal) is not None:
+        st.caption(
+            f"Nominal K = {numbers_out(nominal.K.tolist())} N·m/rad, "
+            f"D = {numbers_out(nominal.D.tolist())} N·m·s/rad."
+        )
     if robot.poses:
         st.caption(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
 

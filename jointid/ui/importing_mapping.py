@@ -18,6 +18,7 @@ from jointid.importing import (
     mapping_to_json,
 )
 from jointid.store import Store
+from jointid.ui.importing_checks import Checks
 from jointid.ui.importing_entries import Entries
 from jointid.ui.importing_inertia import inertias_given
 from jointid.ui.workspace import keep_part, place_for, store
@@ -150,13 +151,13 @@ def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str]:
             _start_from(table, guess.mapping)
             st.rerun()
     mapping = entries.ask()
-    return mapping, _not_confirmed(entries)
+    return mapping, _not_confirmed(entries.checks)
 
 
-def _not_confirmed(entries: Entries) -> str:
-    parts = [f"Assumed and not confirmed: {', '.join(entries.assumed)}."] if entries.assumed else []
-    if entries.unsure:
-        parts.append(f"Still marked To check: {listed(entries.unsure, at_most=6)}.")
+def _not_confirmed(checks: Checks) -> str:
+    parts = [f"Assumed and not confirmed: {', '.join(checks.assumed)}."] if checks.assumed else []
+    if checks.unsure:
+        parts.append(f"Still marked To check: {listed(checks.unsure, at_most=6)}.")
     return " ".join(parts)
 
 
@@ -172,7 +173,7 @@ def offer_again() -> None:
 
 def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
     """Save the mapping as JSON, or take one from a file."""
-    with st.expander("Keep this mapping as a file, or take one from a file"):
+    with st.expander("Keep these entries as a file, or take them from a file"):
         left, right = st.columns(2)
         if mapping is not None:
             left.download_button(

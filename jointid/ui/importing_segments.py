@@ -61,7 +61,12 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     rows = st.session_state[SHOWN][1]
     labels = _labels(names)
     summary = st.empty()
-    _table(rows, labels, key)
+    with st.expander("Correct the runs: leave some out, shift or add one", expanded=not rows):
+        _table(rows, labels, key)
+        st.caption(
+            "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
+            "a frequency it is estimated."
+        )
     edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
     for log, part in found.items():
         last[_one(log, part)] = [row for row in edited if row.log == log]

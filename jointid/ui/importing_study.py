@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.importing import Segment
 from jointid.importing.log_study import study_name
 from jointid.importing.robot_inertia import KnownRobot
-from jointid.ui.importing_inertia import ask_inertia, ask_nominal, show_inertia
+from jointid.rounding import plain
+from jointid.ui.importing_inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
 from jointid.wording import counted
 
+ROBOT = "the-robot"
+"""Where the page asks for the inertias."""
 _NO_POSE = "as in [inertia]"
 
 
@@ -24,6 +28,29 @@ class Robot:
     known: KnownRobot
     pose_of: tuple[str | None, ...]
     """Pose of each log; None: that of ``known.inertia``."""
+
+
+def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
+    """Say in a line how far the import is, and what comes next.
+
+    Parameters
+    ----------
+    runs : mapping of str to sequence of Segment
+        Those to be used, by log.
+    to_check : bool
+        Whether something of the mapping is open.
+    """
+    hertz = [segment.frequency_hz for part in runs.values() for segment in part]
+    if not hertz:
+        st.markdown("**Next:** mark a steady sine run in the table of runs, or choose other columns.")
+        return
+    low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
+    band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
+    look = "look at what is marked To check, then " if to_check else ""
+    goal = "open it as a study" if inertias_given() else "give the inertias"
+    st.markdown(
+        f"{counted(len(hertz), 'steady sine run')} of {band} found. **Next:** {look}[{goal}](#{ROBOT})."
+    )
 
 
 def ask_robot(
