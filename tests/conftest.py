@@ -159,8 +159,12 @@ def browser(chromium: str) -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def context(browser: Browser) -> BrowserContext:
-    """One for all tests of a file: the client's code is parsed once."""
-    return browser.new_context()
+    """One for all tests of a file: the client's code is compiled once."""
+    from browsing import warm
+
+    context = browser.new_context()
+    warm(context)
+    return context
 
 
 @pytest.fixture

@@ -10,39 +10,44 @@ from typing import Any
 
 import pytest
 from browsing import Watch, new_page, rested, too_wide
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import BrowserContext, Page, ViewportSize, expect
 
 pytestmark = pytest.mark.browser
 
-WHOLE_PAGE = {"width": 1280, "height": 900}
-PHONE = {"width": 390, "height": 844}
+WHOLE_PAGE: ViewportSize = {"width": 1280, "height": 900}
+PHONE: ViewportSize = {"width": 390, "height": 844}
 
 Look = Callable[[Page], None]
 Browse = Callable[..., None]
 
 
 @pytest.fixture(scope="module")
-def browse(address: str, browser: Browser) -> Iterator[Browse]:
+def browse(address: str, context: BrowserContext) -> Iterator[Browse]:
     """Look at a page; nothing may go wrong in it, and no request may leave the machine."""
     windows: dict[str, Window] = {}
 
     def look_at(look: Look, **options: Any) -> None:
         kind = repr(options)
         if kind not in windows:
-            context = browser.new_context(**({"viewport": WHOLE_PAGE} | options))
-            windows[kind] = Window(new_page(context), f"{address}/Cut")
+            close()  # where nobody looks, nothing is drawn
+            windows[kind] = Window(new_page(context), f"{address}/Cut", **options)
         windows[kind].look(look)
 
+    def close() -> None:
+        while windows:
+            windows.popitem()[1].page.close()
+
     yield look_at
-    for window in windows.values():
-        window.page.context.close()
+    close()
 
 
 class Window:
     """A page about the cut that stays open from test to test."""
 
-    def __init__(self, page: Page, url: str) -> None:
+    def __init__(self, page: Page, url: str, viewport: ViewportSize = WHOLE_PAGE, **media: Any) -> None:
         self.page, self.watch = page, Watch(page)
+        page.set_viewport_size(viewport)
+        page.emulate_media(**media)
         page.goto(url, wait_until="commit")
         expect(canvas(page)).to_have_attribute("data-frame", re.compile(r"\d+"))
         rested(page)
@@ -200,8 +205,7 @@ def test_the_keys_mean_the_same_wherever_the_focus_is(browse: Browse) -> None:
         for control in (button, time_slider, magnify, speed):
             was = state(page)["playing"]
             control.press("Space")
-            page.wait_for_timeout(50)
-            assert state(page)["playing"] != was
+            expect(canvas(page)).not_to_have_attribute("data-playing", was)
         end = int(state(page)["frames"]) - 1
         for control in (button, time_slider):
             control.press("Home")
@@ -278,6 +282,22 @@ def test_another_setting_shows_another_path_and_keeps_the_moment(browse: Browse)
     browse(look)
 
 
+def test_the_figure_is_saved_as_svg(browse: Browse) -> None:
+    def look(page: Page) -> None:
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Save the figure (.svg)").click()
+        text = Path(download.value.path()).read_text("utf-8")
+        assert text.startswith("<svg")
+        assert text.count("<path") == 12
+        assert page.locator("img[src^='data:image/svg+xml']").count() == 6
+        sizes = page.locator("img[src^='data:image/svg+xml']").evaluate_all(
+            "all => all.map(image => image.naturalWidth)"
+        )
+        assert all(size > 0 for size in sizes)
+
+    browse(look)
+
+
 def test_who_wants_no_motion_sees_the_finished_cut(browse: Browse) -> None:
     def look(page: Page) -> None:
         now = state(page)
@@ -303,19 +323,3 @@ def test_on_a_phone_in_either_theme(browse: Browse) -> None:
         expect(key).to_have_css("border-top-color", "rgb(86, 180, 233)")
 
     browse(look, viewport=PHONE)
-
-
-def test_the_figure_is_saved_as_svg(browse: Browse) -> None:
-    def look(page: Page) -> None:
-        with page.expect_download() as download:
-            page.get_by_role("button", name="Save the figure (.svg)").click()
-        text = Path(download.value.path()).read_text("utf-8")
-        assert text.startswith("<svg")
-        assert text.count("<path") == 12
-        assert page.locator("img[src^='data:image/svg+xml']").count() == 6
-        sizes = page.locator("img[src^='data:image/svg+xml']").evaluate_all(
-            "all => all.map(image => image.naturalWidth)"
-        )
-        assert all(size > 0 for size in sizes)
-
-    browse(look)
