@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,10 @@ from jointid import (
 from jointid.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
+from jointid.verdict.places import ENTRIES, INERTIAS, RUNS
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
+from jointid.verdict.steady_start import steady_from
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -107,6 +110,59 @@ def test_transient_is_found_and_the_record_named() -> None:
     assert "seven.csv" in found[0].detail
     assert "start_s" in found[0].remedy
     assert "Import a log" in found[0].remedy
+
+
+def test_the_time_from_which_a_record_is_steady_is_proposed_and_mends_it() -> None:
+    """Begun there, the record raises no alarm, and its phasor comes near the one without transient."""
+    records, begin = sound(), 100.0
+    true = extract_phasors([remade(records[k], time_s=records[k].time_s + begin) for k in (6, 11)])
+    for k in (6, 11):
+        time = records[k].time_s + begin
+        theta = records[k].theta_rad
+        swing = 0.3 * np.abs(theta).max() * np.exp(-(time - begin) / 0.15) * np.sin(60.0 * time)
+        records[k] = remade(records[k], time_s=time, theta_rad=theta + swing[:, None], label=f"{k}.csv")
+    told = analysed(records, method="weighted")
+    (finding,) = (f for f in told.findings if "settling" in f.title)
+    starts = dict(re.findall(r"(\d+\.csv) from ([\d.]+) s on", finding.detail))
+    assert starts.keys() == {"6.csv", "11.csv"}
+    assert "Let the records begin at these times" in finding.remedy
+    for k in (6, 11):
+        start = float(starts[f"{k}.csv"])
+        assert begin + 0.15 < start < records[k].time_s.mean()
+        records[k] = replace(records[k], start_s=start)
+    mended = analysed(records, method="weighted")
+    assert "settling" not in titles(mended)
+    off = [np.abs(a.phasors.z[[6, 11]] / true.z - 1).max(axis=1) for a in (told, mended)]
+    assert np.all(off[1] < 0.2 * off[0])
+
+
+def test_no_start_is_proposed_where_a_motion_never_settles() -> None:
+    records = sound()
+    time, theta = records[6].time_s, records[6].theta_rad
+    growing = theta * (1 + 0.5 * (time - time[0]) / np.ptp(time))[:, None]
+    records[6] = remade(records[6], theta_rad=growing, label="seven.csv")
+    assert steady_from(records[6]) is None
+    (finding,) = (f for f in analysed(records, method="weighted").findings if "settling" in f.title)
+    assert "seven.csv does not become steady" in finding.detail
+    assert finding.remedy.startswith("Measure again.")
+
+
+def test_a_steady_record_may_begin_after_a_period() -> None:
+    for record in sound():
+        start = steady_from(record)
+        assert start is not None
+        assert (start - record.time_s[0]) * record.frequency_hz < 4  # by chance not at once
+
+
+def test_remedies_name_places_that_the_app_has() -> None:
+    """What is quoted in a place is a label on the import page."""
+    root = Path(__file__).parents[1]
+    page = "".join(file.read_text("utf-8") for file in (root / "jointid/ui").glob("importing_*.py"))
+    page += (root / "pages/9_Import_a_log.py").read_text("utf-8")
+    quoted = {q for place in (RUNS, ENTRIES, INERTIAS) for q in re.findall(r'"([^"]+)"', place)}
+    assert quoted == {"Correct the runs", "All entries", "The robot", "Import a log"}
+    for label in (*quoted, "Torque held from sample to sample", "Torque acts after its sample by"):
+        assert label in page
 
 
 def test_all_records_that_settle_are_named_up_to_three() -> None:

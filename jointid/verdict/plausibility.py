@@ -20,6 +20,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
 from jointid.verdict.evidence import Finding, number, problem
+from jointid.verdict.places import ENTRIES, FILE, INERTIAS
 from jointid.verdict.scale_causes import COMMON_FACTORS, POSITION_OR_TORQUE_FACTORS, told_by_size
 
 _DEGREES = np.pi / 180
@@ -220,7 +221,8 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
         return problem(
             "M2 looks given on the arm side",
             f"With gear ratios of about {gears} it would fit the torques at low frequency. {proof}",
-            "Reflect M2 to the motors: divide element ij by the gear ratios n_i·n_j.",
+            f"Say {INERTIAS} that M2 is given on the joint side, or divide element ij of M2 {FILE} by "
+            "the gear ratios n_i·n_j.",
             float(np.log10(hypothesis.gear.max() ** 2)),
         )
     factor = hypothesis.torque / hypothesis.angle
@@ -234,8 +236,9 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
         return problem(
             f"The sign of the {what} of {joints} looks reversed",
             f"At low frequency the torque is −1 times what M and M2 say. {proof}",
-            f"Reverse the sign of the {what} of {joints} ({columns} in a study's tables), so that a "
-            "positive torque accelerates the motor to positive positions.",
+            f"Set the direction of the {what} of {joints} to reversed {ENTRIES}, or reverse the sign of "
+            f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
+            "positions.",
             1.0,
         )
     return told_by_size(

@@ -12,6 +12,7 @@ from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
+from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
 
 LINEAR = ("weighted", "least-squares", "explicit")
 """Estimators that know nothing of friction."""
@@ -101,8 +102,8 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         return
     worst = int(np.nanargmax(share))
     remedy = (
-        f"Add {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml, if the drive "
-        "explains it."
+        f'If the drive explains it, add {_in_a_file(1e3 * lag)} ms to "Torque acts after its sample by" '
+        f"{ENTRIES}, or {_in_a_file(lag)} s to torque_delay_s under [timing] {FILE}."
     )
     remedy = half_a_sample(evidence, lag) or remedy
     yield note(
@@ -116,7 +117,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _in_a_file(value: float) -> str:
-    """Write a number so that it can be copied into study.toml."""
+    """Write a number so that it can be copied into the app or a study.toml."""
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
@@ -126,11 +127,15 @@ def half_a_sample(evidence: Evidence, lag: float) -> str:
     samples = lag / float(np.median([record.interval_s for record in evidence.records]))
     if not any(held) and abs(samples - 0.5) < 0.1:
         return (
-            "The torque lags by half a sample: set torque_hold = true, if the controller holds the "
-            "torque from one sample to the next."
+            "The torque lags by half a sample. If the controller holds the torque from one sample to "
+            f'the next, tick "Torque held from sample to sample" {IMPORT}, or set torque_hold = true '
+            f"{FILE}."
         )
     if all(held) and abs(samples + 0.5) < 0.1:
-        return "The torque leads by half a sample: torque_hold = true seems wrong for these records."
+        return (
+            "The torque leads by half a sample: it is probably not held. Untick that "
+            f"{IMPORT}, or set torque_hold = false {FILE}."
+        )
     return ""
 
 
@@ -158,7 +163,8 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         f"The poses disagree on {parameter_names(evidence.fit.n)[worst]}",
         f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
-        "Check M2 of each pose first. If the inertias are right, the gear hardens: its stiffness then "
+        f"Check M2 of each pose first, {INERTIAS} (as TOML) or under [poses] {FILE}. "
+        "If the inertias are right, the gear hardens: its stiffness then "
         "depends on the load, which depends on the pose.",
         float(apart[worst]),
     )

@@ -19,6 +19,7 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
+from jointid.verdict.places import FILE, IMPORT
 from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
 from jointid.wording import counted
 
@@ -34,14 +35,16 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
             yield problem(
                 f"K{j + 1} is negative",
                 f"The estimate is {number(fit.K[j], 4)} N·m/rad, which is no spring.",
-                f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
+                f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios {IMPORT}, "
+                f"and M and M2 there or {FILE}.",
                 2.0,
             )
         elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
             yield warning(
                 f"D{j + 1} is negative",
                 f"The estimate is {number(fit.D[j])} N·m·s/rad, which would feed energy into the arm.",
-                "The torque probably leads or lags: check torque_hold and torque_delay_s.",
+                "The torque probably leads or lags: check whether it is held, and after which time it "
+                f"acts, {IMPORT}; torque_hold and torque_delay_s {FILE}.",
                 2.0,
             )
 

@@ -18,6 +18,7 @@ from jointid.joints import Inertia, motor_impedance
 from jointid.phasors import Phasors
 from jointid.springs import spring_equations
 from jointid.verdict.evidence import Evidence, Finding, number, problem
+from jointid.verdict.places import FILE, RUNS
 
 _SUSPECTS = 8
 """Records that are left out in turn: those whose own stiffness is furthest from the median."""
@@ -44,6 +45,8 @@ _KNOWN = (
     (2 * np.pi, "angle", "looks logged in revolutions", "Multiply {} by 2π in this record."),
 )
 """Torque over angle, measured over expected; the signal, what it looks like, and the remedy."""
+
+_LEAVE_OUT = f"untick its run {RUNS}, or take its [[records]] out {FILE}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +138,7 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
         return (
             f"{label} contradicts all other records",
             "No factor on its angles or torques mends it.",
-            f"Check the columns, the pose and the load of {label}, or leave it out.",
+            f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
         )
     wrong = np.flatnonzero(~np.isclose(found.factor, 1))
     signal = "angle" if found.by_angle else "torque"
@@ -150,7 +153,8 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     return (
         f"The {signal}{joints} in {label} has another scale than in all other records",
         cause,
-        f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record out.",
+        f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record out: "
+        f"{_LEAVE_OUT}.",
     )
 
 

@@ -10,8 +10,11 @@ from jointid.arrays import Floats
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
+from jointid.verdict.places import ENTRIES, FILE, RUNS
+from jointid.verdict.steady_start import decimals, steady_from
 from jointid.wording import counted
 
+_STARTS = 3  # records for which a later start is looked for, worst first
 _LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
 
 
@@ -28,7 +31,8 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
             f"{phasors.labels[worst]} says {number(stated[worst], 5)} Hz; the motor angle has "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
-            "Correct frequency_hz in study.toml, or the unit of time_s.",
+            f"Correct the frequency of the run {RUNS}, or the unit of time {ENTRIES}; of a study on "
+            f"disk, frequency_hz {FILE} or the column time_s.",
             float(off[worst]),
         )
 
@@ -55,13 +59,38 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
         which = f"In {names[0]}"
         if len(names) > 1:
             which = f"{_concerned(len(names))[:-1]}: {some(names)}. In {names[0]}"
+        steady, remedy = _later_starts(evidence, concerned[:_STARTS])
         yield warning(
             "The motion is still settling",
-            f"{which} the first quarter differs by {percent(moving[worst])} from the second half.",
-            'Let these records begin later: by the start of the run on the page "Import a log", or by '
-            "start_s of the record in study.toml. Or wait longer before recording.",
+            f"{which} the first quarter differs by {percent(moving[worst])} from the second half. "
+            f"{steady}",
+            remedy,
             float(moving[worst]),
         )
+
+
+def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
+    """From when on these records are steady, and what to do about them."""
+    told, never = [], []
+    for i in concerned:
+        record, label = evidence.records[i], evidence.phasors.labels[i]
+        start = steady_from(record)
+        if start is None:
+            never.append(label)
+        else:
+            told.append(f"{label} from {start:.{decimals(record)}f} s on")
+    parts = [f"Steady: {', '.join(told)}."] if told else []
+    if never:
+        verb = "does" if len(never) == 1 else "do"
+        parts.append(f"{', '.join(never)} {verb} not become steady, as far as can be told.")
+    wait = "Wait longer before recording."
+    if not told:
+        return " ".join(parts), f"Measure again. {wait}"
+    ones = "this time" if len(told) == 1 else "these times"
+    return " ".join(parts), (
+        f"Let the records begin at {ones}: by the start of the run {RUNS}, or by start_s of the record "
+        f"{FILE}. {'Measure the others again. ' if never else ''}Next time: {wait[:1].lower()}{wait[1:]}"
+    )
 
 
 def few_periods(evidence: Evidence) -> Iterator[Finding]:
@@ -94,7 +123,7 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             "A record is in the study twice",
             f"{some(pairs)} hold the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
             "counted twice makes the error bars too small, by up to 30 %.",
-            "Remove one of each pair, or measure again.",
+            f"Untick one of each pair {RUNS}, or take its [[records]] out {FILE}; or measure again.",
             0.4 * _worst_error(evidence),
         )
 

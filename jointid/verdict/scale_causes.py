@@ -9,6 +9,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.verdict.evidence import Finding, number, problem
+from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
 
 _DEGREES = np.pi / 180
 _CLOSE = 1.03
@@ -39,14 +40,14 @@ _KNOWN = (
         "looks given in degrees",
         "position",
         "a position in degrees that was taken for radians (180/π = 57.3)",
-        "Multiply the position of {} by π/180, or set its unit to deg",
+        f"Set the unit of the position of {{}} to deg {ENTRIES}, or multiply it by π/180",
     ),
     _Cause(
         1 / _DEGREES,
         "looks converted from degrees though it is in radians",
         "position",
         "a position in radians that was taken for degrees (180/π = 57.3)",
-        "Multiply the position of {} by 180/π, or set its unit to rad",
+        f"Set the unit of the position of {{}} to rad {ENTRIES}, or multiply it by 180/π",
     ),
     _Cause(
         _DEGREES**2,
@@ -67,28 +68,28 @@ _KNOWN = (
         "looks given in revolutions",
         "position",
         "a position in revolutions that was taken for radians (2π)",
-        "Multiply the position of {} by 2π, or set its unit to rev",
+        f"Set the unit of the position of {{}} to rev {ENTRIES}, or multiply it by 2π",
     ),
     _Cause(
         1 / (2 * np.pi),
         "looks converted from revolutions though it is in radians",
         "position",
         "a position in radians that was taken for revolutions (2π)",
-        "Divide the position of {} by 2π, or set its unit to rad",
+        f"Set the unit of the position of {{}} to rad {ENTRIES}, or divide it by 2π",
     ),
     _Cause(
         1e3,
         "looks given in mN·m",
         "torque",
         "a torque in mN·m that was taken for N·m",
-        "Divide the torque of {} by 1000, or set its unit to mN·m",
+        f"Set the unit of the torque of {{}} to mN·m {ENTRIES}, or divide it by 1000",
     ),
     _Cause(
         1e-3,
         "looks given in mrad",
         "position",
         "a position in mrad that was taken for rad",
-        "Divide the position of {} by 1000, or set its unit to mrad",
+        f"Set the unit of the position of {{}} to mrad {ENTRIES}, or divide it by 1000",
     ),
 )
 _COMMON = (
@@ -97,35 +98,39 @@ _COMMON = (
         "Time is probably in milliseconds, but was taken for seconds",
         "time",
         "accelerations go with the square of time, 1000² = 10⁶",
-        "Divide the time by 1000, or set its unit to ms; the frequencies then are 1000 times higher",
+        f"Set the unit of time to ms {ENTRIES}, or divide the time by 1000; the frequencies then "
+        "are 1000 times higher",
     ),
     _Cause(
         1e-6,
         "Time is probably in seconds, but was taken for milliseconds",
         "time",
         "accelerations go with the square of time, 1000² = 10⁶",
-        "Multiply the time by 1000, or set its unit to s; the frequencies then are 1000 times lower",
+        f"Set the unit of time to s {ENTRIES}, or multiply the time by 1000; the frequencies then "
+        "are 1000 times lower",
     ),
     _Cause(
         1e12,
         "Time is probably in microseconds, but was taken for seconds",
         "time",
         "accelerations go with the square of time, (10⁶)² = 10¹²",
-        "Divide the time by 10⁶, or set its unit to µs; the frequencies then are 10⁶ times higher",
+        f"Set the unit of time to µs {ENTRIES}, or divide the time by 10⁶; the frequencies then "
+        "are 10⁶ times higher",
     ),
     _Cause(
         1e-12,
         "Time is probably in seconds, but was taken for microseconds",
         "time",
         "accelerations go with the square of time, (10⁶)² = 10¹²",
-        "Multiply the time by 10⁶, or set its unit to s; the frequencies then are 10⁶ times lower",
+        f"Set the unit of time to s {ENTRIES}, or multiply the time by 10⁶; the frequencies then "
+        "are 10⁶ times lower",
     ),
     _Cause(
         1e-4,
         "M and M2 are probably in kg·cm²",
         "inertia",
         "1 kg·cm² is 10⁻⁴ kg·m²",
-        "Divide M and M2 by 10⁴",
+        f"Set the unit of M and M2 to kg·cm² {INERTIAS}, or divide them by 10⁴ {FILE}",
     ),
 )
 COMMON_FACTORS = tuple(cause.factor for cause in _COMMON)
@@ -177,7 +182,7 @@ def told_by_size(factor: Floats, *, proof: str, duration_s: float, good: bool) -
         minus = " Reverse its sign as well." if sign else ""
         remedies.append(f"{cause.remedy.format(whose)}{_column(cause.signal, joints)}.{minus}")
     # A gear ratio may have the same size by chance.
-    remedies.append("If the units are right, check the gear ratio.")
+    remedies.append(f"If the units are right, check the gear ratio {IMPORT}.")
     return problem(
         _capital("; ".join(titles)), f"{' '.join(details)} {proof}", " ".join(remedies), effect
     )
@@ -225,7 +230,8 @@ def _unknown_remedy(factor: Floats, joints: Sequence[int] | np.ndarray) -> str:
     indices = [int(j) for j in joints]
     each = [f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices]
     return (
-        "Check whether position and torque are of the motor or behind the gear, with which ratio; and "
+        f"Check {IMPORT} whether position and torque are of the motor or behind the gear, with which "
+        "ratio; and "
         "the torque's unit: per cent of the rated torque, or amperes, need the rated torque or the "
         f"torque constant: the torque times {', '.join(each)} fits{_column('torque', indices)}."
         + _hint([float(factor[j]) for j in indices])
