@@ -52,15 +52,14 @@ with kept_import():
     raw = st.container()
 
     st.subheader("What the columns are", anchor=False)
-    mapping, not_confirmed = None, ""
+    mapping, not_confirmed, clear = None, "", False
     try:
-        mapping, not_confirmed = choose_mapping(log.key, log.table)
+        mapping, not_confirmed, clear = choose_mapping(log.key, log.table)
         remember(log.table, mapping)
     except JointIdError as error:
         st.error(str(error))
     with raw:
-        columns = proposed_columns(log.key, log.table)
-        show_raw(log.table, columns, folded=mapping is not None and bool(columns))
+        show_raw(log.table, proposed_columns(log.key, log.table), folded=clear)
     mapping_files(log.table, mapping)
     if mapping is None:
         st.stop()

@@ -270,8 +270,9 @@ class TestStudy:
 
     def test_unclear_columns_are_unfolded(self, page: AppTest) -> None:
         at = drop(page, ("scope.mat", mat_scope()))
-        assert "All entries: columns, units, sides, directions, and why they are so" in [
-            e.label for e in at.expander if e.proto.expanded
+        assert [e.label for e in at.expander if e.proto.expanded] == [
+            "The file as it is: its first rows and its curves",
+            "All entries: columns, units, sides, directions, and why they are so",
         ]
 
     def test_runs_are_counted(self, page: AppTest) -> None:

@@ -38,15 +38,17 @@ class Entries:
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self.checks = Checks(guess, key)
+        self.folded = base != guess.mapping or not self.checks.columns_are_open
+        """Whether it was clear from the start which column is what."""
         self.asked: list[tuple[Channel, Channel, float]] = []
         self.used: set[str] = set()
 
     def ask(self) -> Mapping:
         """Draw what the entries come to, what is to check of it, and below, folded, all entries."""
         self._summary = st.container(border=True)
-        folded = self.base != self.guess.mapping or not self.checks.columns_are_open
         with st.expander(
-            "All entries: columns, units, sides, directions, and why they are so", expanded=not folded
+            "All entries: columns, units, sides, directions, and why they are so",
+            expanded=not self.folded,
         ):
             time, joints = self._time()
             self.used = {time[0], *(c for c in self.base.columns if c != self.base.time.column)}

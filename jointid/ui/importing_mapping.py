@@ -123,8 +123,17 @@ def mappings_from_json(values: dict[str, Any]) -> None:
     st.session_state[_FIRST] = dict(values[_FIRST])
 
 
-def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str]:
-    """Draw every entry of the mapping; return what they say, and what of it was assumed, as a line.
+def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str, bool]:
+    """Draw every entry of the mapping.
+
+    Returns
+    -------
+    mapping : Mapping
+        What the entries say.
+    not_confirmed : str
+        What of it was assumed, as a line.
+    clear : bool
+        Whether it was clear from the start which column is what.
 
     Raises
     ------
@@ -151,7 +160,7 @@ def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str]:
             _start_from(table, guess.mapping)
             st.rerun()
     mapping = entries.ask()
-    return mapping, _not_confirmed(entries.checks)
+    return mapping, _not_confirmed(entries.checks), entries.folded
 
 
 def _not_confirmed(checks: Checks) -> str:

@@ -78,11 +78,11 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
         if start is None:
             never.append(label)
         else:
-            told.append(f"{label} from {start:.{decimals(record)}f} s on")
-    parts = [f"Steady: {', '.join(told)}."] if told else []
+            told.append(f"{label}, from {start:.{decimals(record)}f} s on")
+    parts = [f"Steady: {'; '.join(told)}."] if told else []
     if never:
         verb = "does" if len(never) == 1 else "do"
-        parts.append(f"{', '.join(never)} {verb} not become steady, as far as can be told.")
+        parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
     wait = "Wait longer before recording."
     if not told:
         return " ".join(parts), f"Measure again. {wait}"
