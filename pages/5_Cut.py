@@ -36,6 +36,9 @@ try:
     robot = cut_robot(analysis)
     settings = ask(robot, page.digest)
     outcome = cut_cached.outcome(page.digest, page.method, settings, analysis)
+    cut_cached.offset_costs(
+        page.digest, page.method, settings.after, outcome.robot
+    )  # for below
 except JointIdError as error:
     st.error(str(error))
     st.stop()

@@ -33,16 +33,17 @@ class Pool:
 
     def __init__(self, most: int) -> None:
         self._most = most
-        self._there = 0
+        self._there = self._ready = 0  # the one that is beginning is there, but not ready
         self._lock = threading.Lock()
         self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
 
     def begin(self) -> None:
-        """Have processes begin that are not there; nobody waits for them."""
+        """Have one more process begin, if there may be one; nobody waits for it."""
         with self._lock:
-            missing, self._there = self._most - self._there, max(self._most, self._there)
-        for _ in range(missing):
-            threading.Thread(target=self._begin_one, daemon=True).start()
+            if self._there > self._ready or self._there >= self._most:
+                return
+            self._there += 1
+        threading.Thread(target=self._begin_one, daemon=True).start()
 
     def call(
         self,
@@ -71,9 +72,10 @@ class Pool:
         JointIdError
             When the call ended its process; and whatever the call raises.
         """
-        child = self._free(patience_s)
+        if not self._ready:
+            raise NoneReadyError
         with suppress(Ended):
-            return self._asked(child, function, given, progress)
+            return self._asked(self._free(patience_s), function, given, progress)
         self.begin()  # perhaps this call was not to blame: another process tries it once more
         try:
             return self._asked(self._free(_BEGINNING_S), function, given, progress)
@@ -112,20 +114,27 @@ class Pool:
             child.begin()
         except (JointIdError, Ended):
             self._most = 0  # it would fail again: all is computed by the callers
+        with self._lock:
+            self._ready += 1
         self._put_back(child)
 
     def _free(self, patience_s: float) -> Child:
-        if not self._there:
-            raise NoneReadyError
         try:
-            child = self._idle.get(timeout=patience_s) if patience_s else self._idle.get_nowait()
+            child = self._idle.get_nowait()
         except queue.Empty:
-            raise NoneReadyError from None
+            self.begin()
+            child = self._awaited(patience_s)
         if not child.runs:  # was idle for long, or somebody ended it
             self._put_back(child)
             self.begin()
             raise NoneReadyError
         return child
+
+    def _awaited(self, patience_s: float) -> Child:
+        try:
+            return self._idle.get(timeout=patience_s)
+        except queue.Empty:
+            raise NoneReadyError from None
 
     def _put_back(self, child: Child) -> None:
         if child.runs and self._most:
@@ -134,3 +143,4 @@ class Pool:
         child.stop()
         with self._lock:
             self._there -= 1
+            self._ready -= 1

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from typing import TypeVar
+
 import streamlit as st
 
-from jointid import Analysis, Elasticity
+from jointid import Analysis, Elasticity, JointIdError
+from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promise
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
-from jointid.ui.aside import aside
+from jointid.ui.aside import Kept, awaited
 from jointid.ui.cut_settings import CutSettings, usual
 
+Found = TypeVar("Found")
 MapKey = tuple[str, str, CutSettings, str]
 OFFSETS = (0.01, 0.03, 0.10)
 """Errors of K̂ whose cost is said in figures."""
@@ -27,84 +33,87 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
     assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
     before = _before(digest, method, settings, robot, assumed)
     promise = _promise(digest, method, settings.after, robot)
-    return with_promise(robot, settings.toolpath, assumed, before, promise)
+    awaited("Cutting", before, promise)
+    return with_promise(robot, settings.toolpath, assumed, before.result(), promise.result())
 
 
-def pair(
-    digest: str, method: str, settings: CutSettings, zone_m: float, outcome: Outcome
-) -> tuple[TrackingRun, TrackingRun]:
-    """Cut before and after with a corner zone of Figure 7, by the robots that cut its largest one.
+def pairs(
+    digest: str, method: str, settings: CutSettings, outcome: Outcome
+) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
+    """Cuts before and after with the corner zones of Figure 7, or why there are none.
 
-    So the figure stays as it is while the zone of ``settings`` changes, but where the two are the same.
+    All are cut by the robots that cut its largest zone, so that the figure stays as it is while the
+    zone of ``settings`` changes, but where the two are the same.
     """
-    if zone_m == settings.zone_m:
-        return outcome.before, outcome.after
-    there, largest = settings.with_zone(zone_m), settings.with_zone(ZONES_M[-1])
-    robot = outcome.robot
-    before = _before(digest, method, there, robot, outcome.assumed)
-    promise = _promise(digest, method, largest.after, robot)
-    if there == largest:
-        return before, promise.after
-    springs = (*promise.edge.K.tolist(), *promise.edge.D.tolist())
-    return before, _after(digest, method, there.after, springs, robot, promise.edge)
+    robot, own = outcome.robot, settings.zone_m
+    others = [settings.with_zone(zone) for zone in ZONES_M if zone != own]
+    befores = {there.zone_m: _before(digest, method, there, robot, outcome.assumed) for there in others}
+    largest = _promise(digest, method, settings.with_zone(ZONES_M[-1]).after, robot)
+    awaited("Cutting", *befores.values(), largest)
+    afters = {}
+    if largest.exception() is None:
+        edge = largest.result().edge
+        small = [there for there in others if there.zone_m != ZONES_M[-1]]
+        afters = {there.zone_m: _after(digest, method, there.after, robot, edge) for there in small}
+    awaited("Cutting", *afters.values())
+    found: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
+    for zone in ZONES_M:
+        try:
+            if zone == own:
+                runs = outcome.before, outcome.after
+            else:
+                after = afters[zone].result() if zone in afters else largest.result().after
+                runs = befores[zone].result(), after
+            found.append((zone, runs))
+        except JointIdError as error:
+            found.append((zone, str(error)))
+    return found
 
 
-@st.cache_resource(max_entries=512, show_spinner=False)
+@st.cache_resource(show_spinner=False)
+def _cuts() -> Kept:
+    return Kept(1000)
+
+
 def _before(
-    digest: str, method: str, settings: CutSettings, _robot: CutRobot, _assumed: Elasticity | None
-) -> TrackingRun:
-    return aside(
-        track,
-        _robot.arm,
-        settings.toolpath,
-        _robot.elasticity,
-        _assumed,
-        servo=settings.servo,
-        friction=settings.friction,
-    )
+    digest: str, method: str, settings: CutSettings, robot: CutRobot, assumed: Elasticity | None
+) -> Future[TrackingRun]:
+    key = ("before", digest, method, settings)
+    return _begin(key, settings, track, robot.arm, robot.elasticity, assumed)
 
 
-@st.cache_resource(max_entries=256, show_spinner="Cutting")
-def _promise(digest: str, method: str, settings: CutSettings, _robot: CutRobot) -> Promise:
-    return aside(promised, _robot, settings.toolpath, servo=settings.servo, friction=settings.friction)
+def _promise(digest: str, method: str, settings: CutSettings, robot: CutRobot) -> Future[Promise]:
+    return _begin(("promise", digest, method, settings), settings, promised, robot)
 
 
-@st.cache_resource(max_entries=512, show_spinner=False)
 def _after(
-    digest: str,
-    method: str,
-    settings: CutSettings,
-    springs: tuple[float, ...],
-    _robot: CutRobot,
-    _edge: Elasticity,
-) -> TrackingRun:
-    return aside(
-        track,
-        _robot.arm,
-        settings.toolpath,
-        _edge,
-        _robot.elasticity,
-        servo=settings.servo,
-        friction=settings.friction,
-    )
+    digest: str, method: str, settings: CutSettings, robot: CutRobot, edge: Elasticity
+) -> Future[TrackingRun]:
+    key = ("after", digest, method, settings, *edge.K.tolist(), *edge.D.tolist())
+    return _begin(key, settings, track, robot.arm, edge, robot.elasticity)
 
 
-@st.cache_resource(max_entries=256, show_spinner=False)
-def offset_costs(digest: str, method: str, settings: CutSettings, _outcome: Outcome) -> list[float]:
-    """Path error with exact K̂, then with each of ``OFFSETS`` in both joints alike, the worse sign; m."""
+def offset_costs(
+    digest: str, method: str, settings: CutSettings, robot: CutRobot
+) -> Future[tuple[Floats, Floats]]:
+    """Begin to cut with exact K̂, then with each of ``OFFSETS`` in both joints alike, both signs."""
     ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
-    robot = _outcome.robot
-    errors, _ = aside(
-        errors_of_mismatch,
-        robot.arm,
-        _outcome.toolpath,
-        robot.elasticity,
-        ratios,
-        servo=settings.servo,
-        friction=settings.friction,
-    )
-    exact, *off = errors.tolist()
-    return [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]
+    key = ("offsets", digest, method, settings)
+    return _begin(key, settings, errors_of_mismatch, robot.arm, robot.elasticity, ratios)
+
+
+def _begin(
+    key: Hashable, settings: CutSettings, compute: Callable[..., Found], who: object, *springs: object
+) -> Future[Found]:
+    """Begin a computation about a cut; settings that allow none come out of its ``result()``."""
+    try:
+        path, servo = settings.toolpath, settings.servo
+    except JointIdError as error:
+        refused: Future[Found] = Future()
+        refused.set_exception(error)
+        return refused
+    options = {"servo": servo, "friction": settings.friction}
+    return _cuts().begin(key, compute, who, path, *springs, **options)
 
 
 def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:

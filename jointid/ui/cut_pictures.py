@@ -8,7 +8,7 @@ from html import escape
 
 import streamlit as st
 
-from jointid import JointIdError, TrackingRun
+from jointid import TrackingRun
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
@@ -21,13 +21,7 @@ _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
 def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: str) -> None:
     """Three corner zones, nominal above, identified below, with the picture as a file."""
-    pairs: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
-    for zone in ZONES_M:
-        try:
-            runs = cut_cached.pair(page.digest, page.method, settings, zone, outcome)
-            pairs.append((zone, runs))
-        except JointIdError as error:
-            pairs.append((zone, str(error)))
+    pairs = cut_cached.pairs(page.digest, page.method, settings, outcome)
     names = (nominal, "identified")
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
     html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))
