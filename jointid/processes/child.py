@@ -87,7 +87,7 @@ class Child:
         self,
         request: dict[str, Any],
         body: bytes = b"",
-        progress: Callable[[float], None] | None = None,
+        progress: Callable[..., object] | None = None,
     ) -> tuple[dict[str, Any], bytes]:
         """Send a request and return its answer.
 
@@ -97,7 +97,8 @@ class Child:
             As JSON can hold it.
         body : bytes
         progress : callable, optional
-            Called with the fraction done, as far as the process tells. What it raises ends the process.
+            Called with the fraction done and what else the process tells. What it raises ends the
+            process.
 
         Raises
         ------
@@ -143,7 +144,7 @@ class Child:
         raise AssertionError
 
     def _answer(
-        self, process: subprocess.Popen[bytes], progress: Callable[[float], None] | None
+        self, process: subprocess.Popen[bytes], progress: Callable[..., object] | None
     ) -> tuple[dict[str, Any], bytes]:
         while True:
             header, body = _received(process)
@@ -151,7 +152,7 @@ class Child:
                 return header, body
             if progress is not None:
                 try:
-                    progress(header["progress"])
+                    progress(*header["progress"])
                 except BaseException:  # nobody waits for the answer any more
                     self._end()
                     raise

@@ -49,7 +49,7 @@ class Pool:
         self,
         function: Callable[..., Any],
         *given: Any,
-        progress: Callable[[float], None] | None = None,
+        progress: Callable[..., object] | None = None,
         patience_s: float = 0.0,
     ) -> Any:
         """Have a process call ``function(*given)``.
@@ -99,7 +99,7 @@ class Pool:
         child: Child,
         function: Callable[..., Any],
         given: Sequence[Any],
-        progress: Callable[[float], None] | None,
+        progress: Callable[..., object] | None,
     ) -> Any:
         try:
             call = packed_call(function, given, progress is not None)

@@ -18,9 +18,9 @@ from typing import Any, BinaryIO
 
 from jointid.exporting.identification import software_version
 
-Progress = Callable[[float], None]
+Progress = Callable[..., None]
 Answer = Callable[[dict[str, Any], bytes, Progress], tuple[dict[str, Any], bytes]]
-"""From a request with its bytes, and a function that tells the fraction done, to its answer."""
+"""From a request with its bytes, and a function that tells how far it is, to its answer."""
 
 IDLE_S = 600.0
 """How long the process waits for a request before it ends: its owner may have ended without a word."""
@@ -49,8 +49,8 @@ def serve_here(answer: Answer, memory_bytes: int) -> None:
 def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are none."""
 
-    def tell(done: float) -> None:
-        _send(answers, {"progress": float(done)}, b"")
+    def tell(*how_far: float | str) -> None:
+        _send(answers, {"progress": how_far}, b"")
 
     _send(answers, {"ready": software_version()}, b"")
     while True:

@@ -25,6 +25,7 @@ from jointid.exporting import (
     urdf_snippet,
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.ui.aside import aside
 from jointid.ui.trust import steps_at
 
 _MOST_REPORTS = 8
@@ -90,12 +91,12 @@ def write_report(
     digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
 ) -> MadeReport:
     """Make the report and keep it; a function that shows progress cannot be cached by itself."""
-    report = make_report(analysis, progress=lambda done, what: progress(0.6 * done, what))
+    report = aside(make_report, analysis, progress=lambda done, what: progress(0.6 * done, what))
     progress(0.6, "Setting the pages for the screen")
-    html = to_html(report)
+    html = aside(to_html, report)
     paper = "Setting the pages for paper"
     progress(0.65, paper)
-    pdf = to_pdf(report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
+    pdf = aside(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
     made = MadeReport(html, pdf)
     kept = _reports()
     kept[digest, method] = made

@@ -21,6 +21,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.rounding import plain
+from jointid.ui.aside import aside
 from jointid.ui.numbers_in import matrix_in, numbers_in, numbers_out
 
 _RECORDS = {
@@ -121,7 +122,8 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
-    records = simulate_records(
+    records = aside(
+        simulate_records,
         settings.inertia,
         settings.elasticity,
         settings.frequencies_hz,
