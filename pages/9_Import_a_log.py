@@ -122,6 +122,8 @@ with kept_import():
                     poses=robot.known.poses,
                     pose_of=robot.pose_of,
                     name=robot.name,
+                    robot=robot.robot,
+                    date=robot.date,
                 )
                 keep(study, robot.name)
                 keep_mapping(log.table, mapping)

@@ -214,6 +214,22 @@ class TestStudy:
         assert "enough seen" in send(at, "0.001", "0.003").error[0].value
         assert (seen[0].K.tolist(), seen[0].D.tolist()) == ([20.5], [0.1])
 
+    def test_robot_and_date_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
+        seen: list[Any] = []
+        monkeypatch.setattr(
+            "jointid.importing.study_from_logs", lambda *_, **given: seen.append(given) or _refuse()
+        )
+        at = drop(page, ("one.csv", long_log()))
+        at.text_input(key="import robot").set_value("cell 7")
+        at.text_input(key="import date").set_value("last week")
+        at = send(at, "soft", "0.003")
+        assert not seen
+        assert '"soft" is not a number' in at.error[0].value
+        assert "The date 'last week' is none" in at.error[0].value
+        at.text_input(key="import date").set_value("2026-11-20")
+        assert "enough seen" in send(at, "0.001", "0.003").error[0].value
+        assert (seen[0]["robot"], str(seen[0]["date"])) == ("cell 7", "2026-11-20")
+
     def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
         def said(at: AppTest) -> str:
             return " ".join(c.value for c in at.caption if "not confirmed" in c.value)

@@ -46,6 +46,8 @@ def convert(
     name: Annotated[
         str, typer.Option(help="Name of the study; else that in the inertia file, else the logs'.")
     ] = "",
+    which: Annotated[str, typer.Option("--robot", help="Which robot it is, for a fleet.")] = "",
+    date: Annotated[str, typer.Option(help="When it was measured, as in 2026-11-20.")] = "",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -56,6 +58,7 @@ def convert(
         )
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
+    from jointid.importing.log_study import date_in
     from jointid.importing.tables import main_tables
 
     with status("Reading", quiet=as_json):
@@ -87,12 +90,14 @@ def convert(
         raise typer.BadParameter(
             f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
         )
+    measured_on = date_in(date)
     chosen = mapping_from_json(mapping.read_bytes())
     require_free(output, overwrite)
     with status("Looking for sine runs", quiet=as_json):
         study, notes = mapped_study(
             tables, chosen, robot if not name else replace(robot, name=name), poses
         )
+    study = replace(study, robot=which.strip(), date=measured_on)
     save_study(study, output, overwrite=overwrite)
     made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
     for note in notes:

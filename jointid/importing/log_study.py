@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import cast
@@ -17,7 +18,7 @@ from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
 from jointid.rounding import significant
 from jointid.study import Study
-from jointid.wording import counted
+from jointid.wording import counted, shown
 
 
 def segment_records(
@@ -82,6 +83,8 @@ def study_from_logs(
     pose_of: Sequence[str | None] | None = None,
     name: str = "",
     description: str = "",
+    robot: str = "",
+    date: datetime.date | None = None,
 ) -> Study:
     """Make a study of the segments of one or many logs.
 
@@ -99,6 +102,10 @@ def study_from_logs(
         Pose of each log; None, and by default, the one that ``inertia`` holds for.
     name, description : str, optional
         By default from the logs; see ``study_name``.
+    robot : str, optional
+        Which robot it is, and
+    date : datetime.date, optional
+        when it was measured: what a fleet's drift goes by.
 
     Raises
     ------
@@ -145,7 +152,27 @@ def study_from_logs(
         description=description
         or f"Imported: {counted(len(flat), 'sine segment')} of {sources or 'a log'}.",
         poses=poses or {},
+        robot=robot,
+        date=date,
     )
+
+
+def date_in(text: str) -> datetime.date | None:
+    """Read a date as people type it; None where nothing is written.
+
+    Raises
+    ------
+    JointIdError
+        When it is no date.
+    """
+    if not text.strip():
+        return None
+    try:
+        return datetime.date.fromisoformat(text.strip())
+    except ValueError:
+        raise JointIdError(
+            f"The date {shown(text)} is none: write year, month and day as in 2026-11-20."
+        ) from None
 
 
 def study_name(logs: Sequence[str]) -> str:

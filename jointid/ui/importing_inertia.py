@@ -71,10 +71,10 @@ def ask_nominal(joints: int) -> Elasticity | None:
     JointIdError
         When one of them is missing or is no stiffness or damping.
     """
-    with st.expander("What the controller assumes today, to compare with: nominal K and D (optional)"):
-        left, right = st.columns(2)
-        K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5")
-        D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015")
+    left, right = st.columns(2)
+    help_ = "What the controller assumes today: the app compares it with what is found."
+    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
+    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
     if not K.strip() and not D.strip():
         return None
     for name, text in (("K", K), ("D", D)):

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import datetime
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.importing import Segment
-from jointid.importing.log_study import study_name
+from jointid.importing.log_study import date_in, study_name
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.rounding import plain
 from jointid.ui.importing_inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
 from jointid.wording import counted
+
+T = TypeVar("T")
 
 ROBOT = "the-robot"
 """Where the page asks for the inertias."""
@@ -28,6 +32,8 @@ class Robot:
     known: KnownRobot
     pose_of: tuple[str | None, ...]
     """Pose of each log; None: that of ``known.inertia``."""
+    robot: str = ""
+    date: datetime.date | None = None
 
 
 def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
@@ -68,19 +74,20 @@ def ask_robot(
         What of the mapping was assumed; it is said at the button.
     """
     joints = len(gear_ratios)
-    known, problem = None, ""
-    try:
-        known = ask_inertia(gear_ratios)
-        if known is not None and known.inertia.n != joints:
-            problem = (
-                f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has "
-                f"{joints}: "
-                "make them agree."
-            )
-        if (nominal := ask_nominal(joints)) is not None and known is not None:
-            known = replace(known, nominal=nominal)
-    except JointIdError as error:
-        problem = str(error)
+    problems: list[str] = []
+    known = _said(problems, lambda: ask_inertia(gear_ratios))
+    if known is not None and known.inertia.n != joints:
+        problems.append(
+            f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has {joints}: "
+            "make them agree."
+        )
+    with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
+        nominal = _said(problems, lambda: ask_nominal(joints))
+        robot, date = _ask_which()
+    day = _said(problems, lambda: date_in(date))
+    if nominal is not None and known is not None:
+        known = replace(known, nominal=nominal)
+    problem = " ".join(problems)
     poses = _ask_poses(known, logs)
     left, right = st.columns([3, 1], vertical_alignment="bottom")
     name = left.text_input(
@@ -106,7 +113,29 @@ def ask_robot(
         show_inertia(known)
     if not wanted or problem or known is None:
         return None
-    return Robot(name.strip() or known.name or study_name(logs), known, poses)
+    return Robot(name.strip() or known.name or study_name(logs), known, poses, robot.strip(), day)
+
+
+def _said(problems: list[str], ask: Callable[[], T]) -> T | None:
+    """What is asked for; where it cannot be used, its problem is noted and the page goes on."""
+    try:
+        return ask()
+    except JointIdError as error:
+        problems.append(str(error))
+        return None
+
+
+def _ask_which() -> tuple[str, str]:
+    """Which robot it is, and when it was measured."""
+    left, right = st.columns(2)
+    texts = [
+        place.text_input(label, key=f"import {key}", placeholder=example, persist_state="session")
+        for place, label, key, example in (
+            (left, "Robot (optional)", "robot", "cell 7, robot A"),
+            (right, "Date of the measurement (optional)", "date", "2026-11-20"),
+        )
+    ]
+    return texts[0], texts[1]
 
 
 def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | None, ...]:
