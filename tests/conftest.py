@@ -8,7 +8,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -187,12 +187,9 @@ def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
     watches: list[Watch] = []
     pages: list[Page] = []
 
-    def open_address(
-        url: str, *, width: int = 1440, height: int = 900, scheme: Literal["light", "dark"] = "light"
-    ) -> Page:
+    def open_address(url: str, *, width: int = 1440, height: int = 900) -> Page:
         page = new_page(context)
         page.set_viewport_size({"width": width, "height": height})
-        page.emulate_media(color_scheme=scheme)
         pages.append(page)
         watches.append(Watch(page))
         page.goto(url, wait_until="commit")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 from browsing import (
@@ -14,10 +15,14 @@ from browsing import (
     open_file,
     too_wide,
 )
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, ViewportSize, expect
 from sessions import Session
+from test_fleet_page import fleet
 
 from jointid import Study
+from jointid.digest import study_digest
+from jointid.fleet.row import Row
+from jointid.fleet.table import to_parquet
 from jointid.study_files import pack_study
 
 pytestmark = pytest.mark.browser
@@ -35,6 +40,7 @@ PAGES = {
     "Import_a_log": "Import a log",
     "Fleet": "Fleet",
 }
+PHONE: ViewportSize = {"width": 390, "height": 844}
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"
 )
@@ -43,6 +49,13 @@ MEASURED_COLOUR = (
 def figures(page: Page, count: int) -> None:
     expect(page.locator(".js-plotly-plot .main-svg").first).to_be_visible()
     expect(page.locator(".js-plotly-plot")).to_have_count(count)
+
+
+def drawn(page: Page, count: int) -> None:
+    """So many figures, none of them folded away."""
+    figures(page, count)
+    for figure in page.locator(".js-plotly-plot").all():
+        expect(figure.locator(".main-svg").first).to_be_visible()
 
 
 @pytest.mark.parametrize("path", list(PAGES)[1:])
@@ -63,12 +76,19 @@ def test_a_fresh_server_opens_a_page_by_its_address(
     assert not page.get_by_text("Page not found").count()
 
 
-def test_the_first_screen_shows_answer_and_figures(server: Server, open_in: Callable[..., Page]) -> None:
+def test_the_first_screen_shows_answer_and_figures_in_either_theme(
+    server: Server, open_in: Callable[..., Page]
+) -> None:
     page = open_in(server.address)
     finished(page, PAGES[""])
     expect(page.get_by_test_id("stMetric")).to_have_count(4)
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#000000"
+    page.emulate_media(color_scheme="dark")
+    page.reload(wait_until="commit")
+    finished(page, PAGES[""])
+    figures(page, 2)
+    assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
 
 
 def test_study_and_settings_survive_links_and_a_refresh(
@@ -80,12 +100,16 @@ def test_study_and_settings_survive_links_and_a_refresh(
     expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
     follow(page, "Study", "Test cell with 3 joint(s)")
     follow(page, "Elasticity", "Elasticity")
-    for _ in range(2):
-        expect(page.get_by_role("combobox", name="Study")).to_have_value("three joints")
-        expect(page.get_by_test_id("stMetric")).to_have_count(6)
-        expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
-        page.reload(wait_until="commit")
-        finished(page, "Elasticity")
+    kept(page)
+    page.reload(wait_until="commit")
+    finished(page, "Elasticity")
+    kept(page)
+
+
+def kept(page: Page) -> None:
+    expect(page.get_by_role("combobox", name="Study")).to_have_value("three joints")
+    expect(page.get_by_test_id("stMetric")).to_have_count(6)
+    expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
 
 
 def test_a_study_of_ones_own_is_opened(
@@ -136,18 +160,51 @@ def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., P
 
 
 def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page]) -> None:
-    page = open_in(address, width=390, height=844)
+    page = open_in(address, **PHONE)
     for path, title in PAGES.items():
         page.goto(f"{address}/{path}", wait_until="commit")
         finished(page, title)
         assert too_wide(page) <= 0, title
 
 
-def test_measured_points_are_white_on_a_dark_theme(address: str, open_in: Callable[..., Page]) -> None:
-    page = open_in(address, scheme="dark")
-    finished(page, PAGES[""])
-    figures(page, 2)
-    assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
+def fleet_with(study: Study) -> tuple[list[Row], int]:
+    """Results of some thirty studies, of which this one stands out, and its place among them."""
+    rows = fleet()
+    (odd,) = (k for k, row in enumerate(rows) if row.robot == "odd")
+    rows[odd] = replace(rows[odd], digest=study_digest(study))
+    return rows, odd
+
+
+def test_the_study_that_stands_out_in_a_fleet_opens_from_its_row(
+    address: str, open_in: Callable[..., Page], studies: dict[int, Study]
+) -> None:
+    rows, odd = fleet_with(studies[1])
+    page = open_in(f"{address}/Import_a_log")
+    finished(page, "Import a log")
+    open_file(page, "odd.zip", pack_study(studies[1]))
+    choose(page, "Study", "paper")
+    follow(page, "Fleet", "Fleet")
+    uploader = page.get_by_test_id("stMain").locator("input[type=file]")
+    file = {"name": "results.parquet", "mimeType": "", "buffer": to_parquet(rows)}
+    with answered(page):
+        uploader.set_input_files(file)
+    expect(page.get_by_text(f"{len(rows)} studies")).not_to_have_count(0)
+    drawn(page, 4)  # spread and drift, of K and of D
+    assert page.locator(".js-plotly-plot .main-svg .scatterlayer .point").count() > 30
+    choose(page, "Study to look at", f"{odd + 1}: odd/{odd}.zip")
+    page.get_by_role("button", name="Open this study").click()
+    finished(page, studies[1].name)
+    expect(page.get_by_role("combobox", name="Study")).to_have_value("odd.zip")
+    follow(page, "Fleet", "Fleet")
+    page.set_viewport_size(PHONE)
+    page.reload(wait_until="commit")
+    finished(page, "Fleet")
+    drawn(page, 4)  # the results were kept at the address
+    assert too_wide(page) <= 0
+    for figure in page.locator(".js-plotly-plot").all():
+        box = figure.bounding_box()
+        assert box is not None
+        assert 250 < box["width"] <= PHONE["width"]
 
 
 # What Tab should reach: in a group of which one is chosen, the others are reached by arrow keys.

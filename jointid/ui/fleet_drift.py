@@ -22,8 +22,9 @@ def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     st.subheader("Drift over time", anchor=False)
     if not dated:
         st.info(
-            "No study says when it was measured. Add to its study.toml: date = 2026-11-20, and "
-            'robot = "cell 7, robot A" to follow one robot.'
+            "No study says when it was measured. Give the date on the page Import a log, under Optional, "
+            "or in study.toml: date = 2026-11-20; and the robot to follow one robot, robot = "
+            '"cell 7, robot A".'
         )
         return
     drifts = _drifts(spreads, joint)
