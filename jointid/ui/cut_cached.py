@@ -72,7 +72,7 @@ def pairs(
 
 @st.cache_resource(show_spinner=False)
 def _cuts() -> Kept:
-    return Kept(1000)
+    return Kept(600)
 
 
 def _before(
