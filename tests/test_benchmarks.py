@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 from collections.abc import Iterator
@@ -18,6 +19,15 @@ from benchmarks import __main__ as runner  # noqa: E402
 from benchmarks.harness import NOT_INSTALLED, Table, interleaved, written  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("default")  # other people's libraries may warn
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_old_garbage() -> Iterator[None]:
+    """Before each round garbage is collected: not among all that the tests before have left."""
+    gc.collect()
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="module", autouse=True)
