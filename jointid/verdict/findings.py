@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from jointid.elasticity import ElasticityFit
+from jointid.elasticity import ElasticityFit, identify_elasticity
+from jointid.errors import JointIdError
 from jointid.uncertainty.chosen_model import parameter_names
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent
-from jointid.verdict.plausibility import scale_findings
+from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
     against_the_paper,
     depends_on_amplitude,
@@ -80,17 +82,18 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         One analysis.
     """
     found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
-    outlier = find_outlier(evidence.phasors, list(evidence.inertias), evidence.fit)
+    judge = _judge(evidence)
+    outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
     if outlier is not None:
         if outlier.record not in off_frequency(evidence):  # that has been told, with its cause
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(evidence.fit))
+        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(judge))
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
-        causes = list(inertias_look_wrong(evidence))
+        causes = list(inertias_look_wrong(replace(evidence, fit=judge)))
         if not causes:  # wrong inertias would pass for both
             causes += poses_disagree(evidence)
             causes += depends_on_amplitude(evidence)
@@ -100,6 +103,17 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(_all_well(evidence.fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def _judge(evidence: Evidence) -> ElasticityFit:
+    """The fit to judge the data by: what a model explains has no wrong unit, record or inertia."""
+    if evidence.fit.method == "auto" or _badness(evidence.fit) < GOOD:
+        return evidence.fit
+    try:
+        best = identify_elasticity(evidence.phasors, evidence.inertias)
+    except JointIdError:
+        return evidence.fit
+    return best if _badness(best) < GOOD else evidence.fit
 
 
 def _badness(fit: ElasticityFit) -> float:

@@ -23,10 +23,12 @@ from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.places import ENTRIES, FILE, INERTIAS
 from jointid.verdict.scale_causes import COMMON_FACTORS, POSITION_OR_TORQUE_FACTORS, told_by_size
 
+GOOD = 10.0
+"""Misfit above which something is left to be explained."""
+
 _DEGREES = np.pi / 180
 _SNAP = 1.35  # a factor this close to a known one is taken for it
 _BETTER = 0.1  # share of the misfit that mended data may leave
-_GOOD = 10.0  # misfit above which something is left to be explained
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 
 _KNOWN = (-1.0, *POSITION_OR_TORQUE_FACTORS, -_DEGREES)
@@ -59,10 +61,10 @@ def scale_findings(
     tuple of Finding
         At most one, which explains the data best. It needs no estimate to be possible as they stand.
     """
-    if misfit is not None and misfit < _GOOD:
+    if misfit is not None and misfit < GOOD:
         return ()
     as_is = _misfit(phasors, inertias)
-    if as_is < _GOOD:
+    if as_is < GOOD:
         return ()
     found = []
     for hypothesis in _hypotheses(phasors, inertias):
@@ -73,7 +75,7 @@ def scale_findings(
         return ()
     best = min(mended for mended, _ in found)
     chosen = next(h for m, h in found if m <= 2 * max(best, 1.0))
-    if best > _GOOD:
+    if best > GOOD:
         chosen = _refined(chosen, phasors, inertias)
     return (_told(chosen, phasors, as_is, _misfit(*_mend(chosen, phasors, inertias))),)
 
@@ -242,7 +244,7 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
             1.0,
         )
     return told_by_size(
-        factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= _GOOD
+        factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= GOOD
     )
 
 
@@ -254,7 +256,7 @@ def _proof(as_is: float, mended: float) -> str:
         else f"leave {number(np.sqrt(as_is), 2)} times what noise explains"
     )
     left = f"{number(np.sqrt(mended), 2)} times what noise explains"
-    if mended <= _GOOD:
+    if mended <= GOOD:
         return f"As they stand, the records {before}; mended, they leave {left} (1 is ideal)."
     return (
         f"As they stand, the records {before}; mended, they still leave {left}, where 1 is ideal: "
