@@ -72,7 +72,8 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     omegas, matrices, covariances, conditions = zip(*kept, strict=True)
     H = np.array(matrices)
     size = np.sqrt(np.abs(np.einsum("fii->fi", H)))
-    asymmetry = np.abs(H - H.swapaxes(1, 2)) / (size[:, :, None] * size[:, None])
+    unlike, scale = np.abs(H - H.swapaxes(1, 2)), size[:, :, None] * size[:, None]
+    asymmetry = np.divide(unlike, scale, out=np.where(unlike > 0, np.inf, 0.0), where=scale > 0)
     return TransferMatrix(
         omega=np.array(omegas),
         H=H,

@@ -206,6 +206,17 @@ def test_reciprocity_error_is_as_put_in_whatever_the_units() -> None:
     assert np.allclose(errors[0], errors[1], rtol=1e-6)
 
 
+def test_a_joint_whose_encoder_shows_no_sine_has_a_response_of_nothing() -> None:
+    """Coarse encoders hide high frequencies: that row of H is zero, and H is as far from reciprocal."""
+    frequencies, torques = campaign(BAND_HZ[:3], 2)
+    base = plant_phasors(SERIAL, PAPER, frequencies, torques)
+    found = estimate_transfer_matrix(exact_phasors(frequencies, base.q * [1.0, 0.0], base.tau))
+    assert not found.H[:, 1].any()
+    assert np.all(np.isinf(found.reciprocity_error))
+    none = estimate_transfer_matrix(exact_phasors(frequencies, 0 * base.q, base.tau))
+    assert not none.reciprocity_error.any()
+
+
 def test_two_hundred_records_of_one_frequency() -> None:
     phasors = two_joints(200, np.array([9.0]))
     found = estimate_transfer_matrix(phasors)
