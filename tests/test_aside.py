@@ -164,14 +164,16 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
 def test_who_would_have_to_wait_has_processes_begin(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(aside_module, "_SHORT_TURN_S", 0.01)
     monkeypatch.setattr(aside_module, "_LONGEST_TURN_S", 0.01)
     long, began, end = held
     with ThreadPoolExecutor(1) as threads:
+        monkeypatch.setattr(aside_module, "_session", lambda: "one")
         first = threads.submit(aside, long)
         assert began.wait(PATIENCE_S)
-        assert not pool._there, "one alone needs none"
         assert aside(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
+        assert not pool._there, "one alone needs none"
+        monkeypatch.setattr(aside_module, "_session", lambda: "other")
+        assert aside(os.getpid) == os.getpid()
         assert answers(pool) == aside(os.getpid) != os.getpid()
         assert not first.done()
         end.set()

@@ -450,8 +450,11 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
     request: pytest.FixtureRequest,
 ) -> None:
     out = tmp_path / "r.parquet"
-    given = [*paths, "--out", out]
-    command = batch(*given, "--workers", 2, env=env)
+    stuck = [tmp_path / name / "hangs.zip" for name in "ab"]  # one for each worker
+    for path in stuck:
+        path.parent.mkdir()
+        path.write_bytes(paths[0].read_bytes())
+    command = batch(*paths[:5], *stuck, *paths[5:], "--out", out, "--workers", 2, env=env)
     wait_for(lambda: journal_lines(out) >= 3)
     command.send_signal(how)
     _, said = command.communicate(timeout=60)
@@ -471,7 +474,7 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
         summary = analyse_fleet(paths, out)
         assert (summary.skipped, summary.good) == (len(kept), COUNT)
     else:
-        again = batch(*given, "--workers", 1, "--json", env=env)
+        again = batch(*paths, "--out", out, "--workers", 1, "--json", env=env)
         printed, said = again.communicate(timeout=120)
         assert again.returncode == 0, said
         document = json.loads(printed)

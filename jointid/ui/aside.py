@@ -1,7 +1,7 @@
 """Where a computation disturbs least: in a process of its own, or here when nobody else computes.
 
 Sessions share one interpreter, so that ten computations at once would slow everybody's every click
-tenfold. One person alone needs no other process; a computation that has to wait for others has them
+tenfold. One person alone needs no other process; the first who has to wait for somebody else has them
 begin.
 """
 
@@ -17,6 +17,7 @@ from threading import Lock, Semaphore
 from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
+from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid.processes.pool import NoneReadyError, Pool
 
@@ -24,8 +25,10 @@ Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _MOST_PROCESSES = 4
 _PATIENCE_S = 5.0
-_SHORT_TURN_S, _LONGEST_TURN_S = 0.1, 1.0
+_LONGEST_TURN_S = 1.0
 _turn = Semaphore(1)
+_at_work = ""
+"""The session whose turn it was last."""
 
 # Who computes hands the interpreter on ten times as often as by default: short reruns wait less.
 sys.setswitchinterval(5e-4)
@@ -57,16 +60,30 @@ def aside(compute: Callable[Given, Found], *given: Given.args, **named: Given.kw
     JointIdError
         When it ended its process; and whatever it raises.
     """
+    return _computed(_session(), compute, *given, **named)
+
+
+def _session() -> str:
+    context = get_script_run_ctx(suppress_warning=True)
+    return "" if context is None else context.session_id
+
+
+def _computed(
+    session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    global _at_work
     progress: Any = named.pop("progress", None)
     function: Callable[..., Found] = partial(compute, **named) if named else compute
     pool = _pool()
     with suppress(NoneReadyError):
         found: Found = pool.call(function, *given, progress=progress, patience_s=_PATIENCE_S)
         return found
-    mine = _turn.acquire(timeout=_SHORT_TURN_S)
+    mine = _turn.acquire(blocking=False)
     if not mine:
-        pool.begin()
+        if session != _at_work:
+            pool.begin()
         mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # not for ever: a turn may be long
+    _at_work = session
     try:
         return function(*given) if progress is None else function(*given, progress=progress)
     finally:
@@ -99,7 +116,7 @@ class Kept:
         with self._lock:
             known = self._begun.pop(key, None)
             if known is None or (known.done() and known.exception() is not None):
-                known = _threads.submit(partial(aside, compute, *given, **named))
+                known = _threads.submit(partial(_computed, _session(), compute, *given, **named))
             self._begun[key] = known
             while len(self._begun) > self._most:
                 del self._begun[next(iter(self._begun))]
