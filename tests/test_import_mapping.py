@@ -435,3 +435,97 @@ def test_from_bytes_to_a_study_by_mapping_alone() -> None:
     study = study_from_logs(log, find_segments(log), Inertia(0.002, 0.004))
     (record,) = study.records
     assert abs(record.frequency_hz - 10) < 1e-3
+
+
+# --- times as loggers write them
+
+
+def sines(rows: int = 400, step: float = 0.002) -> dict[str, np.ndarray]:
+    """A table whose rows all differ, at 500 Hz."""
+    t = np.arange(rows) * step
+    return {"t": t, "q": np.sin(9 * t) + t, "tau": np.cos(9 * t) - t}
+
+
+def test_rows_written_twice_are_left_out_with_their_numbers() -> None:
+    """A buffer that is written twice leaves the log as it was, and the time is found all the same."""
+    whole = sines()
+    for again in (slice(90, 100), slice(120, 121)):
+        order = np.concatenate([np.arange(again.stop), np.arange(again.start, 400)])
+        table = table_of(**{name: values[order] for name, values in whole.items()})
+        guess = guess_mapping(table).mapping
+        assert guess.time == TimeColumn("t", "s")
+        log = apply_mapping(table, guess)
+        np.testing.assert_array_equal(log.time_s, whole["t"])
+        np.testing.assert_array_equal(log.theta_rad[:, 0], whole["q"])
+        assert f"row {again.stop + 1}" in log.notes[0]
+
+
+def test_copies_of_every_row() -> None:
+    whole = sines()
+    table = table_of(**{name: np.repeat(values, 2) for name, values in whole.items()})
+    np.testing.assert_array_equal(apply_mapping(table, guess_mapping(table).mapping).time_s, whole["t"])
+
+
+def test_few_repeated_times_with_other_values_are_left_out_and_many_refused() -> None:
+    whole = sines()
+    whole["t"][200] = whole["t"][199]
+    log = apply_mapping(table_of(**whole), one(Channel("q", "rad"), Channel("tau", "N·m")))
+    assert log.time_s.size == 399
+    assert "1 row that repeat the time" in log.notes[0]
+    assert "row 201" in log.notes[0]
+    whole["t"][100:120:2] = whole["t"][99:119:2]
+    with pytest.raises(JointIdError, match=r'row 101, column "t": 0\.198 s repeats'):
+        apply_mapping(table_of(**whole), one(Channel("q", "rad"), Channel("tau", "N·m")))
+
+
+def test_other_rows_at_an_earlier_time_are_refused_with_their_row() -> None:
+    whole = sines()
+    whole["t"][250:] -= 0.1
+    table = table_of(**whole)
+    assert guess_mapping(table).mapping.time.column == "t"
+    with pytest.raises(JointIdError, match=r'row 251, column "t": 0\.4 s goes back from 0\.498 s'):
+        apply_mapping(table, guess_mapping(table).mapping)
+
+
+@pytest.mark.parametrize(
+    ("unit", "step", "turn", "start"),
+    [("ms", 2.0, 2.0**16, 65000.0), ("ms", 1.0, 2.0**8, 0.0), ("s", 0.004, 86400.0, 86399.5)],
+)
+def test_clocks_that_begin_anew_go_on(unit: str, step: float, turn: float, start: float) -> None:
+    time = start + step * np.arange(400)
+    values = {"q": np.sin(time), "tau": np.cos(time)}
+    table = table_of(**{f"time__{unit}": time % turn}, **values)
+    guess = guess_mapping(table).mapping
+    assert guess.time == TimeColumn("time", unit)
+    log = apply_mapping(table, guess)
+    np.testing.assert_allclose(log.time_s, (time - start) * TIME_UNITS[unit], atol=1e-9)
+    assert "begins anew" in log.notes[0]
+
+
+def test_gaps_are_said_and_part_the_log() -> None:
+    whole = {name: np.delete(values, slice(200, 300)) for name, values in sines().items()}
+    log = apply_mapping(table_of(**whole), guess_mapping(table_of(**whole)).mapping)
+    assert "A gap of 0.202 s, before row 201" in log.notes[0]
+    assert "from 0.398 to 0.6 s" in log.notes[0]
+    assert not any(s.start_s < 0.4 and s.stop_s > 0.6 for s in find_segments(log))
+
+
+def test_one_gap_for_notes_and_for_segments() -> None:
+    from jointid.importing import sample_times, segments
+
+    assert sample_times.GAP == segments._GAP
+
+
+def test_a_rate_that_no_log_says_is_said() -> None:
+    table = table_of(q=X, tau=X)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert "numbered at 1000 Hz; nothing in the log says this rate" in log.notes[0]
+
+
+def test_a_time_that_stands_still_is_named() -> None:
+    whole = sines()
+    whole["t"] = np.full(400, 1.77e9)
+    guess = guess_mapping(table_of(**whole))
+    (reason,) = [r for r in guess.reasons if r.what == "time"]
+    assert '"t" is named as time but does not increase' in reason.text
+    assert not reason.sure

@@ -24,6 +24,9 @@ from jointid.importing.units import (
 )
 from jointid.wording import counted
 
+_MOST_LATE = 0.02
+"""Share of steps back that a column named as time may have: a buffer written twice, a new turn."""
+
 
 @dataclass(frozen=True)
 class Guess:
@@ -72,32 +75,54 @@ def guess_mapping(table: LogTable) -> Guess:
 
 
 def _guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
-    best: tuple[float, LogColumn] | None = None
+    best: tuple[float, LogColumn, int] | None = None
     for place, column in enumerate(table.columns):
         values = column.values[np.isfinite(column.values)]
-        if values.size < 2 or not np.all(np.diff(values[:100_000]) >= 0) or values[-1] <= values[0]:
+        late = _late_rows(values[:100_000], named=_says_time(column))
+        if late is None:
             continue
         words = words_of(column.name)
         score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (column.unit in TIME_UNITS)
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
         score += 0.5 * (place == 0) + 0.5 * _is_even(values)
         if score >= 0.5 and (best is None or score > best[0]):
-            best = (score, column)
+            best = (score, column, late)
     if best is None:
-        reasons.append(
-            Reason("time", "No column increases: the rows are numbered. Give the sample rate.", False)
-        )
+        reasons.append(Reason("time", _no_time(table), False))
         return TimeColumn("", SAMPLES, 1000.0)
-    score, column = best
+    score, column, late = best
     named = score >= 2
-    reasons.append(
-        Reason(
-            "time",
-            f'"{column.name}" increases' + (" and its name or unit says time." if named else "."),
-            named,
+    text = f'"{column.name}" increases' + (" and its name or unit says time." if named else ".")
+    if late:
+        text = (
+            f'The name or unit of "{column.name}" says time, but it steps back {counted(late, "time")}. '
+            "Rows written twice are left out; where it is not clear how rows follow each other, the "
+            "line is named."
         )
-    )
+    reasons.append(Reason("time", text, named and not late))
     return _with_unit(column, reasons)
+
+
+def _says_time(column: LogColumn) -> bool:
+    return bool(WORDS["time"] & set(words_of(column.name))) or column.unit in TIME_UNITS
+
+
+def _late_rows(values: Floats, *, named: bool) -> int | None:
+    """How often a time steps back; None for what is no time. Only a name excuses steps back."""
+    if values.size < 2:
+        return None
+    steps = np.diff(values)
+    late = int(np.sum(steps < 0))
+    if late == 0:
+        return 0 if values[-1] > values[0] else None
+    rises = int(np.sum(steps > 0))
+    return late if named and late <= _MOST_LATE * rises and 2 * rises >= steps.size else None
+
+
+def _no_time(table: LogTable) -> str:
+    said = [column.name for column in table.columns if _says_time(column)]
+    why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
+    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is a mere assumption."
 
 
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
@@ -105,7 +130,8 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
         reasons.append(Reason("unit of time", f'The file says "{column.unit}".', True))
         return TimeColumn(column.name, column.unit)
     values = column.values[np.isfinite(column.values)]
-    step = float(np.median(np.diff(values)))
+    steps = np.diff(values)
+    step = float(np.median(steps[steps > 0]))
     counts = step == 1 and bool(np.all(values == np.round(values)))
     if column.unit == SAMPLES or (counts and not WORDS["time"] & set(words_of(column.name))):
         reasons.append(

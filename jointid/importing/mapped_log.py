@@ -8,9 +8,9 @@ import numpy as np
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.importing.mapping import Mapping, TimeColumn
+from jointid.importing.mapping import Mapping
+from jointid.importing.sample_times import sample_times
 from jointid.importing.tables import LogTable
-from jointid.importing.units import SAMPLES, TIME_UNITS
 from jointid.wording import counted, listed
 
 
@@ -84,7 +84,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     -------
     MappedLog
         θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
-        joint side. Rows that miss a value are left out, and a note says how many.
+        joint side. Rows that miss a value or are copies are left out, and a note says how many;
+        another says where the log has a gap.
 
     Raises
     ------
@@ -113,43 +114,21 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         notes.append(
             f"{missed} of {table.rows} rows {said} left out; the first is {table.place(first)}."
         )
-    unit = mapping.time
-    seconds = 1 / unit.rate_hz if unit.rate_hz else TIME_UNITS[unit.unit]
     rows = np.flatnonzero(complete)
-    time = time[complete]
-    steps = np.diff(time)
-    if steps.min() <= 0:
-        at = int(np.argmax(steps <= 0)) + 1
-        _refuse_time(table, unit, int(rows[at]), float(time[at]), float(time[at - 1]), steps)
+    times = sample_times(table, mapping.time, rows, time[complete], [column[complete] for column in raw])
+    rows = rows[times.kept]
+    notes += times.notes
     n = mapping.n
-    theta, tau = np.empty((kept, n), order="F"), np.empty((kept, n), order="F")
+    theta, tau = np.empty((rows.size, n), order="F"), np.empty((rows.size, n), order="F")
     for j, joint in enumerate(mapping.joints):
-        theta[:, j] = raw[j][complete] * joint.rad_per_unit
-        tau[:, j] = raw[n + j][complete] * joint.Nm_per_unit
+        theta[:, j] = raw[j][rows] * joint.rad_per_unit
+        tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
     return MappedLog(
-        time_s=(time - time[0]) * seconds,
+        time_s=times.time_s,
         theta_rad=theta,
         tau_Nm=tau,
         torque_hold=mapping.torque_hold,
         torque_delay_s=mapping.torque_delay_s,
         name=table.name,
         notes=tuple(notes),
-    )
-
-
-def _refuse_time(
-    table: LogTable, unit: TimeColumn, row: int, time: float, before: float, steps: Floats
-) -> None:
-    fault = "repeats" if time == before else "goes back from"
-    word = "" if unit.unit == SAMPLES else f" {unit.unit}"
-    if time == before and np.mean(steps == 0) > 0.2:
-        remedy = (
-            "The clock is coarser than the samples: number the rows instead (no time column, unit "
-            '"samples", with the sample rate).'
-        )
-    else:
-        remedy = "Times must increase: choose another time column, or cut the log there."
-    raise JointIdError(
-        f'{table.place(row)}, column "{unit.column}": {time:.12g}{word} {fault} '
-        f"{before:.12g}{word}. {remedy}"
     )
