@@ -89,7 +89,12 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
-def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> str:
+def remainder(
+    outcome: Outcome,
+    servo: Servo,
+    friction: CutFriction | None,
+    where: str = "the table at the end says",
+) -> str:
     """Say what remains where the springs are known better than this cut can show.
 
     Parameters
@@ -100,6 +105,8 @@ def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> s
         The controller of this cut.
     friction : CutFriction or None
         At the motors.
+    where : str
+        Where errors of K and their cost stand, from the place of this sentence.
     """
     left = millimetres(outcome.after_m)
     if left.startswith("under"):
@@ -116,7 +123,7 @@ def remainder(outcome: Outcome, servo: Servo, friction: CutFriction | None) -> s
     return (
         f"What remains, {left}, is {named}, not the springs: within the noise of the fit it changes by "
         f"{millimetres(outcome.spread_m)}, and its 95 % point is shown. Inertias that are off move K by "
-        "more: the page Cut says what an error of K costs."
+        f"more: {where} what an error of K costs."
     )
 
 
@@ -281,7 +288,9 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             friction = " Both have the friction that was found." if outcome.robot.friction else ""
             promised = "The uncertainty of the identified values is too large to promise anything."
             if not outcome.springs_matter:
-                promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
+                promised = remainder(
+                    outcome, EVERYDAY_SERVO, outcome.robot.friction, "the page Cut says"
+                )
             elif outcome.distribution is not None:
                 promised = (
                     "95 of 100 robots within the uncertainty of the identified values stay "
