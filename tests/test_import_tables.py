@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import datetime
 import io
+import math
 import sys
 import zipfile
 from pathlib import Path
@@ -371,3 +373,77 @@ def test_signature_goes_by_names_and_units() -> None:
     one, same = text("t [s],q\n1,2\n2,3\n3,4"), text("t [s],q\n5,6\n7,8\n9,9\n10,11")
     other = text("t [ms],q\n1,2\n2,3\n3,4")
     assert one.signature == same.signature != other.signature
+
+
+# --- times of day and dates
+
+
+def clock_log(stamp: str, step_s: float = 0.002, rows: int = 40, first: str = "") -> str:
+    """A log at 500 Hz whose times are written by ``stamp`` with the parts of a date."""
+    begin = datetime.datetime.fromisoformat(first or "2026-05-07T09:00:59.950")
+    lines = ["Zeit;q;tau"]
+    for k in range(rows):
+        at = begin + datetime.timedelta(seconds=k * step_s)
+        ms = f"{at.microsecond // 1000:03d}"
+        lines.append(f"{at.strftime(stamp).replace('{ms}', ms)};{math.sin(k):.6f};{math.cos(k):.6f}")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        "%d.%m.%Y %H:%M:%S.{ms}",
+        "%d.%m.%Y %H:%M:%S,{ms}",
+        "%d.%m.%y %H:%M:%S:{ms}",
+        "%d/%m/%Y %H:%M:%S.{ms}",
+        "%m/%d/%Y %I:%M:%S.{ms} %p",
+        "%d-%b-%Y %H:%M:%S.{ms}",
+        "%d. %B %Y %H:%M:%S.{ms}",
+        "%Y/%m/%d %H:%M:%S.{ms}",
+        "%Y-%m-%dT%H:%M:%S.{ms}Z",
+        "%H:%M:%S,{ms}",
+    ],
+)
+def test_dates_of_controllers(stamp: str) -> None:
+    """Only differences count, so day and month may stand in any order; over noon as well."""
+    for first in ("2026-05-07T09:00:59.950", "2026-05-07T11:59:59.950"):
+        table = text(clock_log(stamp, first=first))
+        assert table.column("Zeit").unit == "s"
+        np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "first"),
+    [
+        ("%d.%m.%Y %H:%M:%S.{ms}", "2026-05-07T23:59:59.950"),
+        ("%m/%d/%Y %H:%M:%S.{ms}", "2026-05-07T23:59:59.950"),
+        ("%d/%m/%Y %H:%M:%S.{ms}", "2026-05-31T23:59:59.950"),
+        ("%d-%b-%Y %H:%M:%S.{ms}", "2026-02-28T23:59:59.950"),
+        ("%Y.%m.%d %H:%M:%S.{ms}", "2026-12-31T23:59:59.950"),
+    ],
+)
+def test_dates_over_midnight(stamp: str, first: str) -> None:
+    table = text(clock_log(stamp, first=first))
+    np.testing.assert_allclose(table.column("Zeit").values, 0.002 * np.arange(40), atol=1e-6)
+
+
+def test_an_order_that_was_found_is_said_and_one_that_is_open_is_refused() -> None:
+    table = text(clock_log("%m/%d/%Y %H:%M:%S.{ms}", first="2026-05-07T23:59:59.950"))
+    assert any("read as month.day.year" in note for note in table.notes)
+    first = clock_log("%d/%m/%Y %H:%M:%S.{ms}")
+    second = clock_log("%d/%m/%Y %H:%M:%S.{ms}", first="2026-05-09T17:00:00")
+    with pytest.raises(JointIdError, match="may have the day or the month first"):
+        text(first + second.partition("\n")[2])
+
+
+def test_cells_that_are_no_time_are_missing() -> None:
+    log = clock_log("%d.%m.%Y %H:%M:%S.{ms}").splitlines()
+    log[30] = "broken;0;0"
+    table = text("\n".join(log))
+    assert np.isnan(table.column("Zeit").values[29])
+    assert any('"broken" in line 31' in note for note in table.notes)
+
+
+def test_a_time_that_is_not_read_is_named() -> None:
+    table = text("Zeit;q;tau\n" + "".join(f"Mo {k}h;{k}.5;{k}.25\n" for k in range(20)))
+    assert any('"Zeit" is named as time' in note for note in table.notes)

@@ -168,8 +168,9 @@ def _gaps(
     word = "" if unit.unit == SAMPLES else f" {unit.unit}"
     many = "A gap" if found.size == 1 else f"{found.size} gaps, the first"
     lasts = float(steps[first]) * seconds
+    before = f"{table.row_word} {table.first_row + int(rows[first + 1])}"
     return [
-        f"{many} of {lasts:.4g} s, before {table.row_word} {table.first_row + int(rows[first + 1])}: the time goes from "
+        f"{many} of {lasts:.4g} s, before {before}: the time goes from "
         f"{time[first]:.12g} to {time[first + 1]:.12g}{word}. The log is split there; no run is taken "
         "across."
     ]

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from jointid.errors import JointIdError
+from jointid.importing.clock_texts import is_clock
 from jointid.importing.text_numbers import (
     explained,
     is_number,
@@ -31,7 +32,6 @@ _NO_NUMBER = frozenset(
     {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
 )
 _COMMENT = re.compile(r"^\s*(?:#+|%+|//+|;+(?=\s*[A-Za-z#])|\*+|!+|\"?#)\s*")
-_CLOCK = re.compile(r"(?:\d{4}-\d\d-\d\d[T ])?\d{1,2}:\d\d:\d\d(?:[.,]\d{1,9})?(?:Z|[+-]\d\d:?\d\d)?")
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _described(
         said = [cell for cell in column if not is_missing(cell)]
         right = sum(is_number(cell, decimal, thousands) for cell in said)
         numeric.append(2 * right > len(said))
-        clock.append(bool(said) and all(_CLOCK.fullmatch(cell) for cell in said[:20]))
+        clock.append(bool(said) and all(is_clock(cell) for cell in said[:20]))
     header, units = _header(lines[:first], separator, decimal, width)
     split = [split_unit(name) for name in header] if header else [("", "")] * width
     said_units = [own or unit_of(below) for (_, own), below in zip(split, units, strict=True)]

@@ -12,6 +12,8 @@ import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
 from jointid.arrays import Floats
 from jointid.csv_tables import ARROW_FAULTS
 from jointid.errors import JointIdError
+from jointid.importing.clock_texts import ClockCells
+from jointid.importing.column_words import WORDS, words_of
 from jointid.importing.tables import LogColumn, LogTable, numbers, require_few_values
 from jointid.importing.text_layout import (
     BLANKS,
@@ -42,7 +44,6 @@ _NULLS = [
     "NULL",
 ]
 _NULLS += ["-", "--", "None", "none", "#N/A", "1.#QNAN"]
-_CLOCK_TEXT = re.compile(r"(?:Z|[+-]\d\d:?\d\d)$")
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
@@ -84,6 +85,12 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     ]
     if left_out:
         notes.append(f"Columns without numbers, left out: {listed(left_out)}.")
+        notes += [
+            f'"{name}" is named as time, but is neither a number nor a time that is read here. Export it '
+            "in seconds, or as 2026-05-07 09:00:00.123."
+            for name in left_out
+            if WORDS["time"] & set(words_of(name))
+        ]
     if not layout.has_header:
         notes.append("There is no line with names above the numbers: the columns are numbered.")
     return LogTable(file, tuple(columns), tuple(notes), layout.first_line, "line")
@@ -127,6 +134,9 @@ def _read_slowly(
     """Read line by line, note the cells that are no numbers, refuse a line that is no row."""
     width = len(layout.numeric)
     rows: list[list[float]] = []
+    clocks = {
+        k: ClockCells(f"{file}, column {layout.names[k] or k + 1}") for k in wanted if layout.clock[k]
+    }
     wrong: tuple[int, int] | None = None  # line and number of cells of a line that does not fit
     strange: dict[int, tuple[int, int, str]] = {}  # column: how many cells, line and text of the first
     for number, raw in enumerate(io.StringIO(body), start=layout.first_line):
@@ -148,7 +158,7 @@ def _read_slowly(
             continue
         row = []
         for k in wanted:
-            value = _value(cells[k], layout, k)
+            value = clocks[k].read(cells[k]) if k in clocks else _value(cells[k], layout)
             if value is None:
                 count, line, text = strange.get(k, (0, number, cells[k]))
                 strange[k] = (count + 1, line, text)
@@ -166,28 +176,15 @@ def _read_slowly(
         raise JointIdError(f"{file} has a header but no rows: export the log again.")
     table = np.array(rows)
     for place, k in enumerate(wanted):
-        if layout.clock[k]:
-            table[:, place] -= table[0, place]
+        if k in clocks:
+            table[:, place], note = clocks[k].seconds(table[:, place])
+            notes += [note] if note else []
     return list(table.T)
 
 
-def _value(cell: str, layout: TextLayout, column: int) -> float | None:
-    if layout.clock[column]:
-        return _clock_seconds(cell)
+def _value(cell: str, layout: TextLayout) -> float | None:
     if is_missing(cell):
         return np.nan
     if not is_number(cell, layout.decimal, layout.thousands):
         return None
     return value_of(cell, layout.decimal, layout.thousands)
-
-
-def _clock_seconds(cell: str) -> float | None:
-    """Seconds of a time of day or of a date with time."""
-    plain = _CLOCK_TEXT.sub("", cell.replace(",", "."))
-    date, _, clock = plain.replace("T", " ").rpartition(" ")
-    try:
-        day = np.datetime64(date, "D").astype(int) * 86400.0 if date else 0.0
-        hours, minutes, seconds = clock.split(":")
-        return float(day) + int(hours) * 3600.0 + int(minutes) * 60.0 + float(seconds)
-    except ValueError:
-        return None
