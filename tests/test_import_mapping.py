@@ -529,3 +529,35 @@ def test_a_time_that_stands_still_is_named() -> None:
     (reason,) = [r for r in guess.reasons if r.what == "time"]
     assert '"t" is named as time but does not increase' in reason.text
     assert not reason.sure
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "side"),
+    [
+        ("tau1 joint", "N·m", "joint"),
+        ("joint torque 1", "N·m", "joint"),
+        ("link_torque_1", "N·m", "joint"),
+        ("Abtriebsmoment 1 lastseitig", "N·m", "joint"),
+        ("Gelenkmoment 1", "N·m", "joint"),
+        ("motor torque joint 1", "N·m", "motor"),
+        ("joint 1 current", "A", "motor"),
+        ("axis1 torque", "‰", "motor"),
+        ("Drehmoment Achse 1", "N·m", "motor"),
+        ("tau1", "N·m", "motor"),
+    ],
+)
+def test_side_of_a_torque_by_its_name(name: str, unit: str, side: str) -> None:
+    whole = sines()
+    columns = (
+        LogColumn("t", numbers(whole["t"]), "s"),
+        LogColumn("q1", numbers(whole["q"]), "rad"),
+        LogColumn(name, numbers(whole["tau"]), unit),
+    )
+    guess = guess_mapping(LogTable("log", columns))
+    torque = guess.mapping.joints[0].torque
+    assert (torque.column, torque.side) == (name, side)
+    said = {r.what: r for r in guess.reasons}
+    assert ("says no side" in said["side of torque of joint 1"].text) == (
+        name in ("tau1", "Drehmoment Achse 1")
+    )
+    assert ("gear ratio of joint 1" in said) == (side == "joint")

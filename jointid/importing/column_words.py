@@ -27,9 +27,12 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "deviation abweichung schleppfehler deflection feedforward ff vorsteuerung",
     "other": "temperature temp temperatur voltage spannung volt power leistung status state mode error "
     "flag digital input output force kraft pressure druck busvoltage pwm",
-    "motor": "motor motorside mot rotor antrieb moteur motore drive",
+    "motor": "motor motorside mot rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "
+    "moteur motore drive",
     "joint": "joint link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig",
+    "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
+    "gelenkmoment gelenkwinkel lastseitig",
     "any": "joint axis achse gelenk ist act actual measured fbk feedback load last th",
     "current": "current strom motorstrom iq courant corrente corriente",
 }

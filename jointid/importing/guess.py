@@ -284,6 +284,8 @@ def _side(role: str, column: LogColumn, position: LogColumn, torque: LogColumn) 
             return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
         if "effort" in words:
             return JOINT, False, "An effort is given at the joint by convention."
+        if WORDS["behind"] & set(words):
+            return JOINT, False, "The name says joint, link or output: behind the gear."
         return MOTOR, False, "The name says no side; the motor's is assumed."
     if WORDS["joint"] & set(words):
         return JOINT, False, "The name says joint or axis."
