@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from threading import Event
+from threading import Event, Lock
 from time import monotonic, sleep
 from types import MappingProxyType
 from typing import Any
@@ -94,6 +94,8 @@ def test_an_analysis_comes_back_to_the_last_bit(ready: Pool, study: Study) -> No
 def test_errors_and_progress_come_back(ready: Pool, study: Study) -> None:
     with pytest.raises(JointIdError, match="needs a Study"):
         ready.call(analyse, "no study")
+    with pytest.raises(TypeError, match="gave lock, which cannot be sent"):
+        ready.call(Lock)
     analysis, seen = analyse(study), list[float]()
     given = (analysis.phasors, study.inertias, analysis.fit)
     found = ready.call(jackknife, *given, progress=seen.append)

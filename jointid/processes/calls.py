@@ -85,12 +85,17 @@ def unpacked_result(data: bytes, given: Sequence[Any]) -> Any:
 
 def answer(_: dict[str, Any], body: bytes, tell: Progress) -> tuple[dict[str, Any], bytes]:
     """Do a call; returns what it returned or raised."""
-    function, given, tells = pickle.loads(body)
+    function, given = None, ()
     try:
+        function, given, tells = pickle.loads(body)
         result = (False, function(*given, progress=tell) if tells else function(*given))
     except (Exception, MemoryError) as error:
         result = (True, error)
-    return {}, _packed(result, given)
+    try:
+        return {}, _packed(result, given)
+    except Exception as error:  # a foreign one need not be fit for sending
+        told = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
+        return {}, _packed((True, TypeError(told)))
 
 
 def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
