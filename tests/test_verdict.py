@@ -741,3 +741,39 @@ def test_no_finding_shows_a_computers_exponent() -> None:
             text = f"{finding.title} {finding.detail} {finding.remedy}"
             assert not re.search(r"\de[+-]\d", text), text
             assert "(s)" not in text
+
+
+# --- which side of the gear
+
+
+@pytest.mark.parametrize(
+    ("angle", "torque", "seen"),
+    [
+        (1, [101, -93.5], "it is the torque"),
+        (1, [40, 160], "it is the torque"),
+        ([1 / 101, -1 / 93.5], 1, "it is the position"),
+        ([1 / 20, 1 / 12], [20, 12], "it is both"),
+    ],
+)
+def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen: str) -> None:
+    found = scales(scaled(angle, torque))
+    assert found is not None
+    assert "gear ratio" in found.title
+    assert seen in found.detail
+    assert ("turn against each other" in found.detail) == bool(
+        np.any(np.asarray(torque) / np.asarray(angle) < 0)
+    )
+
+
+def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
+    """At 500 Hz, taken for 1000 Hz: torque over acceleration is a quarter in all joints."""
+    fast = [remade(r, frequency_hz=2 * r.frequency_hz, time_s=r.time_s / 2) for r in sound()]
+    found = scales(fast)
+    assert found is not None
+    assert "sampling rate of 0.5 times" in found.detail
+
+
+@pytest.mark.parametrize("factor", [1e9, 1e-9, 1e7])
+def test_no_gear_that_cannot_be(factor: float) -> None:
+    found = scales(scaled(1, [factor, 3 * factor]))
+    assert found is None or "gear ratio of" not in found.detail

@@ -21,7 +21,12 @@ from jointid.joints import Inertia
 from jointid.phasors import Phasors
 from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.places import ENTRIES, FILE, INERTIAS
-from jointid.verdict.scale_causes import COMMON_FACTORS, POSITION_OR_TORQUE_FACTORS, told_by_size
+from jointid.verdict.scale_causes import (
+    COMMON_FACTORS,
+    LARGEST_GEAR_RATIO,
+    POSITION_OR_TORQUE_FACTORS,
+    told_by_size,
+)
 
 GOOD = 10.0
 """Misfit above which something is left to be explained."""
@@ -29,6 +34,9 @@ GOOD = 10.0
 _DEGREES = np.pi / 180
 _SNAP = 1.35  # a factor this close to a known one is taken for it
 _BETTER = 0.1  # share of the misfit that mended data may leave
+_FARTHEST = 0.5  # how far from its rough value a ratio is sought, as a logarithm
+_GRID = 0.24  # the part of it that is searched first
+_FARTHEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
 
 _KNOWN = (-1.0, *POSITION_OR_TORQUE_FACTORS, -_DEGREES)
@@ -37,7 +45,7 @@ _KNOWN = (-1.0, *POSITION_OR_TORQUE_FACTORS, -_DEGREES)
 
 @dataclass(frozen=True, eq=False)
 class _Hypothesis:
-    kind: str  # "angle" or "torque" (scaled by ``factor``), or "inertia" (M2 on the arm side)
+    kind: str  # "angle", "torque" or "both" are scaled, or "inertia" (M2 on the arm side)
     angle: Floats  # angle as logged over true angle, (n,)
     torque: Floats  # torque as logged over true torque, (n,)
     gear: Floats  # by which M2 is divided on both sides, (n,)
@@ -66,42 +74,119 @@ def scale_findings(
     as_is = _misfit(phasors, inertias)
     if as_is < GOOD:
         return ()
+    bar = _BETTER * min(as_is, _misfit(phasors, inertias, possible=False))
     found = []
     for hypothesis in _hypotheses(phasors, inertias):
         mended = _misfit(*_mend(hypothesis, phasors, inertias))
-        if mended < _BETTER * as_is:
+        if mended < bar:
             found.append((mended, hypothesis))
+    if min((mended for mended, _ in found), default=np.inf) > GOOD:
+        # At low frequency ratios are seen roughly only, too roughly for a spring to come out.
+        rough = [
+            *(h for _, h in sorted(found, key=lambda pair: pair[0])[:1]),
+            *_sides(phasors, inertias),
+        ]
+        found = []
+        for hypothesis in rough:
+            refined = _refined(hypothesis, phasors, inertias)
+            mended = _misfit(*_mend(refined, phasors, inertias))
+            if mended < bar and _is_possible(refined):
+                found.append((mended, refined))
     if not found:
         return ()
     best = min(mended for mended, _ in found)
     chosen = next(h for m, h in found if m <= 2 * max(best, 1.0))
-    if best > GOOD:
-        chosen = _refined(chosen, phasors, inertias)
-    return (_told(chosen, phasors, as_is, _misfit(*_mend(chosen, phasors, inertias))),)
+    mended = _misfit(*_mend(chosen, phasors, inertias))
+    return (_told(chosen, phasors, as_is, mended, _side(chosen, mended, phasors, inertias)),)
+
+
+def _is_possible(hypothesis: _Hypothesis) -> bool:
+    """Whether every factor can be that of a gear, or of a unit with a gear's beside it."""
+    parts = np.abs(np.concatenate([hypothesis.angle, hypothesis.torque]))
+    factor = hypothesis.torque / hypothesis.angle
+    within = np.all((parts >= 1 / LARGEST_GEAR_RATIO) & (parts <= LARGEST_GEAR_RATIO))
+    return bool(
+        hypothesis.gear.max() <= LARGEST_GEAR_RATIO
+        and (
+            within
+            or any(np.all(np.abs(np.log(np.abs(factor) / c)) < np.log(30)) for c in COMMON_FACTORS)
+            or np.all((np.abs(factor) < _FARTHEST_FACTOR) & (np.abs(factor) > 1 / _FARTHEST_FACTOR))
+        )
+    )
+
+
+def _sides(phasors: Phasors, inertias: Sequence[Inertia]) -> list[_Hypothesis]:
+    """Torques, positions or both on the other side of the gear, in all joints that look wrong."""
+    measured = low_frequency_inertia(phasors, inertias)
+    if measured is None:
+        return []
+    expected = np.mean([np.diag(i.M) + i.M2 for i in inertias], axis=0)
+    ratio = np.diag(measured) / np.diag(expected)
+    return _on_sides(np.where((ratio > 1 / 2) & (ratio < 2), 1.0, ratio))
+
+
+def _on_sides(factor: Floats) -> list[_Hypothesis]:
+    """What makes these factors between torque and acceleration, if a gear does."""
+    one = np.ones(factor.size)
+    if np.all(factor == 1):
+        return []
+    found = [_Hypothesis("torque", one, factor, one), _Hypothesis("angle", 1 / factor, one, one)]
+    if np.all(factor > 0):  # a ratio that is applied twice makes no sign
+        wrong = np.flatnonzero(factor != 1)[1:]
+        for signs in product((1.0, -1.0), repeat=min(wrong.size, _MOST_JOINTS - 1)):
+            root = np.sqrt(factor)
+            root[wrong[: len(signs)]] *= signs
+            found.append(_Hypothesis("both", 1 / root, root, one))
+    return found
+
+
+def _side(chosen: _Hypothesis, mended: float, phasors: Phasors, inertias: Sequence[Inertia]) -> str:
+    """Return "torque", "angle" or "both" where the coupling of the joints tells which, else ""."""
+    factor = chosen.torque / chosen.angle
+    if chosen.kind == "inertia" or np.all(np.abs(factor) == 1) or factor.size == 1:
+        return ""
+    best: dict[str, float] = {}
+    for hypothesis in _on_sides(np.where(np.isclose(factor, 1), 1.0, factor)):
+        refined = _refined(hypothesis, phasors, inertias)
+        misfit = _misfit(*_mend(refined, phasors, inertias))
+        best[refined.kind] = min(misfit, best.get(refined.kind, np.inf))
+    first, *others = sorted(best, key=lambda kind: best[kind]) or [""]
+    clear = bool(first) and best[first] <= 2 * max(mended, 1.0)
+    return first if clear and all(best[o] > 4 * max(best[first], 1.0) for o in others) else ""
 
 
 def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inertia]) -> _Hypothesis:
     """The gear ratios that explain the data best; at low frequency they are seen roughly only."""
     parts = np.array([hypothesis.angle, hypothesis.torque, hypothesis.gear])
-    free = np.abs(parts) != 1
+    # A ratio that scales both, angle and torque, is one number.
+    free = np.any(np.abs(parts) != 1, axis=0)
     if not free.any():
         return hypothesis
 
     def scaled(x: Floats) -> _Hypothesis:
-        factor = np.ones(free.shape)
-        factor[free] = np.exp(x)
+        logs = np.log(np.abs(parts[:, free]))
+        more = np.where(np.abs(logs) > 0, np.sign(logs) * np.sign(np.abs(logs).sum(axis=0)) * x, 0.0)
+        factor = np.ones(parts.shape)
+        factor[:, free] = np.exp(more)
         return _Hypothesis(hypothesis.kind, *(parts * factor))
 
     def cost(x: Floats) -> float:
+        if np.any(np.abs(x) > _FARTHEST):
+            return 1e3
         return float(min(np.log(_misfit(*_mend(scaled(x), phasors, inertias))), 1e3))
 
-    start = np.zeros(int(free.sum()))
+    # Beside the valley of the right ratios lie others, where springs are negative.
+    count = int(free.sum())
+    axis = np.linspace(-_GRID, _GRID, 17) if count < 3 else np.zeros(1)
+    start = np.array(
+        min(product(axis, repeat=count), key=lambda x: (cost(np.array(x)), float(np.sum(np.square(x)))))
+    )
     found = minimize(
         cost,
         start,
         method="Nelder-Mead",
         options={
-            "initial_simplex": np.vstack([start, 0.1 * np.eye(start.size)]),
+            "initial_simplex": np.vstack([start, 0.02 * np.eye(start.size)]),
             "maxfev": 60 * start.size,
             "xatol": 1e-4,
             "fatol": 0.01,
@@ -110,14 +195,14 @@ def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inert
     return scaled(np.asarray(found.x, float))
 
 
-def _misfit(phasors: Phasors, inertias: Sequence[Inertia]) -> float:
-    """Misfit of the springs' equations; infinite when no spring comes out."""
+def _misfit(phasors: Phasors, inertias: Sequence[Inertia], *, possible: bool = True) -> float:
+    """Misfit of the springs' equations; infinite when no spring comes out that is possible."""
     try:
         fit = identify_elasticity(phasors, inertias, method="weighted")
     except JointIdError:
         return np.inf
     lossy = -4 * fit.standard_error[fit.n :] < fit.D
-    return fit.misfit if np.all(fit.K > 0) and lossy.all() else np.inf
+    return fit.misfit if not possible or (np.all(fit.K > 0) and lossy.all()) else np.inf
 
 
 def _mend(
@@ -215,7 +300,7 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
     return None
 
 
-def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float) -> Finding:
+def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float, side: str) -> Finding:
     n = hypothesis.angle.size
     proof = _proof(as_is, mended)
     if hypothesis.kind == "inertia":
@@ -244,7 +329,7 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
             1.0,
         )
     return told_by_size(
-        factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= GOOD
+        factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= GOOD, side=side
     )
 
 

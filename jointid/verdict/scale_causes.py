@@ -18,6 +18,8 @@ _ROUGH = 1.1
 """The same where friction or something else that is wrong draws the factor off."""
 _NEAR = 1.35
 """A factor this close to a known one is worth a hint, but a gear ratio is as likely."""
+LARGEST_GEAR_RATIO = 1000.0
+"""What a gear of a robot can have; a larger ratio, or less than one over it, explains nothing."""
 _SAME_FOR_ALL = 0.02
 """Time is common to the joints: factors that differ by no more than this may come from it."""
 
@@ -139,7 +141,9 @@ POSITION_OR_TORQUE_FACTORS = tuple(cause.factor for cause in _KNOWN)
 """Factors that a wrong unit of position or torque makes in a joint."""
 
 
-def told_by_size(factor: Floats, *, proof: str, duration_s: float, good: bool) -> Finding:
+def told_by_size(
+    factor: Floats, *, proof: str, duration_s: float, good: bool, side: str = ""
+) -> Finding:
     """Say which units or ratios make these factors.
 
     Parameters
@@ -152,6 +156,8 @@ def told_by_size(factor: Floats, *, proof: str, duration_s: float, good: bool) -
         Of the longest record, as it stands.
     good : bool
         Whether nothing else is wrong, once these factors are mended.
+    side : {"", "torque", "angle", "both"}
+        What alone explains the coupling of the joints, if scaled; empty when that is not seen.
     """
     n = factor.size
     effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
@@ -163,7 +169,7 @@ def told_by_size(factor: Floats, *, proof: str, duration_s: float, good: bool) -
     for j in wrong:
         groups.setdefault(_known(float(factor[j]), _CLOSE if good else _ROUGH), []).append(int(j))
     if list(groups) == [None]:
-        return _told_unknown(factor, wrong, proof, effect)
+        return _told_unknown(factor, wrong, proof, effect, side)
     titles, details, remedies = [], [], []
     for cause, joints in groups.items():
         whose = _joints(joints, n)
@@ -208,22 +214,52 @@ def _told_common(cause: _Cause, factor: Floats, proof: str, duration_s: float, e
     return problem(cause.title, detail, f"{cause.remedy}.{also}", effect)
 
 
-def _told_unknown(factor: Floats, wrong: np.ndarray, proof: str, effect: float) -> Finding:
+def _told_unknown(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
     whose = _joints(wrong, factor.size)
     size = np.abs(factor[wrong])
     ratios = np.maximum(size, 1 / size)
     square = np.sqrt(ratios)
     how = "applied once too often" if size.max() < 1 else "left out"
-    reversed_too = " The sign is reversed as well." if np.any(factor[wrong] < 0) else ""
+    gears = []
+    if ratios.max() <= LARGEST_GEAR_RATIO:
+        gears.append(f"A gear ratio of {_list(ratios)} would explain it, {how} in position or torque")
+    if square.max() <= LARGEST_GEAR_RATIO:
+        both = f"{_list(square)} in both"
+        gears.append(
+            both if gears else f"A gear ratio of {_list(square)} would explain it, {how} in both"
+        )
+    unit = f"a torque that is not in N·m, {_list(1 / size)} N·m to its unit"
+    causes = f"{', or '.join(gears)}; so would {unit}." if gears else f"It may be {unit}."
+    seen = f" {_SEEN[side]}" if side and gears else ""
+    reversed_too = (
+        " The sign is reversed as well, as where motor and joint turn against each other."
+        if np.any(factor[wrong] < 0)
+        else ""
+    )
+    rate = ""
+    if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < _SAME_FOR_ALL:
+        # Accelerations go with the square of time, in all joints alike.
+        right = np.sqrt(factor.mean())
+        rate = (
+            f" All joints agree, so a sampling rate of {number(right)} times what is given would, too."
+        )
     return problem(
         f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
-        f"Torque over acceleration is {_values(factor, wrong)} times {_SAYS}. A gear ratio of "
-        f"{_list(ratios)} would explain it, {how} "
-        f"in position or torque, or {_list(square)} in both; so would a torque that is not in N·m, "
-        f"{_list(1 / size)} N·m to its unit.{reversed_too} {proof}",
+        f"Torque over acceleration is {_values(factor, wrong)} times {_SAYS}. {causes}{seen}"
+        f"{reversed_too}{rate} {proof}",
         _unknown_remedy(factor, wrong),
         effect,
     )
+
+
+_SEEN = {
+    "torque": "The coupling between the joints says that it is the torque: it is on the other side of "
+    "the gear than was taken, while the position is right; or its unit is another.",
+    "angle": "The coupling between the joints says that it is the position: it is on the other side of "
+    "the gear than was taken, while the torque is right.",
+    "both": "The coupling between the joints says that it is both: position and torque are on the "
+    "other side of the gear than was taken.",
+}
 
 
 def _unknown_remedy(factor: Floats, joints: Sequence[int] | np.ndarray) -> str:
