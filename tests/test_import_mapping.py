@@ -561,3 +561,65 @@ def test_side_of_a_torque_by_its_name(name: str, unit: str, side: str) -> None:
         name in ("tau1", "Drehmoment Achse 1")
     )
     assert ("gear ratio of joint 1" in said) == (side == "joint")
+
+
+# --- encoders of one turn
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "turn"),
+    [
+        ("rad", None, 2 * np.pi),
+        ("mrad", None, 2000 * np.pi),
+        ("deg", None, 360.0),
+        ("rev", None, 1.0),
+        ("counts", 4096.0, 4096.0),
+        ("counts", -20000.0, 20000.0),
+        ("counts", 1000.0, 65536.0),
+    ],
+)
+@pytest.mark.parametrize("low", [0.0, -0.5])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_jumps_of_a_turn_are_taken_out(
+    unit: str, scale: float | None, turn: float, low: float, seed: int
+) -> None:
+    """A motion of a few turns, and one to and fro over the edge, come back but for whole turns."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(3000) * 1e-3
+    for motion in (
+        1.5 * np.sin(9 * t) + 0.9,
+        0.02 * np.sin(40 * t) + low,
+        0.7 * t + 0.02 * np.sin(90 * t),
+    ):
+        true = turn * (motion + rng.normal(0, 1e-4, t.size))
+        true = np.round(true) if unit == "counts" else true
+        seen = np.mod(true - low * turn, turn) + low * turn
+        channel = Channel("q", unit, scale)
+        log = apply_mapping(table_of(t=t, q=seen, tau=np.cos(t)), one(channel, Channel("tau", "N·m")))
+        per_unit = JointMapping(channel, Channel("tau", "N·m")).rad_per_unit
+        expected = (true - true[0] + seen[0]) * per_unit
+        np.testing.assert_allclose(log.theta_rad[:, 0], expected, atol=1e-9 * abs(turn * per_unit))
+        assert "the jumps are taken out" in log.notes[-1]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        6.0 * np.sin(np.arange(500) / 30),  # a large motion, without a jump
+        np.where(np.arange(500) % 100 < 50, 0.0, 5.0) + 0.001 * np.sin(np.arange(500)),  # 0.8 turns
+        8 * np.sin(np.arange(500) / 20) + 6.28 * (np.arange(500) == 300),  # more than a turn, an outlier
+        np.zeros(500),
+    ],
+)
+def test_what_is_no_wrap_is_left_alone(values: np.ndarray) -> None:
+    table = table_of(t=np.arange(500) * 1e-3, q=values, tau=np.cos(np.arange(500)))
+    log = apply_mapping(table, one(Channel("q", "rad"), Channel("tau", "N·m")))
+    np.testing.assert_array_equal(log.theta_rad[:, 0], values)
+    assert log.notes == ()
+
+
+def test_a_guess_says_that_an_encoder_shows_one_turn() -> None:
+    t = np.arange(500) * 1e-3
+    guess = guess_mapping(table_of(t=t, q__deg=np.mod(400 * np.sin(9 * t), 360), tau=np.cos(t)))
+    said = {r.what: r.text for r in guess.reasons}
+    assert "360 deg" in said["turns of position of joint 1"]

@@ -14,6 +14,7 @@ from jointid.importing.mapping import JOINT, MOTOR, Channel, JointMapping, Mappi
 from jointid.importing.more_joints import lone_columns
 from jointid.importing.reasons import Reason
 from jointid.importing.tables import LogColumn, LogTable
+from jointid.importing.turns import unwrapped
 from jointid.importing.units import (
     ANGLE_UNITS,
     POSITION_SCALES,
@@ -250,6 +251,16 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
                 )
             )
         channels.append(Channel(column.name, unit, 1.0 if meaning else None, side))
+    finite = position.values[np.isfinite(position.values)]
+    turned = unwrapped(finite, channels[0])
+    if turned.jumps.size:
+        reasons.append(
+            Reason(
+                f"turns of position of joint {number}",
+                turned.said(channels[0]),
+                True,
+            )
+        )
     return JointMapping(channels[0], channels[1])
 
 

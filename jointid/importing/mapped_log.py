@@ -11,6 +11,7 @@ from jointid.errors import JointIdError
 from jointid.importing.mapping import Mapping
 from jointid.importing.sample_times import sample_times
 from jointid.importing.tables import LogTable
+from jointid.importing.turns import unwrapped
 from jointid.wording import counted, listed
 
 
@@ -121,7 +122,11 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     n = mapping.n
     theta, tau = np.empty((rows.size, n), order="F"), np.empty((rows.size, n), order="F")
     for j, joint in enumerate(mapping.joints):
-        theta[:, j] = raw[j][rows] * joint.rad_per_unit
+        position = unwrapped(raw[j][rows], joint.position)
+        if position.jumps.size:
+            first = table.first_row + int(rows[position.jumps[0]])
+            notes.append(position.said(joint.position, f", first at {table.row_word} {first}"))
+        theta[:, j] = position.values * joint.rad_per_unit
         tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
     return MappedLog(
         time_s=times.time_s,
