@@ -15,8 +15,11 @@ from jointid.wording import listed, shown
 HARMONICS = 3
 """Fitted beside the fundamental of a single sine, so that friction does not shift the frequency."""
 
-_SECOND_LINE = 0.08  # amplitude of another line over the largest that makes a multisine
-_HARMONIC = 0.15  # the same for a multiple of the largest's frequency, which friction makes as well
+_SMALLEST = 0.03  # share in position or torque, over the largest, below which a line is not meant
+_HARMONIC = 0.25  # torque and acceleration over those of the one line of which all are multiples
+_EVEN = 0.1  # the same of an even multiple, and where lines are that are no multiples: those are meant
+_CLEAR = 5.0  # amplitude over the noise about it
+_STILL = 0.02  # motion of a joint, over the largest, below which its lines tell nothing
 
 
 @dataclass(frozen=True)
@@ -114,25 +117,78 @@ def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]
     )
 
 
-def lines_worth(time: Floats, theta: Floats, lines: Sequence[float]) -> list[float]:
-    """Drop harmonics of the strongest line, and lines too small to be meant.
+def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]) -> list[float]:
+    """Drop harmonics of other lines, lines that only noise makes, and lines too small to be meant.
+
+    The position of a driven line falls with the square of its frequency while its torque does not, so
+    a line counts by the larger of its shares in either. A harmonic that friction makes is large in
+    the torque at best, one that rounding makes in the acceleration: a line that is driven at a multiple
+    of another is large in both.
 
     Parameters
     ----------
     time : ndarray, shape (N,)
-    theta : ndarray, shape (N, n)
+    theta, tau : ndarray, shape (N, n)
     lines : sequence of float
         At least one, Hz.
     """
-    fit = fit_lines(time, theta, lines, free=False)
-    size = np.linalg.norm(fit.phasors / np.maximum(fit.moved, 1e-300), axis=1)
-    strongest = int(np.argmax(size))
-    kept = []
-    for k, line in enumerate(lines):
-        order = line / lines[strongest]
-        resolution = 1.5 / (time[-1] - time[0]) / lines[strongest]
-        is_harmonic = round(order) > 1 and abs(order - round(order)) < resolution
-        least = _HARMONIC if is_harmonic else _SECOND_LINE
-        if k == strongest or size[k] > least * size[strongest]:
-            kept.append(line)
-    return kept
+    n = theta.shape[1]
+    hz = np.asarray(lines, float)
+    size, floor, moved = _sizes(time, np.column_stack([theta, tau]), hz)
+    size = np.where(size > _CLEAR * floor, size, 0.0)
+    moves = moved[:n] > _STILL * moved[:n].max()
+    size[:, np.flatnonzero(~np.concatenate([moves, moves]))] = 0.0
+    scaled = size / np.maximum(size.max(axis=0), 1e-300)
+    position, torque = np.linalg.norm(scaled[:, :n], axis=1), np.linalg.norm(scaled[:, n:], axis=1)
+    clear = (position > 0) & (torque > 0)
+    strongest = int(np.argmax(position * torque if clear.any() else position))
+    share = np.maximum(position / max(position.max(), 1e-300), torque / max(torque.max(), 1e-300))
+    meant = clear & (share > _SMALLEST)
+    meant[strongest] = True
+    hz, position, torque = hz[meant], position[meant], torque[meant]
+    span = float(time[-1] - time[0])
+    kept = [
+        float(line)
+        for k, line in enumerate(hz)
+        if not any(_made_by(k, g, hz, position, torque, span) for g in range(len(hz)))
+    ]
+    return kept or [float(lines[strongest])]
+
+
+def _made_by(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span: float) -> bool:
+    """Whether line ``k`` is a harmonic that friction or rounding makes of line ``g``."""
+    orders = hz / hz[g]
+    multiples = np.abs(orders - np.round(orders)) < 1.5 / span / hz[g]
+    order = round(orders[k])
+    if order < 2 or not multiples[k] or position[g] == 0 or torque[g] == 0:
+        return False
+    acceleration = order**2 * position[k] / position[g]
+    least = _HARMONIC if multiples.all() and order % 2 else _EVEN
+    return bool(min(acceleration, torque[k] / torque[g]) < least)
+
+
+def _sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
+    """Amplitudes of the lines, and of the noise about each, shape (L, c); and of all that moves, (c,).
+
+    A window keeps what is left of one line from another.
+    """
+    count = len(time)
+    clock = time - (time[0] + time[-1]) / 2
+    window = np.hanning(count)[:, None]
+    waves = np.exp(2j * np.pi * np.outer(clock, hz))
+    basis = np.column_stack([np.ones(count), clock / (clock[-1] - clock[0]), waves.real, waves.imag])
+    basis *= window
+    data = (signals - signals.mean(axis=0)) * window
+    coefficients = np.linalg.pinv(basis.T @ basis, hermitian=True) @ (basis.T @ data)
+    rest = data - basis @ coefficients
+    lines = len(hz)
+    size = np.hypot(coefficients[2 : 2 + lines], coefficients[2 + lines :])
+    amplitude = 2 * np.abs(np.fft.rfft(rest, axis=0)) / window.sum()
+    floors = np.zeros_like(size)
+    for k, place in enumerate(np.round(hz * (time[-1] - time[0])).astype(int)):
+        about = np.r_[max(2, place - 20) : max(2, place - 2), place + 3 : place + 21]
+        about = about[about < len(amplitude)]
+        if about.size:
+            floors[k] = np.median(amplitude[about], axis=0)
+    moved = np.sqrt(((data - basis[:, :2] @ coefficients[:2]) ** 2).mean(axis=0))
+    return size, floors, moved

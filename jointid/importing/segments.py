@@ -72,7 +72,10 @@ def find_segments(
 
 
 def measure_segment(
-    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | None = None
+    log: MappedLog,
+    start_s: float,
+    stop_s: float,
+    frequency_hz: float | Sequence[float] | None = None,
 ) -> Segment:
     """Make a segment of a stretch that the user chose, with its frequency unless given.
 
@@ -81,13 +84,13 @@ def measure_segment(
     log : MappedLog
     start_s, stop_s : float
         Taken as they are: nothing is discarded.
-    frequency_hz : float, optional
-        Taken as it is; by default estimated.
+    frequency_hz : float or sequence of float, optional
+        The line, or all lines at once, taken as they are; by default all that are found.
 
     Raises
     ------
     JointIdError
-        When the stretch holds too few samples, or nothing moves in it.
+        When the stretch holds too few samples, nothing moves in it, or a frequency is not positive.
     """
     part = log.rows(start_s, stop_s)
     time, theta = log.time_s[part], log.theta_rad[part]
@@ -101,21 +104,30 @@ def measure_segment(
             raise JointIdError(
                 f"No joint moves from {start_s:g} s to {stop_s:g} s: choose times at which one does."
             )
-        lines = find_lines(time, theta)
+        tau = log.tau_Nm[part]
+        lines = find_lines(time, theta, tau)
         if not lines:
             raise JointIdError(
                 f"From {start_s:g} s to {stop_s:g} s no line stands out: give frequency_hz, or other "
                 "times."
             )
-        return measured(time, theta, log.tau_Nm[part], lines_worth(time, theta, lines))
-    segment = Segment(float(time[0]), float(time[-1]), float(frequency_hz))
+        return measured(time, theta, tau, lines_worth(time, theta, tau, lines))
+    lines = [float(f) for f in np.atleast_1d(np.asarray(frequency_hz, float))]
+    if not lines:
+        raise JointIdError(
+            "frequency_hz is empty: give one frequency or more, or None to have it found."
+        )
+    segment = Segment(float(time[0]), float(time[-1]), lines[0], tuple(lines))
     signals = np.column_stack([theta, log.tau_Nm[part]])
-    fit = fit_lines(time, signals, [segment.frequency_hz], harmonics=HARMONICS, free=False)
+    lines = list(segment.lines_hz)
+    fit = fit_lines(time, signals, lines, harmonics=HARMONICS if len(lines) == 1 else 1, free=False)
+    strongest = int(np.argmax(np.linalg.norm(fit.phasors[:, : log.n], axis=1)))
     return replace(
         segment,
+        frequency_hz=lines[strongest],
         share=float(fit.share[: log.n].max()),
         torque_share=float(fit.share[log.n :].max()),
-        amplitude_rad=tuple(np.abs(fit.phasors[0, : log.n]).tolist()),
+        amplitude_rad=tuple(np.abs(fit.phasors[strongest, : log.n]).tolist()),
     )
 
 

@@ -7,7 +7,7 @@ joints at the same frequency moves them as much as rest does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,12 @@ PATTERN = 0.12
 SETTLED = 0.01
 """Relative distance from the steady phasors below which a run has settled."""
 
+_STAYS = 0.03  # the same of all lines of a multisine, whose frequencies are known well
 _SEED = 5  # frames
+_APART = 1.5  # over the distance of the closest lines: what a frame needs to tell them apart
+_PERIODS = 2.0  # of the lowest of several lines in a frame
+_PARTED = 10.0  # how much less two sines must leave than one to be two runs
+_TURNS = 0.3  # rad that they part over the shorter of them
 _MOST_NOISE = 0.4  # relative change that noise may excuse
 _MEDIAN = 0.83  # median size of a complex normal number over its root mean square
 _SCATTERS = 3.5  # times the usual that noise may move a frame's phasors
@@ -76,6 +81,46 @@ def frames_of(
     return Frames(begin, length, z * turn[:, None])
 
 
+def line_frames(time: Floats, signals: Floats, lines_hz: Sequence[float]) -> Frames:
+    """Fit all lines, offset and drift in frames: of one period of a single line, side by side, and of
+    what tells several lines apart, overlapping by half.
+
+    Parameters
+    ----------
+    time : ndarray, shape (N,)
+        Even.
+    signals : ndarray, shape (N, c)
+    lines_hz : sequence of float
+
+    Returns
+    -------
+    Frames
+        With phasors on the clock of the first sample, signal by signal, shape (m, c lines).
+    """
+    interval = float(time[-1] - time[0]) / (len(time) - 1)
+    omega = 2 * np.pi * np.sort(np.asarray(lines_hz, float)) * interval
+    if len(omega) == 1:
+        length = hop = max(4, round(2 * np.pi / float(omega[0])))
+    else:
+        apart = float(np.diff(omega).min())
+        length = int(np.ceil(2 * np.pi * max(_APART / apart, _PERIODS / float(omega[0]))))
+        hop = max(1, length // 2)
+    if length > len(time):
+        return Frames(np.empty(0, int), length, np.empty((0, signals.shape[1] * len(omega)), complex))
+    begin = np.arange(0, len(time) - length + 1, hop)
+    j = np.arange(length) - (length - 1) / 2
+    columns = np.column_stack(
+        [np.cos(np.outer(j, omega)), np.sin(np.outer(j, omega)), np.ones(length), j / length]
+    )
+    weights = np.linalg.pinv(columns)[: 2 * len(omega)]
+    waves = weights[len(omega) :] + 1j * weights[: len(omega)]
+    turn = np.exp(-1j * np.outer(begin + (length - 1) / 2, omega))
+    z = np.empty((len(begin), signals.shape[1], len(omega)), complex)
+    for k, b in enumerate(begin):
+        z[k] = (waves @ signals[b : b + length]).T * turn[k]
+    return Frames(begin, length, z.reshape(len(begin), -1))
+
+
 def _gathered(windows: np.ndarray, begin: np.ndarray, waves: Complexes) -> Complexes:
     step = max(1, (1 << 20) // len(waves))
     parts = [windows[begin[k : k + step]] @ waves for k in range(0, len(begin), step)]
@@ -103,9 +148,41 @@ def runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
         if last - first < _SEED:
             continue
         first, last = first + low, last + low
-        if last - first >= fewest:
-            yield first, last
+        pieces = _parted(y[first:last], apart)
+        yield from ((first + a, first + b) for a, b in pieces if b - a >= fewest)
         todo += [(low, first - apart + 1), (last + apart - 1, high)]
+
+
+def grown(z: Complexes, low: int, high: int) -> tuple[int, int]:
+    """Grow the quietest frames of ``low`` to ``high`` to both sides as long as they stand still.
+
+    Parameters
+    ----------
+    z : ndarray, shape (m, c)
+        Phasors of frames that overlap by half.
+    low, high : int
+
+    Returns
+    -------
+    first, last : int
+        The first and one past the last; equal where nothing stands still.
+    """
+    y, noise = _weighted(z[low:high])
+    if len(y) < _SEED:
+        return low, low
+    first, last = _grown(y, noise)
+    if first > 0 or last < len(y) or last - first < _SEED:
+        return low + first, low + last
+    centre = z[low:high].mean(axis=0)
+    size = float(np.linalg.norm(centre))
+    away = np.linalg.norm(z - centre, axis=1)
+    noise = float(np.median(away[low:high]))
+    most = max(_STAYS * size, min(3 * noise, _MOST_NOISE * size))
+    while low > 0 and away[low - 1] <= most:
+        low -= 1
+    while high < len(z) and away[high] <= most:
+        high += 1
+    return low, high
 
 
 def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
@@ -132,6 +209,67 @@ def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
     first = min(first, len(frames.z) - 1)
     last = max(last, first + 1)
     return int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
+
+
+def stands_still(z: Complexes) -> bool:
+    """Whether the phasors of all frames stay where they are, as far as their noise tells.
+
+    Parameters
+    ----------
+    z : ndarray, shape (m, c)
+    """
+    y, noise = _weighted(z)
+    if len(y) < 2:
+        return False
+    centre, turn, origin = _steady(y, 0)
+    size = float(np.linalg.norm(centre))
+    most = max(PATTERN / 2 * size, min(3 * noise, _MOST_NOISE * size))
+    return all(_near(y[k], centre, turn * (k - origin), most) for k in range(len(y)))
+
+
+def settled_frames(z: Complexes, fewest: int) -> tuple[int, int]:
+    """Leave out frames at both ends until the first quarter agrees with the second half.
+
+    That is the measure by which a record is later said to be still settling. The beginning counts once
+    it agrees from the next frame on as well. A change that goes on until the fewest frames, or a
+    quarter of all, are left is no settling: then only the end is cut.
+
+    Parameters
+    ----------
+    z : ndarray, shape (m, c)
+    fewest : int
+
+    Returns
+    -------
+    first, last : int
+    """
+    count = len(z)
+    if count < 8:
+        return 0, count
+    half = z[count // 2 :]
+    centre = np.median(half.real, axis=0) + 1j * np.median(half.imag, axis=0)
+    away = np.abs(half - centre)
+    usual = np.median(away, axis=0) / _MEDIAN
+    wrong = np.asarray((away > np.maximum(2 * SETTLED * np.abs(centre), _SCATTERS * usual)).any(axis=1))
+    late = np.flatnonzero(wrong[len(wrong) // 2 :])
+    last = count // 2 + len(wrong) // 2 + int(late[0]) if late.size else count
+    most = last - max(fewest, last // 4, 8)
+    before = False
+    for first in range(0, most + 1, max(1, last // 128)):
+        now = _is_settled(z[first:last])
+        if now and (before or first == 0):
+            return first, last
+        before = now
+    return 0, last
+
+
+def _is_settled(z: Complexes) -> bool:
+    early, late = z[: len(z) // 4], z[len(z) // 2 :]
+    amplitude = np.abs(z.mean(axis=0))
+    change = np.abs(early.mean(axis=0) - late.mean(axis=0))
+    scatter = np.sqrt((np.abs(late - late.mean(axis=0)) ** 2).sum(axis=0) / (len(late) - 1))
+    error = scatter * np.sqrt(1 / len(early) + 1 / len(late))
+    return bool(np.all(change <= np.maximum(SETTLED / 2 * amplitude, _SCATTERS * error)))
 
 
 def _standing(frames: Frames, *, drifts: bool) -> tuple[int, int]:
@@ -229,6 +367,28 @@ def _steady(y: Complexes, first: int) -> tuple[Complexes, float, float]:
     turn += float(place @ phase / (place @ place))
     centre = (y * np.exp(-1j * turn * place)[:, None]).mean(axis=0)
     return centre, turn, first + (len(y) - 1) / 2
+
+
+def _parted(y: Complexes, apart: int) -> list[tuple[int, int]]:
+    """Pieces of frames in which two sines of other frequencies follow each other, else the whole."""
+    whole = [(0, len(y))]
+    tries = np.arange(_SEED + apart, len(y) - _SEED - apart, max(1, len(y) // 64))
+    if not tries.size:
+        return whole
+    one = _misfit(y)
+    # Frames on the change belong to neither.
+    left = np.array([_misfit(y[: k - apart // 2]) for k in tries])
+    right = np.array([_misfit(y[k + apart // 2 :]) for k in tries])
+    two = np.sqrt((left**2 * tries + right**2 * (len(y) - tries)) / len(y))
+    best = int(np.argmin(two))
+    if one < SETTLED or one**2 < _PARTED * two[best] ** 2:
+        return whole
+    k = int(tries[best])
+    before, after = (0, k - apart // 2), (k + apart // 2, len(y))
+    turns = [_steady(y[a:b], 0)[1] for a, b in (before, after)]
+    if abs(turns[1] - turns[0]) * min(k, len(y) - k) < _TURNS:
+        return whole
+    return [(a + first, a + last) for a, b in (before, after) for first, last in _parted(y[a:b], apart)]
 
 
 def _misfit(y: Complexes) -> float:

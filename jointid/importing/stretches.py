@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from jointid.importing.line_fit import fit_lines
-from jointid.importing.lines import find_lines
 from jointid.importing.mapped_log import MappedLog
-from jointid.importing.segment import HARMONICS, Segment, lines_worth, measured
+from jointid.importing.multisines import multisines
+from jointid.importing.segment import HARMONICS, Segment, measured
 from jointid.importing.sine_search import SHARE, Candidate, sine_candidates
-from jointid.importing.steady import frames_of, runs, settled_part
+from jointid.importing.steady import (
+    frames_of,
+    line_frames,
+    runs,
+    settled_frames,
+    settled_part,
+    stands_still,
+)
 
 _BY_CHANCE = 25.0  # over the number of samples: more of its variance than noise lends to a fit
 
-_SEARCH = 0.3  # share of the work that goes into the candidates
+_OTHERS = 0.05  # share of the motion about a single sine that it may leave
+_ABOUT = 2.5  # times the frequency of the sine: up to there other lines would be
+_MOVES = 0.05  # travel of a joint over the largest, below which it is not asked
+_SAME = 0.1  # turns that two parts of one run may seem to differ by
+_MANY = 0.15  # share of the work that goes into several lines at once
+_SEARCH = 0.4  # the same with the candidates
 
 
 def _repeats(candidate: Candidate, tried: Candidate) -> bool:
@@ -40,18 +52,48 @@ class Stretch:
         self._grid, self._even = grid, signals
 
     def segments(self, tell: Callable[[float], None]) -> list[Segment]:
-        """Single sines first, then what several lines explain of the rest; ``tell`` the share done."""
+        """Several lines at once first, then single sines in the rest; ``tell`` the share done."""
         tell(0.0)
         n = self._theta.shape[1]
         taken = np.zeros(self._time.size, bool)
         found: list[Segment] = []
-        candidates = sine_candidates(self._even[:, :n], lambda share: tell(_SEARCH * share))
+        theta, tau = self._even[:, :n], self._even[:, n:]
+        for begin, end, lines in multisines(
+            self._grid, theta, tau, self._fewest, lambda share: tell(_MANY * share)
+        ):
+            taken[begin:end] = True
+            found.append(self._settled(begin, end, lines))
+        candidates = sine_candidates(theta, lambda share: tell(_MANY + (_SEARCH - _MANY) * share))
         for candidate in self._best_first(candidates, taken, tell):
             for begin, end in self._steady(candidate):
                 if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
                     found.append(segment)
                     taken[begin:end] = True
-        return found + list(self._multisines(taken))
+        return self._joined(sorted(found, key=lambda s: s.start_s))
+
+    def _joined(self, found: list[Segment]) -> list[Segment]:
+        """Make one of neighbours that are parts of the same run: one sine goes through both."""
+        joined: list[Segment] = []
+        for segment in found:
+            if joined and (both := self._as_one(joined[-1], segment)):
+                joined[-1] = both
+            else:
+                joined.append(segment)
+        return joined
+
+    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
+        if one.is_multisine or two.is_multisine:
+            return None
+        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
+        parted = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
+        if parted > _SAME or gap > max(shorter, 4 / one.frequency_hz):
+            return None
+        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
+        begin, end = np.searchsorted(self._grid, [one.start_s, two.stop_s]).tolist()
+        frames = line_frames(self._grid[begin:end], self._even[begin:end], [longer.frequency_hz])
+        if not stands_still(frames.z):
+            return None
+        return self._settled(begin, end, [longer.frequency_hz])
 
     def _best_first(
         self, candidates: list[Candidate], taken: np.ndarray, tell: Callable[[float], None]
@@ -130,44 +172,45 @@ class Stretch:
             return None
         if segment.torque_share < _BY_CHANCE / (end - begin):
             return None  # a joint that moves without torque is a sensor's last digit that flickers
-        if segment.share < 0.98:
-            lines = find_lines(self._time[part], self._theta[part])
-            if len(lines_worth(self._time[part], self._theta[part], lines or [frequency])) > 1:
-                return None
-        return segment
+        if self._others(part, segment.frequency_hz) > _OTHERS:
+            return None
+        return self._settled(begin, end, [segment.frequency_hz])
 
-    def _multisines(self, taken: np.ndarray) -> Iterator[Segment]:
-        """Stretches of several lines among what no single sine explains."""
-        free = np.concatenate([[False], ~taken, [False]])
-        for first, last in np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2):
-            for begin, end in self._moving(int(first), int(last)):
-                part = slice(begin, end)
-                lines = find_lines(self._time[part], self._theta[part])
-                if not lines or min(lines) * (self._time[end - 1] - self._time[begin]) < self._fewest:
-                    continue
-                lines = lines_worth(self._time[part], self._theta[part], lines)
-                fit = fit_lines(self._time[part], self._theta[part], lines, free=False)
-                if len(lines) < 2 or fit.share.max() < SHARE:
-                    continue
-                segment = measured(self._time[part], self._theta[part], self._tau[part], lines)
-                if segment.share >= 0.9:
-                    yield segment
+    def _settled(self, begin: int, end: int, lines: Sequence[float]) -> Segment:
+        """Measure the settled part of a stretch in which these lines stand still."""
+        frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
+        fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+        if len(frames.z):
+            first, last = settled_frames(frames.z, int(fewest * (1 if len(lines) == 1 else 2)))
+            end = end if last == len(frames.z) else begin + int(frames.begin[last - 1]) + frames.length
+            if len(lines) > 1 and last - first >= 8:
+                first = max(first, 1)  # the frame in which the run began
+            begin += int(frames.begin[first])
+        part = slice(begin, end)
+        return measured(self._time[part], self._theta[part], self._tau[part], lines)
 
-    def _moving(self, first: int, last: int) -> Iterator[tuple[int, int]]:
-        """Where a stretch moves as much as it usually does, without its first and last parts."""
-        length = max(8, round(0.25 / self._interval))
-        if last - first < 8 * length:
-            return
-        n = self._theta.shape[1]
-        part = self._even[first:last, :n]
-        count = len(part) // length
-        blocks = part[: count * length].reshape(count, length, n)
-        size = blocks.std(axis=1)
-        strong = np.quantile(size, 0.9, axis=0)
-        moves = (size > 0.25 * np.maximum(strong, 1e-300)).any(axis=1) & np.any(strong > 0)
-        moves = np.convolve(moves, np.ones(5), mode="same") >= 3  # a standstill between two beats
-        edges = np.concatenate([[False], moves, [False]])
-        for a, b in np.flatnonzero(edges[1:] != edges[:-1]).reshape(-1, 2):
-            margin = max(2, (b - a) // 10)  # settling
-            if b - a - 2 * margin >= 4:
-                yield first + int(a + margin) * length, first + int(b - margin) * length
+    def _others(self, part: slice, frequency_hz: float) -> float:
+        """Share of what moves about a sine that the sine and its harmonics do not explain.
+
+        A part of a beat looks like a sine of one frequency; what is left of it lies close by, unlike
+        noise, which lies everywhere.
+        """
+        time, theta = self._grid[part], self._even[part, : self._theta.shape[1]]
+        theta = theta[:, np.ptp(theta, axis=0) > _MOVES * np.ptp(theta, axis=0).max()]
+        theta = theta / theta.std(axis=0)
+        basis = [np.ones_like(time), np.linspace(-1, 1, time.size)]
+        basis += [
+            wave(2 * np.pi * h * frequency_hz * time)
+            for h in range(1, HARMONICS + 1)
+            for wave in (np.cos, np.sin)
+        ]
+        q, _ = np.linalg.qr(np.column_stack(basis))
+        rest = theta - q @ (q.T @ theta)
+        line = q[:, 2:4].T @ theta
+        power = (np.abs(np.fft.rfft(rest, axis=0)) ** 2).sum(axis=1) * 2 / time.size
+        bins = frequency_hz * (time[-1] - time[0])
+        about = power[1 : int(np.ceil(_ABOUT * bins)) + 1]
+        # White noise has as much above, which is taken off.
+        above = power[int(np.ceil(_ABOUT * bins)) + 1 :]
+        noise = float(np.median(above)) / np.log(2) * about.size if above.size > about.size else 0.0
+        return float(max(about.sum() - noise, 0.0) / (line**2).sum())
