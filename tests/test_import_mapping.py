@@ -623,3 +623,80 @@ def test_a_guess_says_that_an_encoder_shows_one_turn() -> None:
     guess = guess_mapping(table_of(t=t, q__deg=np.mod(400 * np.sin(9 * t), 360), tau=np.cos(t)))
     said = {r.what: r.text for r in guess.reasons}
     assert "360 deg" in said["turns of position of joint 1"]
+
+
+# --- pairs of columns
+
+
+def pairs_of(table: LogTable) -> list[tuple[str, str]]:
+    return [(j.position.column, j.torque.column) for j in guess_mapping(table).mapping.joints]
+
+
+@pytest.mark.parametrize(
+    ("positions", "torques"),
+    [
+        (("enc_1", "enc_2"), ("i_1", "i_2")),
+        (("inc1", "inc2"), ("I1", "I2")),
+        (("Encoder A1", "Encoder A2"), ("Strom A1", "Strom A2")),
+        (("pos1", "pos2"), ("eff1", "eff2")),
+        (("Ist 1", "Ist 2"), ("Mom. 1", "Mom. 2")),
+        (("Winkel J1", "Winkel J2"), ("Drehmoment 1", "Drehmoment 2")),
+        (("q1", "q2"), ("trq axis1", "trq axis2")),
+        (("Pos 1", "Pos 1"), ("Moment 1", "Moment 2")),
+        (("Pos 1", "Pos 2"), ("Moment", "Moment")),
+    ],
+)
+def test_columns_are_paired_by_words_and_numbers(
+    positions: tuple[str, str], torques: tuple[str, str]
+) -> None:
+    rng = np.random.default_rng(3)
+    names = ["Zeit", *positions, *torques]
+    columns = [LogColumn(name, numbers(rng.normal(size=50))) for name in names]
+    columns[0] = LogColumn("Zeit", numbers(np.arange(50) * 0.001), "s")
+    table = LogTable("log", tuple(columns))
+    if torques == ("Moment", "Moment"):  # only the repetition tells the second
+        assert ("Pos 2", "Moment (2)") in pairs_of(table)
+    else:
+        assert pairs_of(table) == [*zip(table.names[1:3], table.names[3:5], strict=True)]
+
+
+def test_a_pair_by_number_alone_is_to_be_looked_at() -> None:
+    names = ("t", "Pos 1", "Pos 1", "Moment 1", "Moment 2")
+    values = np.arange(50) * 0.001
+    table = LogTable(
+        "log", tuple(LogColumn(n, numbers(values if n == "t" else np.sin(values))) for n in names)
+    )
+    asked = {r.what: r.text for r in guess_mapping(table).open_questions}
+    assert "by its number alone" in asked["position of joint 2"]
+    assert "position of joint 1" not in asked
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("layout", ["blocks", "torques first", "by joint", "by joint, torque first"])
+@pytest.mark.parametrize("timed", [True, False])
+def test_columns_without_names_are_told_by_their_shape(n: int, layout: str, timed: bool) -> None:
+    """Torques of a swept motion are rougher than its positions, whatever order they stand in."""
+    rng = np.random.default_rng(n)
+    t = np.arange(4000) * 1e-3
+    phase = 2 * np.pi * (1.0 + 2.0 * t) * t
+    q = [(0.3 + 0.1 * k) / (1 + t) ** 2 * np.sin(phase + k) for k in range(n)]
+    tau = [np.gradient(np.gradient(x, t), t) * 1e-2 + rng.normal(0, 1e-3, t.size) for x in q]
+    if layout.startswith("by joint"):
+        pairs = [(x, y) if "first" not in layout else (y, x) for x, y in zip(q, tau, strict=True)]
+        signals = [s for pair in pairs for s in pair]
+    else:
+        signals = [*q, *tau] if layout == "blocks" else [*tau, *q]
+    values = [t, *signals] if timed else signals
+    table = LogTable("log", tuple(LogColumn("", numbers(v)) for v in values))
+    guess = guess_mapping(table)
+    assert guess.mapping.time.column == ("column 1" if timed else "")
+    assert guess.mapping.n == n
+    for joint, x, y in zip(guess.mapping.joints, q, tau, strict=True):
+        np.testing.assert_array_equal(table.column(joint.position.column).values, x)
+        np.testing.assert_array_equal(table.column(joint.torque.column).values, y)
+    assert not any(r.sure for r in guess.reasons if r.what.startswith(("position of", "torque of")))
+
+
+def test_a_name_that_is_only_a_unit_of_time() -> None:
+    table = table_of(ms=2.0 * np.arange(50), q=ANGLE[:50], tau=TORQUE[:50])
+    assert guess_mapping(table).mapping.time == TimeColumn("ms", "ms")

@@ -447,3 +447,22 @@ def test_cells_that_are_no_time_are_missing() -> None:
 def test_a_time_that_is_not_read_is_named() -> None:
     table = text("Zeit;q;tau\n" + "".join(f"Mo {k}h;{k}.5;{k}.25\n" for k in range(20)))
     assert any('"Zeit" is named as time' in note for note in table.notes)
+
+
+def test_time_of_a_group_above_belongs_to_the_groups_below(tmp_path: Path) -> None:
+    """HDF5: /time at the root, the channels in a group; a time of the group's own comes first."""
+    h5py = pytest.importorskip("h5py")
+    time = np.arange(40) * 0.002
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["time"] = time
+        file["motor/position"] = np.sin(np.outer(time, [3, 4]))
+        file["motor/torque"] = np.cos(np.outer(time, [3, 4]))
+        file["arm/log/t"] = 2 * time
+        file["arm/log/q"] = np.sin(time)
+        file["short/q"] = np.arange(20.0)
+        file["short/tau"] = np.arange(20.0)
+    tables = {table.name: table for table in read_log(tmp_path / "log.h5")}
+    assert tables["log.h5: motor"].names == ("time", "position 1", "position 2", "torque 1", "torque 2")
+    np.testing.assert_array_equal(tables["log.h5: motor"].column("time").values, time)
+    assert sorted(tables["log.h5: arm/log"].names) == ["q", "t"]
+    assert tables["log.h5: short"].names == ("q", "tau")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from jointid.importing.column_words import WORDS, words_of
 from jointid.importing.tables import (
     MAX_COLUMNS,
     LogColumn,
@@ -16,7 +17,7 @@ from jointid.importing.tables import (
     numbers,
     require_few_values,
 )
-from jointid.importing.units import split_unit, unit_of
+from jointid.importing.units import TIME_UNITS, split_unit, unit_of
 
 FEWEST_ROWS = 8
 """Shorter arrays are settings, not signals."""
@@ -34,7 +35,7 @@ class NamedArray:
     labels: tuple[str, ...] = ()
     """Names of the m columns, where the file has them."""
     group: str = ""
-    """Arrays of different groups are never put into one table."""
+    """Arrays of different groups are never put into one table, but for a time of a group above."""
 
 
 def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
@@ -70,10 +71,28 @@ def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
                 LogColumn(name, numbers(table[:, k]), unit_of(array.unit) or unit, array.name)
             )
     found = []
-    for (group, _), columns in grouped.items():
+    for (group, rows), columns in grouped.items():
+        columns = [*_time_above(grouped, group, rows), *columns]
         if 2 <= len(columns) <= MAX_COLUMNS:
             found.append(LogTable(f"{file}: {group}" if group else file, tuple(columns)))
     return most_first(file, found)
+
+
+def _time_above(
+    grouped: Mapping[tuple[str, int], Sequence[LogColumn]], group: str, rows: int
+) -> list[LogColumn]:
+    """Time of a group that has none of its own: from the groups that it lies in, the nearest first."""
+    place = group
+    while True:
+        times = [c for c in grouped.get((place, rows), ()) if _is_time(c)]
+        if times or not place:
+            return [] if place == group else times[:1]
+        place = place.rpartition("/")[0]
+
+
+def _is_time(column: LogColumn) -> bool:
+    named = WORDS["time"] & set(words_of(column.name)) or column.unit in TIME_UNITS
+    return bool(named) and column.values[-1] > column.values[0]
 
 
 def _as_columns(values: np.ndarray) -> np.ndarray | None:

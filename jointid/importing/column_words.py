@@ -14,12 +14,13 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "zeitpunkt abtastzeit sec secs nsec elapsed messzeit",
     "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter",
     "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
-    "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel encoder "
-    "enc drehgeber geber resolver axis achse joint gelenk posizione angolo posicion angulo angulaire "
-    "actpos poscurr axispos measured actual act fbk feedback",
-    "torque": "torque torques trq tau tq moment momente drehmoment motormoment istmoment effort efforts "
-    "couple coppia par moteur load last current strom motorstrom iq courant corrente corriente "
-    "torcurr axistorque acttorque",
+    "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel "
+    "encoder enc inc ink inkr inkremente increments drehgeber geber resolver axis achse joint "
+    "gelenk posizione angolo posicion angulo angulaire actpos poscurr axispos measured actual "
+    "act fbk feedback",
+    "torque": "torque torques trq tau tq mom mmt moment momente eff gelenkmoment lastmoment drehmoment "
+    "motormoment istmoment effort efforts couple coppia par moteur load last current curr strom "
+    "motorstrom iq i amp courant corrente corriente torcurr axistorque acttorque",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
     "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd jerk",
     "command": "command cmd commanded soll sollwert sollposition sollmoment sollwinkel reference ref "
@@ -34,7 +35,7 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "gelenkmoment gelenkwinkel lastseitig",
     "any": "joint axis achse gelenk ist act actual measured fbk feedback load last th",
-    "current": "current strom motorstrom iq courant corrente corriente",
+    "current": "current curr strom motorstrom iq i amp courant corrente corriente",
 }
 WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())

@@ -7,26 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.column_words import WORDS, NamedColumn, by_number, described, number_in, words_of
-from jointid.importing.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping, TimeColumn
-from jointid.importing.more_joints import lone_columns
+from jointid.importing.guess_time import guess_time
+from jointid.importing.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
+from jointid.importing.more_joints import join_by_number, lone_columns
+from jointid.importing.nameless import pairs_by_shape
 from jointid.importing.reasons import Reason
 from jointid.importing.tables import LogColumn, LogTable
 from jointid.importing.turns import unwrapped
 from jointid.importing.units import (
     ANGLE_UNITS,
     POSITION_SCALES,
-    SAMPLES,
-    TIME_UNITS,
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
 from jointid.wording import counted
-
-_MOST_LATE = 0.02
-"""Share of steps back that a column named as time may have: a buffer written twice, a new turn."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +57,11 @@ def guess_mapping(table: LogTable) -> Guess:
         When there are not even two columns beside the time that could be signals.
     """
     reasons: list[Reason] = []
-    time = _guess_time(table, reasons)
+    time = guess_time(table, reasons)
     columns = [described(c) for c in table.columns if c.name != time.column]
     pairs = _pairs(columns, reasons)
+    if not pairs:
+        pairs = pairs_by_shape([c.column for c in columns], reasons)
     if not pairs:
         pairs = _first_two(table, columns, reasons)
     joints = tuple(_joint(number, *pair, reasons) for number, pair in enumerate(pairs, start=1))
@@ -73,83 +71,6 @@ def guess_mapping(table: LogTable) -> Guess:
         )
     )
     return Guess(Mapping(time, joints), tuple(reasons))
-
-
-def _guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
-    best: tuple[float, LogColumn, int] | None = None
-    for place, column in enumerate(table.columns):
-        values = column.values[np.isfinite(column.values)]
-        late = _late_rows(values[:100_000], named=_says_time(column))
-        if late is None:
-            continue
-        words = words_of(column.name)
-        score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (column.unit in TIME_UNITS)
-        score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
-        score += 0.5 * (place == 0) + 0.5 * _is_even(values)
-        if score >= 0.5 and (best is None or score > best[0]):
-            best = (score, column, late)
-    if best is None:
-        reasons.append(Reason("time", _no_time(table), False))
-        return TimeColumn("", SAMPLES, 1000.0)
-    score, column, late = best
-    named = score >= 2
-    text = f'"{column.name}" increases' + (" and its name or unit says time." if named else ".")
-    if late:
-        text = (
-            f'The name or unit of "{column.name}" says time, but it steps back {counted(late, "time")}. '
-            "Rows written twice are left out; where it is not clear how rows follow each other, the "
-            "line is named."
-        )
-    reasons.append(Reason("time", text, named and not late))
-    return _with_unit(column, reasons)
-
-
-def _says_time(column: LogColumn) -> bool:
-    return bool(WORDS["time"] & set(words_of(column.name))) or column.unit in TIME_UNITS
-
-
-def _late_rows(values: Floats, *, named: bool) -> int | None:
-    """How often a time steps back; None for what is no time. Only a name excuses steps back."""
-    if values.size < 2:
-        return None
-    steps = np.diff(values)
-    late = int(np.sum(steps < 0))
-    if late == 0:
-        return 0 if values[-1] > values[0] else None
-    rises = int(np.sum(steps > 0))
-    return late if named and late <= _MOST_LATE * rises and 2 * rises >= steps.size else None
-
-
-def _no_time(table: LogTable) -> str:
-    said = [column.name for column in table.columns if _says_time(column)]
-    why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
-    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is a mere assumption."
-
-
-def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
-    if column.unit in TIME_UNITS:
-        reasons.append(Reason("unit of time", f'The file says "{column.unit}".', True))
-        return TimeColumn(column.name, column.unit)
-    values = column.values[np.isfinite(column.values)]
-    steps = np.diff(values)
-    step = float(np.median(steps[steps > 0]))
-    counts = step == 1 and bool(np.all(values == np.round(values)))
-    if column.unit == SAMPLES or (counts and not WORDS["time"] & set(words_of(column.name))):
-        reasons.append(
-            Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed.", False)
-        )
-        return TimeColumn(column.name, SAMPLES, 1000.0)
-    # Controllers sample between some 20 Hz and 50 kHz; a step of that size tells the unit.
-    unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
-    sure = unit == "s" and step >= 2e-5
-    reasons.append(
-        Reason(
-            "unit of time",
-            f'Its steps are {step:.3g}, which makes {1 / (step * TIME_UNITS[unit]):.4g} Hz in "{unit}".',
-            sure,
-        )
-    )
-    return TimeColumn(column.name, unit)
 
 
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
@@ -164,6 +85,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
             if role not in group or entry.score[role] > group[role].score[role]:
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
+    by_their_number = join_by_number(best, complete)
     keys = (
         sorted(complete, key=by_number)
         if all(number_in(k) is not None for k in complete)
@@ -174,13 +96,15 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
         group = complete[key]
         for role in ("position", "torque"):
             column = group[role].column
-            clear = group[role].score[role] >= 2
+            clear = group[role].score[role] >= 2 and key not in by_their_number
             said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
             reasons.append(
                 Reason(
                     f"{role} of joint {number}",
                     f"The name or unit of {said} says {role}."
                     if clear
+                    else f"{said} is paired by its number alone: check that both are of one joint."
+                    if key in by_their_number
                     else f"{said} fits best, but neither name nor unit is clear.",
                     clear,
                 )
@@ -307,8 +231,3 @@ def _side(role: str, column: LogColumn, position: LogColumn, torque: LogColumn) 
     if column.unit == "counts":
         return MOTOR, False, "Counts come from the motor's encoder, as a rule."
     return MOTOR, False, "The name says no side; the motor's is assumed."
-
-
-def _is_even(values: Floats) -> bool:
-    steps = np.diff(values[:100_000])
-    return bool(np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300))

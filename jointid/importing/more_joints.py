@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, MutableMapping, Sequence
 
-from jointid.importing.column_words import NamedColumn, described
+from jointid.importing.column_words import NamedColumn, described, number_in
 from jointid.importing.mapping import JOINT, Channel
 from jointid.importing.reasons import Reason
 from jointid.importing.tables import LogTable
@@ -13,6 +13,40 @@ from jointid.importing.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES,
 _OTHER = {"position": "torque", "torque": "position"}
 _AS_CLEAR = 0.5
 """A column without a partner counts when its name says this much less than the least clear pair's."""
+
+
+def join_by_number(
+    best: MutableMapping[str, dict[str, NamedColumn]],
+    complete: MutableMapping[str, dict[str, NamedColumn]],
+) -> set[str]:
+    """Pair positions and torques that were left alone, where one of each has the same number.
+
+    Parameters
+    ----------
+    best, complete : mapping of str to mapping of str to NamedColumn
+        All groups, and those with both; what is paired goes over from one to the other.
+
+    Returns
+    -------
+    set of str
+        The new keys of ``complete``.
+    """
+    lone: dict[str, dict[int, list[str]]] = {"position": {}, "torque": {}}
+    for key, group in best.items():
+        number = number_in(key)
+        if len(group) == 1 and number is not None:
+            (role,) = group
+            lone[role].setdefault(number, []).append(key)
+    taken = {number_in(key) for key in complete}
+    joined = set()
+    for number, keys in lone["position"].items():
+        others = lone["torque"].get(number, [])
+        if len(keys) == len(others) == 1 and number not in taken:
+            pair = best.pop(keys[0]) | best.pop(others[0])
+            key = str(number)
+            best[key] = complete[key] = pair
+            joined.add(key)
+    return joined
 
 
 def lone_columns(
