@@ -6,7 +6,6 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path
@@ -37,12 +36,16 @@ def study() -> Study:
 def answers(pool: Pool) -> int:
     """Which process answers, as soon as there is one."""
     pool.begin()
-    until = monotonic() + PATIENCE_S
-    while monotonic() < until:
-        with suppress(NoneReadyError):
-            return int(pool.call(os.getpid))
+    until(lambda: not pool._idle.empty())
+    return int(pool.call(os.getpid))
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for something to be so."""
+    end = monotonic() + PATIENCE_S
+    while not condition():
+        assert monotonic() < end
         sleep(0.01)
-    raise TimeoutError
 
 
 @pytest.fixture(scope="module")
@@ -137,16 +140,33 @@ def test_without_processes_it_is_computed_here(pool: Pool) -> None:
     assert aside(os.getpid) == os.getpid()
 
 
-def test_a_process_that_cannot_begin_is_done_without(
-    pool: Pool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("fault", [JointIdError("no memory"), OSError(24, "too many files")])
+def test_a_process_that_cannot_begin_is_done_without_for_a_while(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch, fault: Exception
 ) -> None:
     def fails(_: Child) -> None:
-        raise JointIdError("no memory")
+        raise fault
 
-    monkeypatch.setattr(Child, "begin", fails)
-    pool._begin_one()
+    with monkeypatch.context() as broken:
+        broken.setattr(Child, "begin", fails)
+        pool.begin()
+        until(lambda: not pool._there)
     pool.begin()
+    assert not pool._there, "not at once again"
     assert aside(os.getpid) == os.getpid()
+    monkeypatch.setattr(pool, "_not_before", 0.0)
+    assert answers(pool) != os.getpid()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_a_call_whose_process_is_killed_is_made_by_another(pool: Pool) -> None:
+    first = answers(pool)
+    with ThreadPoolExecutor(1) as threads:
+        call = threads.submit(pool.call, sleep, 1.0)
+        until(lambda: pool._idle.empty())
+        os.kill(first, signal.SIGKILL)
+        assert call.result(PATIENCE_S) is None
+    assert answers(pool) != first
 
 
 @pytest.fixture

@@ -172,9 +172,9 @@ class Child:
         if self._process is not None and self.runs:
             return self._process
         self._end()
-        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
         command = [sys.executable, "-P", "-c", _BEGIN, str(Path(__file__).parents[2])]
         try:
+            self._errors = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
             self._process = subprocess.Popen(
                 [*command, self._module, str(self._limits.memory_bytes)],
                 stdin=subprocess.PIPE,

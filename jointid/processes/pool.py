@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
@@ -16,6 +18,8 @@ _MODULE = "jointid.processes.calls"
 _LIMITS = Limits(time_s=3600.0)
 _BEGINNING_S = 20.0
 """How long a process may take to begin; it loads the numerical libraries."""
+_AGAIN_S = 30.0
+"""How long none is begun after one that could not."""
 
 
 class NoneReadyError(Exception):
@@ -34,16 +38,21 @@ class Pool:
     def __init__(self, most: int) -> None:
         self._most = most
         self._there = self._ready = 0  # the one that is beginning is there, but not ready
+        self._not_before = -math.inf
         self._lock = threading.Lock()
         self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
 
     def begin(self) -> None:
         """Have one more process begin, if there may be one; nobody waits for it."""
         with self._lock:
-            if self._there > self._ready or self._there >= self._most:
+            at_it = self._there > self._ready
+            if at_it or self._there >= self._most or time.monotonic() < self._not_before:
                 return
             self._there += 1
-        threading.Thread(target=self._begin_one, daemon=True).start()
+        try:
+            threading.Thread(target=self._begin_one, daemon=True).start()
+        except RuntimeError:  # no more threads
+            self._failed()
 
     def call(
         self,
@@ -74,16 +83,17 @@ class Pool:
         """
         if not self._ready:
             raise NoneReadyError
-        with suppress(Ended):
-            return self._asked(self._free(patience_s), function, given, progress)
-        self.begin()  # perhaps this call was not to blame: another process tries it once more
         try:
-            return self._asked(self._free(_BEGINNING_S), function, given, progress)
-        except (Ended, NoneReadyError) as error:
-            raise JointIdError(
-                f"The computation cannot be made. {error} Free memory on the computer that serves this "
-                "page, or shorten the records; then load the page again."
-            ) from None
+            return self._asked(self._free(patience_s), function, given, progress)
+        except Ended as ended:
+            why = str(ended)
+        with suppress(Ended, NoneReadyError):  # perhaps this call was not to blame
+            child = self._free(_BEGINNING_S, beginning=True)
+            return self._asked(child, function, given, progress)
+        raise JointIdError(
+            f"The computation cannot be made. {why} Free memory on the computer that serves this page, "
+            "or shorten the records; then load the page again."
+        )
 
     def stop(self) -> None:
         """End the processes that are at no call, and begin no others."""
@@ -112,23 +122,31 @@ class Pool:
         child = Child(_MODULE, _LIMITS)
         try:
             child.begin()
-        except (JointIdError, Ended):
-            self._most = 0  # it would fail again: all is computed by the callers
+        except Exception:  # whatever it is: the callers compute by themselves, for a while
+            self._failed()
+            return
         with self._lock:
             self._ready += 1
         self._put_back(child)
 
-    def _free(self, patience_s: float) -> Child:
-        try:
-            child = self._idle.get_nowait()
-        except queue.Empty:
-            self.begin()
-            child = self._awaited(patience_s)
-        if not child.runs:  # was idle for long, or somebody ended it
-            self._put_back(child)
-            self.begin()
-            raise NoneReadyError
-        return child
+    def _failed(self) -> None:
+        with self._lock:
+            self._not_before = time.monotonic() + _AGAIN_S
+            self._there -= 1
+
+    def _free(self, patience_s: float, *, beginning: bool = False) -> Child:
+        """Return a process that waits for a call, or one that is just beginning."""
+        while True:
+            try:
+                child = self._idle.get_nowait()
+            except queue.Empty:
+                self.begin()
+                if not self._ready and not beginning:
+                    raise NoneReadyError from None
+                child = self._awaited(patience_s)
+            if child.runs:
+                return child
+            self._put_back(child)  # was idle for long, or somebody ended it
 
     def _awaited(self, patience_s: float) -> Child:
         try:
