@@ -70,6 +70,8 @@ class Study:
             raise JointIdError("records: expected SineRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "poses", MappingProxyType(dict(self.poses)))
+        if any(not isinstance(name, str) or not name.strip() for name in self.poses):
+            raise JointIdError("A pose has no name: call it something, such as stretched.")
         if self.origin not in ("", "simulated", "measured"):
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'

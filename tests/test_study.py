@@ -98,6 +98,13 @@ def test_a_single_record_is_a_study() -> None:
     assert np.all(np.abs(analysis.fit.D - PAPER.D) < 5 * error[2:])
 
 
+@pytest.mark.parametrize("name", ["", " "])
+def test_a_pose_has_a_name(name: str) -> None:
+    """Without one its records would pass for those without a pose, which have another inertia."""
+    with pytest.raises(JointIdError, match="A pose has no name"):
+        Study(RECORDS, SERIAL, poses={name: PARALLELOGRAM})
+
+
 def test_poses_and_records_of_a_study_cannot_change() -> None:
     poses = {"cutting": PARALLELOGRAM}
     study = Study(RECORDS, SERIAL, poses=poses)

@@ -254,7 +254,7 @@ def inertias(draw: st.DrawFn, n: int) -> Inertia:
 @st.composite
 def studies(draw: st.DrawFn) -> Study:
     n = draw(st.integers(1, 3))
-    poses = draw(st.dictionaries(text, inertias(n), max_size=2))
+    poses = draw(st.dictionaries(text.filter(str.strip), inertias(n), max_size=2))
     records = []
     for _ in range(draw(st.integers(1, 3))):
         samples = draw(st.integers(4, 12))
