@@ -19,6 +19,7 @@ from jointid import (
     Finding,
     Inertia,
     MotorFriction,
+    Phasors,
     SineRecord,
     Study,
     analyse,
@@ -30,6 +31,7 @@ from jointid import (
 from jointid.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
+from jointid.verdict.link_side import fit_link_side, link_side_finding
 from jointid.verdict.places import ENTRIES, INERTIAS, RUNS
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
@@ -777,3 +779,49 @@ def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
 def test_no_gear_that_cannot_be(factor: float) -> None:
     found = scales(scaled(1, [factor, 3 * factor]))
     assert found is None or "gear ratio of" not in found.detail
+
+
+# --- positions of the arm
+
+
+def of_the_arm(n: int, *, noise: float, seed: int = 5) -> tuple[Phasors, Inertia, Elasticity]:
+    """Phasors with the arm's angles as positions: θ_a = −M2⁻¹ f / ω², with f = τ − M θ̈_m."""
+    inertia, elasticity = ROBOTS[n]
+    records = steady_records(inertia, elasticity, *campaign(BAND_HZ, n), noise=(1e-6, 1e-3))
+    motor = extract_phasors(records)
+    square = motor.omega[:, None] ** 2
+    f = motor.tau + square * inertia.M * motor.q
+    q = -np.linalg.solve(inertia.M2, f.T).T / square
+    rng = np.random.default_rng(seed)
+    more = 1 + noise * (rng.normal(size=q.shape) + 1j * rng.normal(size=q.shape))
+    return replace(motor, q=q * more), inertia, elasticity
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_angles_of_the_arm_are_told(n: int, noise: float) -> None:
+    phasors, inertia, elasticity = of_the_arm(n, noise=noise)
+    inertias = [inertia] * phasors.omega.size
+    np.testing.assert_allclose(fit_link_side(phasors, inertias).K, elasticity.K, rtol=0.05)
+    (found,) = scale_findings(phasors, inertias)
+    assert found.title == "The positions look like the arm's, not the motors'"
+    assert "gear ratio of" not in found.detail
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
+    """Nor with inertias that are wrong, friction, or another scale."""
+    inertia, elasticity = ROBOTS[n]
+    records = steady_records(inertia, elasticity, *campaign(BAND_HZ, n), noise=(1e-6, 1e-3))
+    phasors = extract_phasors(records)
+    for M, M2 in ((1, 1), (1, 1.3), (1, 0.7), (1.5, 1), (0.5, 1), (1, 2)):
+        wrong = Inertia(inertia.M * M, inertia.M2 * M2)
+        assert not link_side_finding(phasors, [wrong] * len(records))
+    for factor in (-1.0, 2.0, 100.0, 180 / np.pi):
+        turned = replace(phasors, q=phasors.q * factor)
+        assert not link_side_finding(turned, [inertia] * len(records))
+
+
+def test_friction_is_not_called_the_arms_angle() -> None:
+    records = list(rubbing())
+    assert not link_side_finding(extract_phasors(records), [PARALLELOGRAM] * len(records))

@@ -20,6 +20,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
 from jointid.verdict.evidence import Finding, number, problem
+from jointid.verdict.link_side import link_side_finding
 from jointid.verdict.places import ENTRIES, FILE, INERTIAS
 from jointid.verdict.scale_causes import (
     COMMON_FACTORS,
@@ -92,6 +93,10 @@ def scale_findings(
             mended = _misfit(*_mend(refined, phasors, inertias))
             if mended < bar and _is_possible(refined):
                 found.append((mended, refined))
+    if min((mended for mended, _ in found), default=np.inf) > GOOD:
+        arm = link_side_finding(phasors, inertias)
+        if arm:
+            return arm
     if not found:
         return ()
     best = min(mended for mended, _ in found)
