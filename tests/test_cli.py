@@ -282,6 +282,61 @@ def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study
     assert all("log.csv" in record["label"] for record in document["records"])
 
 
+# --- what exists is not lost
+
+
+def test_what_is_read_is_never_written_over(study: Path, here: Path) -> None:
+    copy, log = here / "one.zip", here / "log.csv"
+    copy.write_bytes(study.read_bytes())
+    log.write_text("time [s],position [rad],torque [Nm]\n" + "0,0,0\n" * 50, "utf-8")
+    (here / "log.json").write_text(log.read_text("utf-8"), "utf-8")
+    (here / "link.zip").symlink_to(copy)
+    with zipfile.ZipFile(study) as archive:
+        archive.extractall(here / "folder")
+    before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
+    read = "is what this command reads"
+    assert "ends in .json" in refused(2, "convert", log, "--guess", log)
+    assert read in refused(1, "convert", "log.json", "--guess", "log.json", "--overwrite")
+    given = ("--mapping", "log.json", "--inertia", "one.zip", "--overwrite")
+    assert read in refused(1, "export", "one.zip", "-o", "one.zip", "--overwrite")
+    assert read in refused(1, "export", "link.zip", "-o", "one.zip", "--overwrite")
+    assert read in refused(1, "export", "folder", "-o", "folder/study.toml", "--overwrite")
+    assert read in refused(1, "simulate", "one.zip", "--inertia", "one.zip", "--overwrite")
+    assert read in refused(1, "simulate", "folder", "--inertia", "folder/study.toml", "--overwrite")
+    assert read in refused(1, "convert", log, *given, "-o", "one.zip")
+    assert before == {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
+
+
+def test_a_study_is_replaced_only_when_asked(study: Path, one_joint: Path, here: Path) -> None:
+    (here / "victim.zip").write_bytes(b"another study")
+    (here / "victim.csv").write_bytes(b"a log")
+    (here / "cell").mkdir()
+    (here / "cell" / "study.toml").write_bytes(b"a third")
+    assert "--overwrite" in refused(1, "export", study, "-o", "victim.zip")
+    assert "--overwrite" in refused(1, "export", study, "-o", "new.json", "-o", "cell/study.toml")
+    assert "ends in .svg" in refused(2, "cut", study, "--svg", "victim.zip")
+    assert "ends in .parquet" in refused(2, "batch", study, "-o", "victim.csv")
+    kept = {path.name: path.read_bytes() for path in here.rglob("*.*") if path.is_file()}
+    assert kept == {"victim.zip": b"another study", "victim.csv": b"a log", "study.toml": b"a third"}
+    ok("export", one_joint, "-o", "victim.zip", "-o", "r.json", "-o", "cell/r.toml", "--overwrite")
+    assert study_digest(load_study("victim.zip")) == study_digest(load_study(one_joint))
+    first = (here / "r.json").read_bytes()
+    (here / "r.json").write_text("an earlier result", "utf-8")
+    ok("export", one_joint, "-o", "r.json")  # a result may be written again
+    assert (here / "r.json").read_bytes() == first
+
+
+def test_a_corrected_mapping_is_replaced_only_when_asked(here: Path) -> None:
+    time = np.arange(500) / 500
+    rows = "\n".join(f"{t:.4f},{np.sin(20 * t):.6f},{np.cos(20 * t):.6f}" for t in time)
+    (here / "log.csv").write_text("time [s],position [rad],torque [Nm]\n" + rows, "utf-8")
+    (here / "m.json").write_text("corrected by hand", "utf-8")
+    assert "--overwrite" in refused(1, "convert", "log.csv", "--guess", "m.json")
+    assert (here / "m.json").read_text("utf-8") == "corrected by hand"
+    ok("convert", "log.csv", "--guess", "m.json", "--overwrite")
+    assert "joints" in json.loads((here / "m.json").read_text("utf-8"))
+
+
 # --- the program itself
 
 

@@ -70,6 +70,8 @@ def batch(
 
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
+    if out.suffix.lower() not in (".parquet", ".pq"):
+        raise typer.BadParameter(f"--out {out}: the table is Parquet, so its name ends in .parquet.")
     limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
     count = [0, 0]
     try:

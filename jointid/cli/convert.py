@@ -48,7 +48,7 @@ def convert(
     ] = "",
     which: Annotated[str, typer.Option("--robot", help="Which robot it is, for a fleet.")] = "",
     date: Annotated[str, typer.Option(help="When it was measured, as in 2026-11-20.")] = "",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what exists.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Make a study of the sine runs in any controller's logs."""
@@ -56,6 +56,10 @@ def convert(
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
         )
+    if guess is not None:
+        if guess.suffix.lower() != ".json":
+            raise typer.BadParameter(f"--guess {guess}: expected a name that ends in .json.")
+        require_free(guess, overwrite, [*logs, inertia])
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
     from jointid.importing.log_study import date_in
@@ -82,6 +86,7 @@ def convert(
         return
     if mapping is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
+    require_free(output, overwrite, [*logs, mapping, inertia])
     robot = robot_from(inertia)
     if nominal_K or nominal_D:
         robot = replace(robot, nominal=Elasticity(K=numbers(nominal_K), D=numbers(nominal_D)))
@@ -92,7 +97,6 @@ def convert(
         )
     measured_on = date_in(date)
     chosen = mapping_from_json(mapping.read_bytes())
-    require_free(output, overwrite)
     with status("Looking for sine runs", quiet=as_json):
         study, notes = mapped_study(
             tables, chosen, robot if not name else replace(robot, name=name), poses

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.files import analysed, write_file
+from jointid.cli.files import analysed, require_spared, write_file
 from jointid.cli.options import JSON, METHOD, numbers
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
@@ -35,6 +35,10 @@ def cut(
         raise typer.BadParameter(f'--drive "{drive}": expected parallelogram or serial.')
     if assumed not in ("", "study", "rigid", "soft", "stiff"):
         raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
+    if svg is not None:
+        if svg.suffix.lower() != ".svg":
+            raise typer.BadParameter(f"--svg {svg}: expected a name that ends in .svg.")
+        require_spared(svg, False, [study])
     if study is None:
         robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
     else:

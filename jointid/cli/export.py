@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointid.cli.files import analysed, write_file
+from jointid.cli.files import analysed, require_spared, write_file
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
@@ -34,6 +34,7 @@ def export(
     gear_ratio: Annotated[
         str, typer.Option(help="Motor turns per joint turn, for .xml, .urdf and .sdf.")
     ] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -44,6 +45,7 @@ def export(
         ending = _ending(file)
         if ending in (".xml", ".urdf", ".sdf") and ratio is None:
             raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+        require_spared(file, overwrite, [study])
     analysis = analysed(study, method, quiet=as_json)
     from jointid.exporting import identification
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,10 +43,35 @@ def robot_from(path: Path) -> KnownRobot:
     return KnownRobot(study.inertia, study.poses, study.nominal, study.name)
 
 
-def require_free(path: Path, overwrite: bool) -> None:
-    """Refuse before the work is done rather than after it."""
+def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
+    """Refuse before the work is done rather than after it; what is read is replaced in no case."""
+    target = Path(os.path.realpath(path))
+    for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
+        inside = source in target.parents and path.exists() and _in_study(path)
+        if source == target or target in source.parents or inside or _same_file(source, target):
+            raise JointIdError(f"{path} is what this command reads: choose another path for the result.")
     if path.exists() and not overwrite:
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
+
+
+def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) -> None:
+    """The same for results that may be written again: studies and what is read are spared."""
+    require_free(path, overwrite or not (path.suffix.lower() == ".zip" or _in_study(path)), reads)
+
+
+def _in_study(path: Path) -> bool:
+    """Tell whether a file may be part of a study's folder."""
+    from jointid.study_saving import STUDY_FILE
+
+    at = path.absolute()
+    if at.name == STUDY_FILE:
+        return True
+    in_folder = any((parent / STUDY_FILE).is_file() for parent in at.parents)
+    return in_folder and at.suffix.lower() in (".csv", ".parquet")
+
+
+def _same_file(source: Path, target: Path) -> bool:
+    return source.exists() and target.exists() and source.samefile(target)
 
 
 def write_file(path: Path, data: bytes) -> None:

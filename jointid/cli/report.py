@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.files import analysed, write_file
+from jointid.cli.files import analysed, require_spared, write_file
 from jointid.cli.options import JSON, METHOD, STUDY
 from jointid.cli.output import status, written
 from jointid.cli.program import reported
@@ -29,6 +29,7 @@ def report(
     for file in files:
         if file.suffix.lower() not in (".html", ".htm", ".pdf"):
             raise typer.BadParameter(f"--output {file}: expected a name that ends in .html or .pdf.")
+        require_spared(file, False, [study])
     analysis = analysed(study, method, quiet=as_json)
     from jointid.reporting.report import make_report, to_html, to_pdf
 

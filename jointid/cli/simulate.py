@@ -70,7 +70,7 @@ def simulate(
         known = arm.inertia(arm.inverse((1.15, 0.0)))
     else:
         known = robot_from(inertia).inertia
-    require_free(output, overwrite)
+    require_free(output, overwrite, [inertia])
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
     with progress("Simulating", quiet=as_json) as tell:
