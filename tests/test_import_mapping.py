@@ -700,3 +700,9 @@ def test_columns_without_names_are_told_by_their_shape(n: int, layout: str, time
 def test_a_name_that_is_only_a_unit_of_time() -> None:
     table = table_of(ms=2.0 * np.arange(50), q=ANGLE[:50], tau=TORQUE[:50])
     assert guess_mapping(table).mapping.time == TimeColumn("ms", "ms")
+
+
+def test_huge_numbers_of_damaged_files_are_guessed_at_without_a_fault() -> None:
+    huge = np.where(np.arange(50) % 2, 1e307, -1e307)
+    table = LogTable("log", tuple(LogColumn("", numbers(v)) for v in (huge, np.sin(np.arange(50)))))
+    assert guess_mapping(table).mapping.n == 1

@@ -77,7 +77,10 @@ def pairs_by_shape(
 def _roughness(values: Floats) -> float:
     """Size of the second differences over that of the values: large for noise."""
     finite = values[np.isfinite(values)][:_SAMPLED]
+    if finite.size < 3 or not np.any(finite):
+        return 1.0
+    finite = finite / np.abs(finite).max()  # damaged files hold numbers whose square is none
     size = float(np.std(finite))
-    if finite.size < 3 or size == 0:
+    if size == 0:
         return 1.0
     return max(float(np.std(np.diff(finite, 2))) / size, 1e-300)

@@ -13,6 +13,7 @@ from jointid.wording import counted
 _TURN = {"rad": 2 * np.pi, "mrad": 2e3 * np.pi, "deg": 360.0, "rev": 1.0}
 _COUNTERS = tuple(2.0**bits for bits in range(8, 33))
 """Where counters overflow, whatever the counts per turn are."""
+_LARGEST = 1e12  # no encoder shows more; damaged files do
 _NEARLY = 0.2
 """A wrap may miss the whole turn by this share of it, for what is moved in one sample."""
 _USUAL = 20.0
@@ -55,7 +56,7 @@ def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
     Unwrapped
     """
     none = Unwrapped(values, np.zeros(0, dtype=int), 0.0)
-    if values.size < 3:
+    if values.size < 3 or np.abs(values).max() > _LARGEST:
         return none
     steps = np.diff(values)
     span = float(np.ptp(values))
