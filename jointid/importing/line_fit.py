@@ -44,6 +44,7 @@ def fit_lines(
     *,
     harmonics: int = 1,
     free: bool = True,
+    within: float = 1e-8,
 ) -> LineFit:
     """Fit lines, offset and drift to all signals, and improve the frequencies by Gauss-Newton.
 
@@ -58,6 +59,8 @@ def fit_lines(
         Harmonics of each line that are fitted as well, as far as the sample rate carries them.
     free : bool, default True
         False keeps the frequencies.
+    within : float, default 1e-8
+        Change of a line's phase over the duration, rad, below which its frequency is good enough.
     """
     step = max(1, len(time_s) // _ENOUGH_SAMPLES)
     if len(time_s) < 20 * (harmonics + 1) * max(frequency_hz) * np.ptp(time_s) * step:
@@ -82,7 +85,7 @@ def fit_lines(
         shift, variance = _improvement(basis, inverse, slope, coefficients, residual, noise, orders)
         omega = omega + np.clip(shift, -0.5 * np.pi / span, 0.5 * np.pi / span)
         omega = np.clip(omega, start - 2 * np.pi / span, start + 2 * np.pi / span)
-        if np.all(np.abs(shift) * span < 1e-8):
+        if np.all(np.abs(shift) * span < within):
             break
     ramp = basis[:, :2]
     about_line = data - ramp @ (np.linalg.pinv(ramp.T @ ramp) @ (ramp.T @ data))

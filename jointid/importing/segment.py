@@ -134,7 +134,7 @@ def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]
     """
     n = theta.shape[1]
     hz = np.asarray(lines, float)
-    size, floor, moved = _sizes(time, np.column_stack([theta, tau]), hz)
+    size, floor, moved = line_sizes(time, np.column_stack([theta, tau]), hz)
     size = np.where(size > _CLEAR * floor, size, 0.0)
     moves = moved[:n] > _STILL * moved[:n].max()
     size[:, np.flatnonzero(~np.concatenate([moves, moves]))] = 0.0
@@ -167,10 +167,20 @@ def _made_by(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span:
     return bool(min(acceleration, torque[k] / torque[g]) < least)
 
 
-def _sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
-    """Amplitudes of the lines, and of the noise about each, shape (L, c); and of all that moves, (c,).
+def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
+    """Amplitudes of lines and of the noise about them; a window keeps one line from another.
 
-    A window keeps what is left of one line from another.
+    Parameters
+    ----------
+    time : ndarray, shape (N,)
+    signals : ndarray, shape (N, c)
+    hz : ndarray, shape (L,)
+
+    Returns
+    -------
+    size, floor : ndarray, shape (L, c)
+    moved : ndarray, shape (c,)
+        Root mean square of all that moves in the window, offset and drift aside.
     """
     count = len(time)
     clock = time - (time[0] + time[-1]) / 2

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,6 +15,7 @@ from jointid.importing.lines import find_lines
 from jointid.importing.mapped_log import MappedLog
 from jointid.importing.segment import HARMONICS, Segment, lines_worth, measured
 from jointid.importing.stretches import Stretch
+from jointid.importing.untaken import untaken, without_sweeps
 from jointid.wording import counted
 
 FEWEST_PERIODS = 5
@@ -24,12 +25,29 @@ MANY_SEGMENTS = 1000
 _GAP = 10.5  # sample intervals; a longer pause parts a log
 
 
+class FoundSegments(tuple[Segment, ...]):
+    """Segments in order of time, with what is to be said about the rest of the log."""
+
+    notes: tuple[str, ...]
+    """Stretches that move but were not taken: when, why, and what to do."""
+
+    def __new__(cls, segments: Iterable[Segment] = (), notes: Iterable[str] = ()) -> FoundSegments:
+        """Take segments and notes."""
+        found = super().__new__(cls, segments)
+        found.notes = tuple(notes)
+        return found
+
+    def __getnewargs__(self) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
+        """Arguments that make the same again: notes go with the segments to another process."""
+        return tuple(self), self.notes
+
+
 def find_segments(
     log: MappedLog,
     *,
     fewest_periods: float = FEWEST_PERIODS,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Segment, ...]:
+) -> FoundSegments:
     """Find the steady sine runs of a log, in order of time.
 
     Parameters
@@ -43,9 +61,10 @@ def find_segments(
 
     Returns
     -------
-    tuple of Segment
+    FoundSegments
         May be empty. Runs of one frequency in which the joints move in another pattern are separate,
         and carry the very same frequency. Several lines at once make one segment with ``lines_hz``.
+        Its ``notes`` say what moves but was not taken, such as sweeps.
 
     Raises
     ------
@@ -68,7 +87,8 @@ def find_segments(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
                 "sine runs, or the columns are the wrong ones. Choose another time or position column."
             )
-    return common_frequencies(sorted(found, key=lambda s: s.start_s))
+    found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
+    return FoundSegments(common_frequencies(found), [*notes, *untaken(log, found, sweeps)])
 
 
 def measure_segment(

@@ -23,6 +23,8 @@ _STAYS = 0.03  # the same of all lines of a multisine, whose frequencies are kno
 _SEED = 5  # frames
 _APART = 1.5  # over the distance of the closest lines: what a frame needs to tell them apart
 _PERIODS = 2.0  # of the lowest of several lines in a frame
+_ROUNDING = 0.15  # of its step by which rounding may shift a sine's phasor
+_CLEARLY = 4.5  # standard errors; a record is said to be settling above five
 _PARTED = 10.0  # how much less two sines must leave than one to be two runs
 _TURNS = 0.3  # rad that they part over the shorter of them
 _MOST_NOISE = 0.4  # relative change that noise may excuse
@@ -185,7 +187,7 @@ def grown(z: Complexes, low: int, high: int) -> tuple[int, int]:
     return low, high
 
 
-def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
+def settled_part(frames: Frames, *, is_end: bool, step: Floats | None = None) -> tuple[int, int]:
     """Find what has settled among frames of one period.
 
     Parameters
@@ -194,6 +196,8 @@ def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
     is_end : bool
         The log ends here while the sine goes on. Otherwise the last frame that looks steady may hold
         the beginning of the run's end, and is left out.
+    step : ndarray, shape (c,), optional
+        Of what is rounded, see ``settled_frames``.
 
     Returns
     -------
@@ -205,7 +209,8 @@ def settled_part(frames: Frames, *, is_end: bool) -> tuple[int, int]:
         # A change that goes on for the whole run, such as friction that warms up, is no settling.
         first, last = _standing(frames, drifts=True)
     last -= not is_end and len(frames.z) >= 8
-    first = _settled_first(frames.z, first, last)
+    least = _ROUNDING * (np.zeros(frames.z.shape[1]) if step is None else step)
+    first = _settled_first(frames.z, first, last, least)
     first = min(first, len(frames.z) - 1)
     last = max(last, first + 1)
     return int(frames.begin[first]), int(frames.begin[last - 1]) + frames.length
@@ -227,7 +232,7 @@ def stands_still(z: Complexes) -> bool:
     return all(_near(y[k], centre, turn * (k - origin), most) for k in range(len(y)))
 
 
-def settled_frames(z: Complexes, fewest: int) -> tuple[int, int]:
+def settled_frames(z: Complexes, fewest: int, step: Floats) -> tuple[int, int]:
     """Leave out frames at both ends until the first quarter agrees with the second half.
 
     That is the measure by which a record is later said to be still settling. The beginning counts once
@@ -238,6 +243,8 @@ def settled_frames(z: Complexes, fewest: int) -> tuple[int, int]:
     ----------
     z : ndarray, shape (m, c)
     fewest : int
+    step : ndarray, shape (c,)
+        Of what is rounded: below a part of it no change is evidence.
 
     Returns
     -------
@@ -250,26 +257,34 @@ def settled_frames(z: Complexes, fewest: int) -> tuple[int, int]:
     centre = np.median(half.real, axis=0) + 1j * np.median(half.imag, axis=0)
     away = np.abs(half - centre)
     usual = np.median(away, axis=0) / _MEDIAN
-    wrong = np.asarray((away > np.maximum(2 * SETTLED * np.abs(centre), _SCATTERS * usual)).any(axis=1))
+    wrong = np.asarray(
+        (away > np.maximum(2 * SETTLED * np.abs(centre) + 2 * _ROUNDING * step, _SCATTERS * usual)).any(
+            axis=1
+        )
+    )
+    # One frame by itself is chance, the last two frames or the last one are the run's end.
+    wrong = wrong & np.append(wrong[1:], True)
     late = np.flatnonzero(wrong[len(wrong) // 2 :])
     last = count // 2 + len(wrong) // 2 + int(late[0]) if late.size else count
     most = last - max(fewest, last // 4, 8)
     before = False
     for first in range(0, most + 1, max(1, last // 128)):
-        now = _is_settled(z[first:last])
+        now = _is_settled(z[first:last], _ROUNDING * step)
         if now and (before or first == 0):
             return first, last
         before = now
     return 0, last
 
 
-def _is_settled(z: Complexes) -> bool:
+def _is_settled(z: Complexes, least: Floats) -> bool:
     early, late = z[: len(z) // 4], z[len(z) // 2 :]
     amplitude = np.abs(z.mean(axis=0))
     change = np.abs(early.mean(axis=0) - late.mean(axis=0))
     scatter = np.sqrt((np.abs(late - late.mean(axis=0)) ** 2).sum(axis=0) / (len(late) - 1))
     error = scatter * np.sqrt(1 / len(early) + 1 / len(late))
-    return bool(np.all(change <= np.maximum(SETTLED / 2 * amplitude, _SCATTERS * error)))
+    return bool(
+        np.all(change <= np.maximum(np.maximum(SETTLED / 2 * amplitude, least), _CLEARLY * error))
+    )
 
 
 def _standing(frames: Frames, *, drifts: bool) -> tuple[int, int]:
@@ -289,7 +304,7 @@ def _standing(frames: Frames, *, drifts: bool) -> tuple[int, int]:
     return first, middle + int(after[0]) if after.size else count
 
 
-def _settled_first(z: Complexes, first: int, last: int) -> int:
+def _settled_first(z: Complexes, first: int, last: int, step: Floats) -> int:
     """Leave out frames at the beginning until the first quarter agrees with the second half.
 
     A slow tail hides in the noise of single frames. What does not end by the middle is no settling.
@@ -304,7 +319,8 @@ def _settled_first(z: Complexes, first: int, last: int) -> int:
             z[last - count // 2 : last].mean(axis=0),
         )
         error = noise * np.sqrt(1 / (count // 4) + 1 / (count // 2))
-        if np.all(np.abs(early - late) <= np.maximum(SETTLED / 2 * np.abs(late), _SCATTERS * error)):
+        least = np.maximum(SETTLED / 2 * np.abs(late), step)
+        if np.all(np.abs(early - late) <= np.maximum(least, _SCATTERS * error)):
             return begin
     return first
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.importing.line_fit import fit_lines
 from jointid.importing.mapped_log import MappedLog
 from jointid.importing.multisines import multisines
-from jointid.importing.segment import HARMONICS, Segment, measured
+from jointid.importing.segment import HARMONICS, Segment, line_sizes, measured
 from jointid.importing.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.steady import (
     frames_of,
@@ -26,6 +27,7 @@ _BY_CHANCE = 25.0  # over the number of samples: more of its variance than noise
 _OTHERS = 0.05  # share of the motion about a single sine that it may leave
 _ABOUT = 2.5  # times the frequency of the sine: up to there other lines would be
 _MOVES = 0.05  # travel of a joint over the largest, below which it is not asked
+_ROUGHLY = 1e-3  # rad over the run to which a frequency is needed to see where it is settled
 _SAME = 0.1  # turns that two parts of one run may seem to differ by
 _MANY = 0.15  # share of the work that goes into several lines at once
 _SEARCH = 0.4  # the same with the candidates
@@ -63,7 +65,7 @@ class Stretch:
         ):
             taken[begin:end] = True
             found.append(self._settled(begin, end, lines))
-        candidates = sine_candidates(theta, lambda share: tell(_MANY + (_SEARCH - _MANY) * share))
+        candidates = sine_candidates(self._even, lambda share: tell(_MANY + (_SEARCH - _MANY) * share))
         for candidate in self._best_first(candidates, taken, tell):
             for begin, end in self._steady(candidate):
                 if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
@@ -134,6 +136,7 @@ class Stretch:
                 self._even[inner],
                 [self._nearby(candidate.frequency / self._interval, inner)],
                 harmonics=HARMONICS,
+                within=_ROUGHLY,
             )
             frequency = float(fit.frequency_hz[0]) * self._interval
             is_end = end >= self._time.size - 2 / frequency and last == len(rough.z)
@@ -143,24 +146,27 @@ class Stretch:
             )
             if len(fine.z) < 2:
                 continue
-            from_, to = settled_part(fine, is_end=is_end)
+            from_, to = settled_part(fine, is_end=is_end, step=_steps(self._even[begin:end]))
             if (to - from_) * frequency >= self._fewest - 0.5:
                 yield begin + from_, begin + to
 
     def _nearby(self, frequency_hz: float, part: slice) -> float:
         """Improve a frequency that is good to a few per cent: the best of a fine grid around it."""
-        time = self._grid[part] - self._grid[part].mean()
-        span = float(time[-1] - time[0])
+        span = float(self._grid[part.stop - 1] - self._grid[part.start])
         signals = self._even[part]
-        columns = np.column_stack([np.ones_like(time), time / span])
+        count = len(signals)
+        columns = np.column_stack([np.ones(count), np.linspace(-1, 1, count)])
         q, _ = np.linalg.qr(columns)
         rest = signals - q @ (q.T @ signals)
         rest = rest / np.maximum(np.sqrt((rest**2).mean(axis=0)), 1e-300)
         reach = max(0.08 * frequency_hz, 1 / span)
-        tries = np.arange(frequency_hz - reach, frequency_hz + reach, 0.25 / span)
-        tries = tries[tries > 0.3 / span]
-        power = [np.linalg.norm(np.exp(-2j * np.pi * f * time) @ rest) for f in tries]
-        return float(tries[int(np.argmax(power))]) if len(tries) else frequency_hz
+        resolution = 0.25 / (count * self._interval)
+        low = max(frequency_hz - reach, 0.3 / span)
+        tries = np.arange(int(np.ceil(low / resolution)), int((frequency_hz + reach) / resolution) + 1)
+        spectrum = np.fft.rfft(rest, n=4 * count, axis=0)
+        tries = tries[tries < len(spectrum)]
+        power = np.linalg.norm(spectrum[tries], axis=1)
+        return float(resolution * tries[int(np.argmax(power))]) if len(tries) else frequency_hz
 
     def _single(self, begin: int, end: int, candidate: Candidate) -> Segment | None:
         """A segment of one line, or None when others are there as well."""
@@ -168,10 +174,14 @@ class Stretch:
         frequency = self._nearby(candidate.frequency / self._interval, part)
         segment = measured(self._time[part], self._theta[part], self._tau[part], [frequency])
         away = abs(segment.frequency_hz * self._interval / candidate.frequency - 1)
-        if segment.share < SHARE or away > 0.15:
+        if away > 0.15 or max(segment.share, segment.torque_share) < SHARE:
             return None
-        if segment.torque_share < _BY_CHANCE / (end - begin):
-            return None  # a joint that moves without torque is a sensor's last digit that flickers
+        # A joint that moves without torque is a sensor's last digit that flickers; a torque that moves
+        # nothing is hum. Both at once are a sine, however coarse the encoder is.
+        if min(segment.share, segment.torque_share) < _BY_CHANCE / (end - begin):
+            return None
+        if not any(self._moves_at(part, segment.frequency_hz)):
+            return None
         if self._others(part, segment.frequency_hz) > _OTHERS:
             return None
         return self._settled(begin, end, [segment.frequency_hz])
@@ -179,15 +189,34 @@ class Stretch:
     def _settled(self, begin: int, end: int, lines: Sequence[float]) -> Segment:
         """Measure the settled part of a stretch in which these lines stand still."""
         frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
+        if len(lines) > 1 and len(frames.z) >= 10:
+            # What begins and ends has bent the frequencies, and so all phasors turn.
+            inner = slice(begin + int(frames.begin[2]), begin + int(frames.begin[-2]))
+            fit = fit_lines(self._grid[inner], self._even[inner], lines)
+            lines = [float(f) for f in fit.frequency_hz]
+            frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
         fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
         if len(frames.z):
-            first, last = settled_frames(frames.z, int(fewest * (1 if len(lines) == 1 else 2)))
+            # A run of several lines grew by frames that overlap by half: it began within the first two.
+            outer = 2 * int(len(lines) > 1 and len(frames.z) >= 12)
+            first, last = settled_frames(
+                frames.z[outer : len(frames.z) - outer // 2],
+                int(fewest * (1 if len(lines) == 1 else 2)),
+                np.repeat(_steps(self._even[begin:end]), len(lines)),
+            )
+            first, last = first + outer, last + outer
             end = end if last == len(frames.z) else begin + int(frames.begin[last - 1]) + frames.length
-            if len(lines) > 1 and last - first >= 8:
-                first = max(first, 1)  # the frame in which the run began
             begin += int(frames.begin[first])
         part = slice(begin, end)
         return measured(self._time[part], self._theta[part], self._tau[part], lines)
+
+    def _moves_at(self, part: slice, frequency_hz: float) -> Iterator[bool]:
+        """Whether each joint's position has a line that is clear of the noise about it."""
+        n = self._theta.shape[1]
+        size, floor, moved = line_sizes(self._grid[part], self._even[part, :n], np.array([frequency_hz]))
+        for j in range(n):
+            # Half of the motion is a line by itself: short runs have no spectrum beside it.
+            yield bool(moved[j] > 0 and size[0, j] > min(5 * floor[0, j], 1.5 * moved[j]))
 
     def _others(self, part: slice, frequency_hz: float) -> float:
         """Share of what moves about a sine that the sine and its harmonics do not explain.
@@ -213,4 +242,16 @@ class Stretch:
         # White noise has as much above, which is taken off.
         above = power[int(np.ceil(_ABOUT * bins)) + 1 :]
         noise = float(np.median(above)) / np.log(2) * about.size if above.size > about.size else 0.0
-        return float(max(about.sum() - noise, 0.0) / (line**2).sum())
+        left, there = max(about.sum() - noise, 0.0), float((line**2).sum())
+        return float(left / there) if there > 0 else np.inf
+
+
+def _steps(signals: Floats) -> Floats:
+    """Step of each signal that is rounded coarsely, 0 of the others, shape (c,)."""
+    steps = np.zeros(signals.shape[1])
+    for c, signal in enumerate(signals.T):
+        values = np.unique(signal)
+        if 1 < values.size < len(signal) / 4:
+            apart = np.diff(values)
+            steps[c] = float(apart[apart > 1e-9 * apart.max()].min())
+    return steps

@@ -1,0 +1,95 @@
+"""What is not taken is told; sweeps give no runs; coarse encoders make no lines of their own."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_import_segments import BOTH, FIRST, SECOND, Run, check, log_of
+
+from jointid.importing import MappedLog, find_segments
+
+LADDER = [Run(f, 20, t) for f in (3.1, 5.3, 9.7) for t in (FIRST, SECOND)]
+
+
+def rounded(log: MappedLog, step: float) -> MappedLog:
+    return replace(log, theta_rad=step * np.round(log.theta_rad / step))
+
+
+@pytest.mark.parametrize("steps", [3, 13])
+def test_coarse_encoder(steps: int) -> None:
+    """The driven joint moves by a few steps of its encoder: found all the same, as single sines."""
+    runs = [replace(run, size=(run.hz / 3) ** 2) for run in LADDER]
+    log, spans = log_of(runs, rate=1000.0, noise=0.0)
+    coarse = rounded(log, float(np.abs(log.theta_rad - [0.4, -7.0]).max()) / steps / 1.4)
+    check(coarse, runs, spans, accuracy=2e-3)
+    assert not any(segment.is_multisine for segment in find_segments(coarse))
+
+
+def test_run_that_the_encoder_does_not_show() -> None:
+    log, spans = log_of([Run(3.0, 20, BOTH), Run(12.0, 30, BOTH)])
+    step = 4 * float(np.abs(log.theta_rad[log.time_s > spans[1][0]] - [0.4, -7.0]).max())
+    found = find_segments(rounded(replace(log, theta_rad=log.theta_rad - [0.4, -7.0]), step))
+    assert len(found) == 1
+    (note,) = found.notes
+    assert "the torque swings while the position shows" in note
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize("growth", ["linear", "logarithmic"])
+def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
+    time = np.arange(0, 40, 2e-3)
+    hz = 2 + 20 * time / 40 if growth == "linear" else 2 * 11 ** (time / 40)
+    phase = 2 * np.pi * np.cumsum(hz[::way]) * 2e-3
+    wave = np.exp(1j * phase)
+    log = MappedLog(time, (wave / hz[::way]).imag[:, None], (wave * 1j).imag[:, None])
+    found = find_segments(log)
+    assert found == ()
+    assert "the frequency runs through" in found.notes[0]
+    assert "sweep" in found.notes[0]
+
+
+def test_sines_beside_a_sweep_are_kept() -> None:
+    log, spans = log_of([Run(5.0, 20, BOTH, rest_s=15.0), Run(8.0, 30, BOTH)])
+    t = log.time_s - spans[0][1] - 1.0
+    inside = (t > 0) & (t < 13)
+    sweep = np.where(inside, np.sin(2 * np.pi * (2 * t + 0.6 * t * t)), 0.0)
+    size = np.abs(log.theta_rad - [0.4, -7.0]).max()
+    mixed = replace(
+        log, theta_rad=log.theta_rad + size * sweep[:, None], tau_Nm=log.tau_Nm + sweep[:, None]
+    )
+    found = find_segments(mixed)
+    assert [round(segment.frequency_hz, 3) for segment in found] == [5.0, 8.0]
+    assert "sweep" in found.notes[0]
+
+
+def test_a_staircase_of_sines_is_no_sweep() -> None:
+    runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.05, 5.3, 5.6, 6.0, 6.4)]
+    log, spans = log_of(runs)
+    check(log, runs, spans)
+    assert find_segments(log).notes == ()
+
+
+def test_runs_that_are_too_short_are_told() -> None:
+    log, _ = log_of([Run(5.0, 20, BOTH), Run(2.0, 3, BOTH, size=0.2), Run(7.0, 20, BOTH)])
+    found = find_segments(log)
+    assert len(found) == 2
+    (note,) = found.notes
+    assert "no sine stands still" in note
+    assert "mark it" in note
+
+
+def test_nothing_is_told_of_rests_and_noise() -> None:
+    log, _ = log_of(LADDER, noise=1e-3, seed=1)
+    assert find_segments(log).notes == ()
+
+
+def test_notes_travel_with_the_segments() -> None:
+    time = np.arange(0, 40, 2e-3)
+    wave = np.sin(2 * np.pi * (2 * time + 0.25 * time**2))[:, None]
+    found = find_segments(MappedLog(time, wave, wave))
+    assert found.notes
+    assert pickle.loads(pickle.dumps(found)).notes == copy.copy(found).notes == found.notes
