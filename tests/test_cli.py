@@ -96,7 +96,7 @@ def test_the_method_is_passed_on(one_joint: Path) -> None:
 def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
     assert "nothing is there" in refused(1, "identify", here / "none.zip")
     (here / "broken.zip").write_bytes(study.read_bytes()[:1000])
-    message = refused(1, "identify", here / "broken.zip", "--json")
+    message = refused(1, "identify", here / "broken.zip")
     assert message.startswith("Error: ")
     assert len(message.splitlines()) == 1
 
@@ -120,6 +120,33 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
 )
 def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:
     refused(2, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments"),
+    [
+        (1, ["identify", "none.zip"]),
+        (1, ["export", "none.zip", "-o", "r.json"]),
+        (1, ["batch", "none", "-o", "no folder/r.parquet"]),
+        (1, ["identify", "n\udcffne ×.zip"]),
+        (2, ["identify", "x.zip", "--method", "magic"]),
+        (2, ["identify", "x.zip", "--nonsense"]),
+        (2, ["identify"]),
+        (2, ["frobnicate"]),
+        (2, ["export", "x.zip", "-o", "x.csv"]),
+    ],
+)
+def test_an_error_is_json_too_when_asked(here: Path, code: int, arguments: list[str]) -> None:
+    silent = run.invoke(app, arguments)
+    result = run.invoke(app, [*arguments, "--json"])
+    assert result.exit_code == silent.exit_code == code
+    assert silent.stdout == ""
+    assert result.stderr == silent.stderr
+    assert result.stdout.isascii()
+    document = json.loads(result.stdout)
+    assert list(document) == ["error"]
+    said = "".join(silent.stderr.encode("utf-8", "backslashreplace").decode().split())
+    assert "".join(document["error"].split()) in said
 
 
 def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,7 +174,7 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
     errors = found["standard_error"]
     for value, true, error in zip([*found["K"], *found["D"]], [30, 9, 0.05, 0.02], errors, strict=True):
         assert abs(value - true) < 5 * error + 1e-4 * true
-    assert "--overwrite" in refused(1, *made)
+    assert "--overwrite" in refused(1, *made[:-1])
     assert json.loads(ok(*made, "--overwrite"))["digest"] == document["digest"]
 
 
@@ -352,7 +379,8 @@ def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
     assert good.stderr == b""
     assert json.loads(good.stdout)["kind"] == "jointid identification"
     bad = program("identify", "none.zip", "--json", cwd=tmp_path)
-    assert (bad.returncode, bad.stdout) == (1, b"")
+    assert bad.returncode == 1
+    assert "none.zip" in json.loads(bad.stdout)["error"]
     assert b"Traceback" not in bad.stderr
 
 

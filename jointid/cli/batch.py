@@ -15,7 +15,7 @@ import typer
 
 from jointid.cli.options import JSON, METHOD
 from jointid.cli.output import print_json
-from jointid.cli.program import reported
+from jointid.cli.program import print_error, reported
 from jointid.errors import JointIdError
 
 if TYPE_CHECKING:
@@ -95,11 +95,13 @@ def batch(
             )
     except KeyboardInterrupt:
         again = " without --fresh" if fresh else ""
-        typer.echo(
+        stopped = (
             f"Stopped: {count[0]} of {count[1]} studies have their row, in {journal_path(out)}. Give "
-            f"the same command again{again}, and it goes on from there.",
-            err=True,
+            f"the same command again{again}, and it goes on from there."
         )
+        if as_json:
+            print_error(stopped)
+        typer.echo(stopped, err=True)
         raise typer.Exit(INTERRUPTED) from None
     except ModuleNotFoundError as error:
         if error.name not in ("distributed", "dask"):

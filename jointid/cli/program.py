@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Callable
 from functools import wraps
-from typing import Annotated, ParamSpec, TypeVar
+from typing import Annotated, Any, ParamSpec, TypeVar
 
 import typer
+from typer.core import TyperGroup
 
 from jointid.errors import JointIdError
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_WANTS_JSON = "jointid wants JSON"
+
+
+class _Commands(TyperGroup):
+    """The commands; who asked for JSON also gets as JSON why a command was not understood."""
+
+    def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
+        as_json = "--json" in args
+        try:
+            context = super().make_context(info_name, args, *more, **extra)
+        except Exception as error:
+            _not_understood(error, as_json)
+            raise
+        context.meta[_WANTS_JSON] = as_json
+        return context
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            _not_understood(error, ctx.meta[_WANTS_JSON])
+            raise
+
+
+def _not_understood(error: Exception, as_json: bool) -> None:
+    message = getattr(error, "format_message", None)  # only errors in options have it
+    if as_json and message is not None:
+        print_error(message())
+
+
+def print_error(message: str) -> None:
+    """Print an error as JSON, in characters that every terminal and file takes."""
+    plain = message.encode("utf-8", "backslashreplace").decode()  # a path can hold any bytes
+    print(json.dumps({"error": plain}))
+
+
 app = typer.Typer(
     name="jointid",
+    cls=_Commands,
     help="Stiffness and damping of elastic robot joints, and what knowing them is worth on the path.",
     no_args_is_help=True,
     add_completion=False,
@@ -65,6 +104,8 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
                 f"Internal error, {type(error).__name__}: {error!s:.300} This is a fault of jointid; "
                 "with JOINTID_DEBUG=1 it shows where."
             )
+        if kwargs.get("as_json"):
+            print_error(message)
         typer.echo(f"Error: {message}", err=True)
         raise typer.Exit(1)
 
