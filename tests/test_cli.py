@@ -116,6 +116,10 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
         ["convert", "x.csv"],
         ["convert", "x.csv", "--mapping", "m.json", "--guess", "m.json"],
         ["simulate", "x.zip", "--count", "0"],
+        *([command, ""] for command in ("identify", "cut", "report", "plan", "simulate")),
+        ["export", "", "-o", "r.json"],
+        ["convert", "", "--guess", "m.json"],
+        ["batch", "", "-o", "r.parquet"],
     ],
 )
 def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:

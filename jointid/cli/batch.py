@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jointid.cli.options import JSON, METHOD
+from jointid.cli.options import JSON, METHOD, named
 from jointid.cli.output import print_json
 from jointid.cli.program import print_error, reported
 from jointid.errors import JointIdError
@@ -68,6 +68,8 @@ def batch(
     from jointid.fleet import Limits, analyse_fleet
     from jointid.fleet.run import journal_path
 
+    for text in studies:
+        named(text)
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
     if out.suffix.lower() not in (".parquet", ".pq"):

@@ -9,14 +9,17 @@ from typing import Annotated, Any
 import typer
 
 from jointid.cli.files import analysed, require_spared, write_file
-from jointid.cli.options import JSON, METHOD, numbers
+from jointid.cli.options import JSON, METHOD, named, numbers
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 
 
 @reported
 def cut(
-    study: Annotated[Path | None, typer.Argument(help="Study; else the paper's K and D.")] = None,
+    study: Annotated[
+        Path | None,
+        typer.Argument(parser=named, help="Study; else the paper's K and D."),
+    ] = None,
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[
         str, typer.Option(help="Servo before: study (its nominal values), rigid, soft, stiff.")

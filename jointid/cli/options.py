@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import typer
 
 from jointid.elasticity import METHODS
@@ -24,6 +26,13 @@ def numbers(text: str) -> list[float]:
         ) from None
 
 
-STUDY = typer.Argument(help="Study: a folder or a .zip.", show_default=False)
+def named(text: str) -> Path:
+    """Path that is named: an empty one, as a variable that is not set leaves it, is not this folder."""
+    if not text:
+        raise typer.BadParameter('"" is empty: name a file or folder; this folder is "."')
+    return Path(text)
+
+
+STUDY = typer.Argument(parser=named, help="Study: a folder or a .zip.", show_default=False)
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print JSON and nothing else.")

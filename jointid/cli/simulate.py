@@ -9,7 +9,7 @@ import typer
 
 from jointid.cli.documents import study_document
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, numbers
+from jointid.cli.options import JSON, named, numbers
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -17,10 +17,16 @@ from jointid.errors import JointIdError
 
 @reported
 def simulate(
-    output: Annotated[Path, typer.Argument(help="New study: a folder or a .zip.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False),
+    ],
     inertia: Annotated[
         Path | None,
-        typer.Option(help="TOML with M and M2 (motor side, kg·m²), or a study; else the example arm."),
+        typer.Option(
+            parser=named,
+            help="TOML with M and M2 (motor side, kg·m²), or a study; else the example arm.",
+        ),
     ] = None,
     drive: Annotated[str, typer.Option(help="Drive of the example arm: parallelogram, serial.")] = (
         "parallelogram"
