@@ -24,10 +24,12 @@ from jointid.wording import counted
 @reported
 def convert(
     logs: Annotated[
-        list[Path], typer.Argument(parser=named, help="Logs with the same columns.", show_default=False)
+        list[Path],
+        typer.Argument(parser=named, help="Logs with the same columns.", show_default=False),
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip.")
+        Path | None,
+        typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip."),
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="JSON that says which column is what, as --guess writes it.")
@@ -38,13 +40,18 @@ def convert(
     inertia: Annotated[
         Path | None,
         typer.Option(
-            parser=named, help="TOML with M and M2 (motor side, kg·m²), of poses too; or a study."
+            parser=named,
+            help="TOML with M and M2 (motor side, kg·m²), of poses too; or a study.",
         ),
     ] = None,
     pose: Annotated[
         list[str] | None,
         typer.Option(help="Pose of the logs, as the inertia file names it: once, or once per log."),
     ] = None,
+    separate: Annotated[
+        bool,
+        typer.Option("--separate", help="Runs of one joint, also where it looks like many at once."),
+    ] = False,
     nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
     nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
     name: Annotated[
@@ -68,11 +75,12 @@ def convert(
         require_free(output, overwrite, [*logs, mapping, inertia])
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
+    from jointid.importing.joined import join_logs
     from jointid.importing.log_study import date_in
-    from jointid.importing.tables import main_tables
 
     with status("Reading", quiet=as_json):
-        tables = [table for log in logs for table in main_tables(read_log(log))]
+        chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
+        tables, together = join_logs([read_log(log) for log in logs], chosen, separate=separate)
     if guess is not None:
         guessed = guess_mapping(tables[0])
         write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
@@ -88,9 +96,11 @@ def convert(
             return
         rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
         print_table(["entry", "", "reason"], rows)
+        for note in tables[0].notes:
+            typer.echo(f"{tables[0].name}: {note}", err=True)
         print(f"\n{guess} is written. Correct it, then: jointid convert … --mapping {guess}")
         return
-    if mapping is None or output is None or inertia is None:
+    if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
     robot = robot_from(inertia)
     if nominal_K or nominal_D:
@@ -101,11 +111,11 @@ def convert(
             f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
         )
     measured_on = date_in(date)
-    chosen = mapping_from_json(mapping.read_bytes())
     with status("Looking for sine runs", quiet=as_json):
         study, notes = mapped_study(
             tables, chosen, robot if not name else replace(robot, name=name), poses
         )
+    notes = (*together, *notes)
     study = replace(study, robot=which.strip(), date=measured_on)
     save_study(study, output, overwrite=overwrite)
     made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
