@@ -6,6 +6,8 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
@@ -636,6 +638,17 @@ def test_the_command_refuses_what_makes_no_sense(paths: list[Path], tmp_path: Pa
     assert exit_code == 1
     assert "holds no study" in said
     assert code(paths[0], "-o", out, "--timeout", -1)[0] == 1
+
+
+@pytest.mark.parametrize("address", ["x", "tls://127.0.0.1:9"])
+def test_an_address_that_is_none_is_one_message(paths: list[Path], tmp_path: Path, address: str) -> None:
+    pytest.importorskip("distributed")
+    command = [sys.executable, "-m", "jointid.cli", "batch", str(paths[0]), "--scheduler", address]
+    command += ["-o", str(tmp_path / "r.parquet")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=30, check=False)
+    assert ended.returncode == 1
+    (said,) = ended.stderr.splitlines()
+    assert said.startswith(f"Error: There is no Dask scheduler at {address} (")
 
 
 def test_every_field_is_in_the_table(truth: dict[str, Row]) -> None:

@@ -32,6 +32,17 @@ _AHEAD = 3
 """Studies on their way for each thread of the cluster: enough to keep it busy, little to hold."""
 
 
+class _Client(Client):
+    """A client that is closed by its owner, here by ``Cluster``.
+
+    The inherited one closes itself when it is forgotten. One that never came to connect, as with an
+    address without a port, then waits 40 s at the end of the program, for a loop that is over.
+    """
+
+    def __del__(self) -> None:
+        pass
+
+
 class Cluster:
     """The workers of a Dask scheduler.
 
@@ -53,9 +64,9 @@ class Cluster:
         self._address = address
         self._batch = uuid.uuid4().hex
         try:
-            connect: Any = Client
+            connect: Any = _Client
             self._client = connect(address, timeout=_CONNECT_S, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError, ImportError) as error:  # as the protocol has it
             raise JointIdError(
                 f"There is no Dask scheduler at {address:.200} ({error!s:.200}): check the address, as "
                 "dask scheduler prints it."
