@@ -25,6 +25,8 @@ _SAME = 0.05
 """Times are the same when they differ by less than this share of the sample interval."""
 _LENGTHS = 20
 """Times with more lengths of step than this, to a thousandth, jitter; those merely rounded have few."""
+_ALIKE = 0.1
+"""Share of a signal's size; what differs by less is the same run again."""
 _OVERLAP = 0.5
 """Least share of the shorter log that both cover."""
 _FAINT = 1e-3
@@ -66,7 +68,8 @@ def recorded_at_once(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
         joint each, and the same times within a twentieth of the sample interval, where an absolute
         clock's need only overlap. Besides, one of these holds: their names count joints ("axis1",
         "axis2"); their clock is absolute or jitters alike; or they are all logs with these columns and
-        hold the same sines at the same times, and their names do not count runs. Even times from 0
+        hold the same sines at the same times, not one program run twice, and their names do not count
+        runs. No two hold one signal value for value. Even times from 0
         alone say nothing: each of many single runs has them.
     """
     parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
@@ -166,17 +169,32 @@ def _at_once(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]
     first = cluster[0]
     sure = all(_is_absolute(part) or _jitter_alike(first, part) for part in cluster)
     runs = {_run_in(part.rest) for part in cluster}
-    likely = is_all and len(runs) == 1 and all(_same_sines(first, part) for part in cluster[1:])
+    likely = (
+        is_all
+        and len(runs) == 1
+        and all(_same_sines(first, part) and not _is_repeated(first, part) for part in cluster[1:])
+    )
     return [tuple(part.index for part in cluster)] if sure or likely else []
 
 
 def _has_copies(cluster: Sequence[JointLog]) -> bool:
+    """Whether two logs hold one signal, value for value: two sensors never agree in their noise."""
     return any(
-        a.signals[0].shape == b.signals[0].shape
-        and all(np.array_equal(x, y, equal_nan=True) for x, y in zip(a.signals, b.signals, strict=True))
+        x.shape == y.shape and np.array_equal(x, y, equal_nan=True) and np.nanmax(x) > np.nanmin(x)
         for k, a in enumerate(cluster)
         for b in cluster[:k]
+        for x, y in zip(a.signals, b.signals, strict=True)
     )
+
+
+def _is_repeated(a: JointLog, b: JointLog) -> bool:
+    """Whether both signals run alike in size and course, as in one joint's program run twice."""
+    size = min(a.time.size, b.time.size)
+    apart = []
+    for x, y in zip(a.signals, b.signals, strict=True):
+        one, two = x[:size] - np.nanmean(x[:size]), y[:size] - np.nanmean(y[:size])
+        apart.append(float(np.nanstd(one - two)) / max(float(np.nanstd(one)), 1e-300))
+    return max(apart) < _ALIKE
 
 
 def _same_sines(a: JointLog, b: JointLog) -> bool:
