@@ -9,9 +9,12 @@ from hashlib import blake2b
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import LogTable, main_tables, read_log
+from jointid.importing import LogTable, read_log
+from jointid.importing.at_once import recorded_at_once
+from jointid.importing.joined import joined_table, proposed_tables
 from jointid.importing.tables import MAX_LOG_BYTES
 from jointid.ui.importing_work import Progress, StoppedError, Watch
+from jointid.wording import listed
 
 _UPLOADER = "log_file"
 _FILES = "dropped_logs"
@@ -71,7 +74,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
             st.error(str(error))
             continue
         logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
-        main = main_tables(tables)
+        main = _proposed(file.digest, tables)
         first += [log.key for log in logs if log.table in main]
         all_logs.update({log.key: log for log in logs})
     if len(all_logs) < 2:
@@ -85,7 +88,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         persist_state="session",
         help="A file may hold several tables; the one with the most numbers is proposed.",
     )
-    return [all_logs[key] for key in chosen]
+    return _joined([all_logs[key] for key in chosen])
 
 
 def dropped() -> list[Dropped]:
@@ -97,6 +100,46 @@ def dropped() -> list[Dropped]:
 def hold(files: list[Dropped]) -> None:
     """Have these files open, whatever the uploader holds: it forgets them when the page is left."""
     st.session_state[_HELD] = st.session_state[_FILES] = files
+
+
+def _joined(logs: list[Log]) -> list[Log]:
+    """Join logs that look like joints recorded at once, unless they are to stay runs."""
+    keys = tuple(log.key for log in logs)
+    result = dict(zip(keys, logs, strict=True))
+    for group in _at_once(keys, [log.table for log in logs]):
+        parts = [logs[index] for index in group]
+        names = listed(log.table.name for log in parts)
+        st.info(
+            f"{names} have the same times and the same columns: they look like joints recorded at once."
+        )
+        together = st.checkbox(
+            f"Join {names}: a joint each",
+            value=True,
+            key="import join " + _short(log.key for log in parts),
+            persist_state="session",
+            help="Without it they are taken as runs of one and the same joint.",
+        )
+        if together:
+            key = "joined " + " ".join(log.key for log in parts)
+            result[parts[0].key] = Log(key, _join(key, [log.table for log in parts]))
+            for log in parts[1:]:
+                del result[log.key]
+    return list(result.values())
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _proposed(key: str, _tables: tuple[LogTable, ...]) -> tuple[LogTable, ...]:
+    return proposed_tables(_tables)
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _at_once(keys: tuple[str, ...], _tables: list[LogTable]) -> tuple[tuple[int, ...], ...]:
+    return recorded_at_once(_tables)
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _join(key: str, _tables: list[LogTable]) -> LogTable:
+    return joined_table(_tables)
 
 
 def _take(forget: Callable[[], None]) -> None:
