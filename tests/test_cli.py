@@ -388,6 +388,23 @@ def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
     assert b"Traceback" not in bad.stderr
 
 
+@pytest.mark.parametrize("module", ["typer", "jointid.cli.plan", "jointid.study_files"])
+def test_ctrl_c_while_modules_load_ends_it_quietly(module: str, study: Path) -> None:
+    """As if the key were pressed the moment this module is loaded."""
+    text = (
+        "import sys\n"
+        "class Key:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Key())\n"
+        f"sys.argv = ['jointid', 'identify', {str(study)!r}]\n"
+        "from jointid.cli import app\n"
+        "app()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", text], capture_output=True, cwd=ROOT, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
+
+
 def test_version() -> None:
     assert ok("--version").startswith("jointid ")
 

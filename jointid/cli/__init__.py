@@ -5,16 +5,19 @@ Messages and progress go to standard error; standard output holds the result, wi
 JSON.
 """
 
-from jointid.cli.batch import batch
-from jointid.cli.convert import convert
-from jointid.cli.cut import cut
-from jointid.cli.export import export
-from jointid.cli.identify import identify
-from jointid.cli.plan import plan
-from jointid.cli.program import app
-from jointid.cli.report import report
-from jointid.cli.simulate import simulate
-from jointid.cli.start_app import start_app
+try:
+    from jointid.cli.batch import batch
+    from jointid.cli.convert import convert
+    from jointid.cli.cut import cut
+    from jointid.cli.export import export
+    from jointid.cli.identify import identify
+    from jointid.cli.plan import plan
+    from jointid.cli.program import app
+    from jointid.cli.report import report
+    from jointid.cli.simulate import simulate
+    from jointid.cli.start_app import start_app
+except KeyboardInterrupt:  # while they load: nothing has been done yet
+    raise SystemExit(130) from None
 
 __all__ = ["app"]
 

@@ -15,14 +15,11 @@ import typer
 
 from jointid.cli.options import JSON, METHOD, named
 from jointid.cli.output import print_json
-from jointid.cli.program import print_error, reported
+from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
 
 if TYPE_CHECKING:
     from jointid.fleet import Progress, Summary
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 _MOST_FAILURES = 10
 _SAY_EVERY_S = 30.0

@@ -17,6 +17,9 @@ from jointid.errors import JointIdError
 P = ParamSpec("P")
 R = TypeVar("R")
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
 _WANTS_JSON = "jointid wants JSON"
 
 
@@ -53,7 +56,17 @@ def print_error(message: str) -> None:
     print(json.dumps({"error": plain}))
 
 
-app = typer.Typer(
+class _Program(typer.Typer):
+    """The program; Ctrl-C before a command has begun ends it as quietly as later."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except KeyboardInterrupt:
+            raise SystemExit(INTERRUPTED) from None
+
+
+app = _Program(
     name="jointid",
     cls=_Commands,
     help="Stiffness and damping of elastic robot joints, and what knowing them is worth on the path.",
