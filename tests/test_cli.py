@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from jointid import Study, analyse, load_study, resonances
+from jointid import Inertia, Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from, write_file
 from jointid.cli.output import finite
@@ -254,6 +255,26 @@ def test_export_writes_every_kind(study: Path, here: Path) -> None:
     assert repr(float(100.0**2 * analysis.fit.K[0])) in (here / "r.xml").read_text("utf-8")
     assert sorted(path.name for path in here.iterdir()) == sorted(files)
     assert "is not a folder" in refused(1, "export", study, "-o", "none/r.json")
+
+
+def test_export_says_that_the_answer_is_a_problem(studies: dict[int, Study], here: Path) -> None:
+    good = studies[1]
+    wrong = Inertia(M=good.inertia.M * 8, M2=good.inertia.M2)
+    save_study(replace(good, inertia=wrong), "wrong.zip")
+    problems = [f for f in analyse(load_study("wrong.zip")).findings if f.level == "problem"]
+    result = run.invoke(app, ["export", "wrong.zip", "-o", "r.json", "-o", "r.toml", "--json"])
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == {"written": ["r.json", "r.toml"]}
+    (said,) = result.stderr.splitlines()
+    assert said.startswith(f"Problem: {problems[0].title}. ")
+    save_study(good, "good.zip")
+    assert run.invoke(app, ["export", "good.zip", "-o", "r.json"]).stderr == ""
+
+
+def test_one_study_of_a_batch_is_counted_as_one(one_joint: Path, here: Path) -> None:
+    assert ok("batch", one_joint, "-o", "r.parquet", "--workers", 1).startswith(
+        f"{here / 'r.parquet'}: 1 study, 1 of them with an answer\n"
+    )
 
 
 def log_text(study: Study) -> str:

@@ -17,6 +17,7 @@ from jointid.cli.options import JSON, METHOD, named
 from jointid.cli.output import print_json
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
+from jointid.wording import counted
 
 if TYPE_CHECKING:
     from jointid.fleet import Progress, Summary
@@ -146,7 +147,7 @@ def _document(summary: Summary) -> dict[str, Any]:
 
 def _print_summary(summary: Summary) -> None:
     new = summary.studies - summary.skipped
-    print(f"{summary.out}: {summary.studies} studies, {summary.good} of them with an answer")
+    print(f"{summary.out}: {counted(summary.studies, 'study')}, {summary.good} of them with an answer")
     print("Verdicts: " + ", ".join(f"{count} {level}" for level, count in summary.verdicts.items()))
     print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
     if summary.skipped:
@@ -205,8 +206,8 @@ def _lines() -> Callable[[Progress], None]:
         rate = _rate(progress.done - progress.skipped, progress.time_s)
         left = (progress.studies - progress.done) / rate
         typer.echo(
-            f"{progress.done} of {progress.studies} studies, {progress.failed} failed, {rate:.3g} per "
-            f"second, about {left:.0f} s left",
+            f"{progress.done} of {counted(progress.studies, 'study')}, {progress.failed} failed, "
+            f"{rate:.3g} per second, about {left:.0f} s left",
             err=True,
         )
 

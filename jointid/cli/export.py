@@ -52,6 +52,12 @@ def export(
     result = identification(analysis)
     for file in output:
         write_file(file, _exported(_ending(file), analysis, result, ratio))
+    problem = next((finding for finding in analysis.findings if finding.level == "problem"), None)
+    if problem is not None:
+        typer.echo(
+            f"Problem: {problem.title}. K and D are not usable as they are: see jointid identify.",
+            err=True,
+        )
     written(output, as_json)
 
 
