@@ -117,6 +117,16 @@ def test_one_program_run_twice_is_one_joint() -> None:
     assert recorded_at_once([log("a.csv", seed=1), log("b.csv", seed=2)]) == ()
 
 
+def test_raw_and_filtered_tables_of_a_file_are_one_joint() -> None:
+    raw, smooth = (
+        log("bag.mcap: /raw", start=1.7e9, seed=1),
+        log("bag.mcap: /smooth", start=1.7e9, seed=2),
+    )
+    other = replace(smooth.column("torque"), values=0.5 * smooth.column("torque").values)
+    smooth = replace(smooth, columns=(*smooth.columns[:2], other))
+    assert recorded_at_once([raw, smooth]) == ()
+
+
 def test_a_copy_is_no_second_joint() -> None:
     one = log("axis1.csv")
     assert recorded_at_once([one, replace(one, name="axis2.csv")]) == ()

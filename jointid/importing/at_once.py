@@ -72,6 +72,8 @@ def recorded_at_once(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
         runs. No two hold one signal value for value. Even times from 0
         alone say nothing: each of many single runs has them.
     """
+    if len(tables) < 2:
+        return ()
     parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
     groups: list[tuple[int, ...]] = []
     for signature in dict.fromkeys(part.table.signature for part in parts):
@@ -169,11 +171,9 @@ def _at_once(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]
     first = cluster[0]
     sure = all(_is_absolute(part) or _jitter_alike(first, part) for part in cluster)
     runs = {_run_in(part.rest) for part in cluster}
-    likely = (
-        is_all
-        and len(runs) == 1
-        and all(_same_sines(first, part) and not _is_repeated(first, part) for part in cluster[1:])
-    )
+    likely = is_all and len(runs) == 1 and all(_same_sines(first, part) for part in cluster[1:])
+    if any(_is_repeated(first, part) for part in cluster[1:]):
+        return []
     return [tuple(part.index for part in cluster)] if sure or likely else []
 
 
@@ -188,13 +188,18 @@ def _has_copies(cluster: Sequence[JointLog]) -> bool:
 
 
 def _is_repeated(a: JointLog, b: JointLog) -> bool:
-    """Whether both signals run alike in size and course, as in one joint's program run twice."""
+    """Whether both signals run alike in size and course, as in one joint's program run twice.
+
+    Of two tables of one file either is enough: they may be raw and filtered, or wanted and measured.
+    """
     size = min(a.time.size, b.time.size)
     apart = []
     for x, y in zip(a.signals, b.signals, strict=True):
         one, two = x[:size] - np.nanmean(x[:size]), y[:size] - np.nanmean(y[:size])
         apart.append(float(np.nanstd(one - two)) / max(float(np.nanstd(one)), 1e-300))
-    return max(apart) < _ALIKE
+    file, _, part = a.table.name.partition(": ")
+    of_one_file = bool(part) and b.table.name.startswith(f"{file}: ")
+    return (min if of_one_file else max)(apart) < _ALIKE
 
 
 def _same_sines(a: JointLog, b: JointLog) -> bool:
