@@ -96,8 +96,8 @@ def batch(
     except KeyboardInterrupt:
         again = " without --fresh" if fresh else ""
         stopped = (
-            f"Stopped: {count[0]} of {count[1]} studies have their row, in {journal_path(out)}. Give "
-            f"the same command again{again}, and it goes on from there."
+            f"Stopped after {count[0]} of {counted(count[1], 'study')}: finished rows stand in "
+            f"{journal_path(out)}. Give the same command again{again}, and it goes on from there."
         )
         if as_json:
             print_error(stopped)
