@@ -6,6 +6,7 @@ from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui import cached
 from jointid.ui.charts import plot, side_by_side, table
+from jointid.ui.literal import show_error
 from jointid.ui.page import open_page
 from jointid.ui.quality import quality_table
 
@@ -60,7 +61,7 @@ st.subheader("Quality of every record", anchor=False)
 try:
     table(quality_table(records, cached.phasors(page.digest, page.study)))
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)
 with st.expander("What the columns mean"):
     st.markdown(
         "These are the figures of the joint that moves most.\n"

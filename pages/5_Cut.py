@@ -16,6 +16,7 @@ from jointid.ui.charts import plot, side_by_side
 from jointid.ui.cut_parts import headline, remainder, show_meaning, show_rule, show_tolerance
 from jointid.ui.cut_pictures import show_figure_7
 from jointid.ui.cut_settings import ask, nominal_name
+from jointid.ui.literal import show_error
 from jointid.ui.page import open_page
 
 page = open_page("Cut")
@@ -36,11 +37,9 @@ try:
     robot = cut_robot(analysis)
     settings = ask(robot, page.digest)
     outcome = cut_cached.outcome(page.digest, page.method, settings, analysis)
-    cut_cached.offset_costs(
-        page.digest, page.method, settings.after, outcome.robot
-    )  # for below
+    cut_cached.offset_costs(page.digest, page.method, settings.after, outcome.robot)  # for below
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)
     st.stop()
 name = nominal_name(settings.assumption)
 st.subheader(headline(outcome), anchor=False)
@@ -117,7 +116,7 @@ st.write(
 try:
     show_tolerance(page, settings, outcome)
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)
 
 with st.expander("What the paper states, and what is our assumption"):
     st.markdown(

@@ -6,6 +6,7 @@ from jointid import JointIdError
 from jointid.figures.plan import worst_error
 from jointid.rounding import significant
 from jointid.ui.charts import csv_bytes, plot, table
+from jointid.ui.literal import show_error
 from jointid.ui.page import open_page
 from jointid.ui.plan_form import (
     ask,
@@ -31,7 +32,7 @@ try:
     settings = ask(analysis, page.digest)
     found = suggestion(page.digest, page.method, settings, analysis)
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)
     st.stop()
 count = settings.count
 before, after = (significant(100 * float(found.worst[k]), 2) for k in (0, -1))
@@ -58,4 +59,4 @@ try:
     told = predicted(page, edit_plan(found, page.digest), analysis, settings.pose)
     st.table(predicted_table(told, analysis.fit), hide_index=True)
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)

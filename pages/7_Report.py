@@ -8,6 +8,7 @@ from jointid.exporting.tables import without_friction_and_delay
 from jointid.study_files import pack_study
 from jointid.ui import downloads
 from jointid.ui.downloads import download, file_stem
+from jointid.ui.literal import show_error
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import open_page
 
@@ -24,7 +25,7 @@ stem, study = file_stem(page.study.name), page.study
 try:
     results = downloads.results(page.digest, page.method, analysis)
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)
     st.stop()
 
 st.subheader("The report", anchor=False)
@@ -94,7 +95,7 @@ if entered.strip():
                 download(f"{name} ({ending})", text, f"{stem}{ending}", "application/xml")
                 st.code(text, language="xml", height=360)
     except JointIdError as error:
-        st.error(str(error))
+        show_error(error)
 else:
     st.caption(
         "Without them there is no snippet: a ratio that was guessed would be wrong by its square."

@@ -3,6 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.ui.literal import show_error
 from jointid.ui.page import start
 from jointid.ui.simulation import ask, simulated_study
 from jointid.ui.steps import OVERVIEW
@@ -37,4 +38,4 @@ try:
         keep(study, "simulated")
         st.switch_page(OVERVIEW.path)
 except JointIdError as error:
-    st.error(str(error))
+    show_error(error)

@@ -27,6 +27,7 @@ from jointid.ui.importing_pictures import choose_log, show_raw
 from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
 from jointid.ui.importing_study import ROBOT, ask_robot, say_way
 from jointid.ui.importing_work import StoppedError, Watch
+from jointid.ui.literal import show_error
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
 from jointid.ui.workspace import keep
@@ -57,7 +58,7 @@ with kept_import():
         mapping, not_confirmed, clear = choose_mapping(log.key, log.table)
         remember(log.table, mapping)
     except JointIdError as error:
-        st.error(str(error))
+        show_error(error)
     with raw:
         show_raw(log.table, proposed_columns(log.key, log.table), folded=clear)
     mapping_files(log.table, mapping)
@@ -73,7 +74,7 @@ with kept_import():
             rules[each.key] = mapping_to_json(said)
             ready[each.key] = mapped(each.key, rules[each.key], each.table, said)
         except JointIdError as error:
-            st.error(str(error))
+            show_error(error)
     if not ready:
         st.stop()
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
@@ -88,7 +89,7 @@ with kept_import():
             stopped = True  # runs can still be marked by hand
             break
         except JointIdError as error:
-            st.error(str(error))
+            show_error(error)
     if not stopped and not any(found.values()):
         st.info(
             "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
@@ -130,4 +131,4 @@ with kept_import():
                 forget_import()
             st.switch_page(OVERVIEW.path)
     except JointIdError as error:
-        st.error(str(error))
+        show_error(error)

@@ -62,6 +62,7 @@ def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
     """The pages' pool, without processes, and nobody's turn."""
     mine = Pool(1)
     monkeypatch.setattr(aside_module, "_pool", lambda: mine)
+    monkeypatch.setattr(aside_module, "_at_work", "")
     yield mine
     mine.stop()
 
@@ -183,7 +184,7 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
     end.set()
 
 
-def test_who_would_have_to_wait_has_processes_begin(
+def test_the_second_session_has_processes_begin(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(aside_module, "_LONGEST_TURN_S", 0.01)

@@ -1,8 +1,7 @@
 """Where a computation disturbs least: in a process of its own, or here when nobody else computes.
 
 Sessions share one interpreter, so that ten computations at once would slow everybody's every click
-tenfold. One person alone needs no other process; the first who has to wait for somebody else has them
-begin.
+tenfold. One person alone needs no other process; the second one has them begin.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
 _turn = Semaphore(1)
 _at_work = ""
-"""The session whose turn it was last."""
+"""The session that computed something here last."""
 
 # Who computes hands the interpreter on ten times as often as by default: short reruns wait less.
 sys.setswitchinterval(5e-4)
@@ -78,12 +77,10 @@ def _computed(
     with suppress(NoneReadyError):
         found: Found = pool.call(function, *given, progress=progress, patience_s=_PATIENCE_S)
         return found
-    mine = _turn.acquire(blocking=False)
-    if not mine:
-        if session != _at_work:
-            pool.begin()
-        mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # not for ever: a turn may be long
+    if session != _at_work != "":
+        pool.begin()
     _at_work = session
+    mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # not for ever: a turn may be long
     try:
         return function(*given) if progress is None else function(*given, progress=progress)
     finally:

@@ -23,6 +23,7 @@ from jointid.ui.aside import aside, awaited
 from jointid.ui.charts import plot
 from jointid.ui.cut_pictures import key_line, picture
 from jointid.ui.cut_settings import CutSettings
+from jointid.ui.literal import literal
 from jointid.ui.page import Page
 from jointid.wording import counted
 
@@ -255,7 +256,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     try:
         outcome = cut_cached.overview(page.digest, page.method, analysis)
     except JointIdError as error:
-        st.caption(f"What this is worth on a path is not known. {error}")
+        st.caption(f"What this is worth on a path is not known. {literal(error)}")
         return
     if outcome is None:
         st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")

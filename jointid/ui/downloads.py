@@ -26,6 +26,7 @@ from jointid.exporting import (
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.aside import aside
+from jointid.ui.literal import show_error
 from jointid.ui.trust import steps_at
 
 _MOST_REPORTS = 8
@@ -131,7 +132,7 @@ def make_report_at(
     try:
         made = write_report(digest, method, analysis, steps_at(bar))
     except JointIdError as error:
-        place.error(str(error))
+        show_error(error, place)
     else:
         show_report(place, made, stem)
 

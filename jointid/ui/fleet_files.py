@@ -20,6 +20,7 @@ from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
 from jointid.processes.child import Limits
 from jointid.store import PARTS, Store
+from jointid.ui.literal import show_error
 from jointid.ui.workspace import keep_part, place_for, sample_paths, store, workspace
 from jointid.wording import counted
 
@@ -159,7 +160,7 @@ def _analyse(fleet: OpenFleet) -> None:
                 tell()
     except JointIdError as error:
         fleet.stopped = True
-        st.error(str(error))
+        show_error(error)
     bar.empty()
     stop.empty()
 

@@ -12,6 +12,7 @@ from jointid.rounding import with_error
 from jointid.study_files import load_study
 from jointid.ui.charts import table
 from jointid.ui.fleet_files import OpenFleet
+from jointid.ui.literal import show_error
 from jointid.ui.steps import OVERVIEW
 from jointid.ui.workspace import keep, recent
 from jointid.wording import counted
@@ -91,7 +92,7 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                     keep(load_study(fleet.studies[row.content]), label(row))
                 st.switch_page(OVERVIEW.path)
             except JointIdError as error:
-                st.error(str(error))
+                show_error(error)
         elif row.is_good:
             st.caption(
                 "This study is not in this workspace, and a table's paths are not opened for whoever "

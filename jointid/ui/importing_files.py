@@ -14,6 +14,7 @@ from jointid.importing.at_once import recorded_at_once
 from jointid.importing.joined import joined_table, proposed_tables
 from jointid.importing.tables import MAX_LOG_BYTES
 from jointid.ui.importing_work import Progress, StoppedError, Watch
+from jointid.ui.literal import show_error
 from jointid.wording import listed
 
 _UPLOADER = "log_file"
@@ -71,7 +72,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         except StoppedError:
             break
         except JointIdError as error:
-            st.error(str(error))
+            show_error(error)
             continue
         logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
         main = _proposed(file.digest, tables)

@@ -9,6 +9,7 @@ from jointid import Analysis, JointIdError
 from jointid.figures.trust import harmonic_bars, left_out_prediction, normalised_residuals
 from jointid.rounding import significant, with_error
 from jointid.ui.charts import plot, side_by_side
+from jointid.ui.literal import show_info
 from jointid.ui.page import Page
 from jointid.ui.trust import names_of
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
@@ -44,7 +45,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     try:
         prediction = _prediction(page.digest, page.method, analysis)
     except JointIdError as error:
-        st.info(str(error))
+        show_info(error)
     else:
         apart = significant(100 * float(np.median(prediction.relative_error)), 2)
         times = significant(float(np.sqrt(prediction.misfit)), 2)
@@ -76,7 +77,7 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
     try:
         content = harmonic_content(analysis.phasors)
     except JointIdError as error:
-        st.info(str(error))
+        show_info(error)
         return
     st.markdown("**Harmonics of the torques**")
     st.caption(
@@ -110,7 +111,7 @@ def show_poses(page: Page, analysis: Analysis) -> None:
     try:
         fits = _pose_fits(page.digest, page.method, analysis)
     except JointIdError as error:
-        st.info(str(error))
+        show_info(error)
         return
     st.write(
         "K and D do not depend on the pose. Where they seem to, M2 of a pose is off or the gear "
@@ -127,4 +128,4 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         ]
     st.table(columns, hide_index=True)
     for problem in fits.problems:
-        st.info(problem)
+        show_info(problem)

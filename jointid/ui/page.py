@@ -13,6 +13,7 @@ from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui import cached
 from jointid.ui.charts import is_dark
+from jointid.ui.literal import show_error
 from jointid.ui.refused import show_refused
 from jointid.ui.sidebar import choose_study
 from jointid.ui.steps import IMPORT, RECORDS, SIMULATE
@@ -113,12 +114,12 @@ def open_page(title: str) -> Page:
         opened = open_study(key)
     except JointIdError as error:
         st.title(title)
-        st.error(str(error))
+        show_error(error)
         st.stop()
     return Page(key, opened.study, opened.digest, method, is_dark())
 
 
 def _say_why(error: JointIdError) -> None:
-    st.error(str(error))
+    show_error(error)
     st.write("The records themselves can still be looked at:")
     st.page_link(RECORDS.path, label=RECORDS.name)

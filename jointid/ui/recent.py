@@ -7,6 +7,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.store import Entry
 from jointid.ui import workspace
+from jointid.ui.literal import literal, show_warning
 
 _MOST_SHOWN = 20
 _NEARLY_FULL = 0.8
@@ -15,9 +16,9 @@ _NEARLY_FULL = 0.8
 def show_recent() -> None:
     """List the workspace's studies, with the notes and problems of the store."""
     if problem := st.session_state.pop("store_problem", None):
-        st.warning(problem)
+        show_warning(problem)
     for note in workspace.notes():
-        st.warning(note.text)
+        show_warning(note.text)
         st.button("Noted", key=f"noted_{note.id}", on_click=workspace.dismiss, args=(note.id,))
     kept = workspace.recent()
     if not kept:
@@ -31,14 +32,14 @@ def show_recent() -> None:
 def _row(name: str, entry: Entry) -> None:
     with st.container(horizontal=True, vertical_alignment="center", gap="small"):
         st.button(
-            _literal(name),
+            literal(name),
             key=f"open_{entry.id}",
             type="tertiary",
             width="stretch",
             on_click=_open,
             args=(entry.id,),
         )
-        with st.popover("Edit", help=f"Rename or delete {_literal(name)}"):
+        with st.popover("Edit", help=f"Rename or delete {literal(name)}"):
             key = f"name_{entry.id}"
             st.text_input("Name", entry.name, key=key, on_change=_rename, args=(entry.id, key))
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
@@ -74,8 +75,3 @@ def _say_where(kept: dict[str, Entry]) -> None:
 @st.cache_data(ttl=10, show_spinner=False)
 def _used(folder: str) -> int:
     return workspace.store().size_bytes()
-
-
-def _literal(text: str) -> str:
-    """Text as it stands, not as Markdown."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]()#+-.!|~$:<>" else c for c in text)

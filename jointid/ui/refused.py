@@ -10,6 +10,7 @@ from jointid.figures import raw_columns
 from jointid.peeked_tables import plottable
 from jointid.study_files import PeekedTable
 from jointid.ui.charts import is_dark, plot
+from jointid.ui.literal import literal
 from jointid.ui.workspace import Refused
 
 _PLOTTED = 12
@@ -24,7 +25,7 @@ def show_refused() -> None:
     refused: Refused | None = st.session_state.get("refused")
     if refused is None:
         return
-    st.error(f"**{refused.file} was not opened.** {refused.message}")
+    st.error(f"**{literal(refused.file)} was not opened.** {literal(refused.message)}")
     if refused.tables:
         names = [table.name for table in refused.tables]
         culprits = [k for k, table in enumerate(refused.tables) if table.refused]

@@ -18,6 +18,7 @@ from jointid.figures.trust import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
 from jointid.ui.aside import aside
 from jointid.ui.charts import Table, plot
+from jointid.ui.literal import literal, show_error
 from jointid.ui.page import Page
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
@@ -119,7 +120,7 @@ def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: fl
     known = found if isinstance(found, InertiaSensitivity) else None
     shown.table(errors_table(analysis, known, share), hide_index=True)
     if isinstance(found, str):
-        below.warning(f"What the inertias add is not known. {found}")
+        below.warning(f"What the inertias add is not known. {literal(found)}")
         return
     if known is None:
         stopped = str(("stopped_inertias", page.digest, page.method))
@@ -175,7 +176,8 @@ def show_inertia_line(page: Page, analysis: Analysis) -> None:
     if found is None:
         _compute_what_the_inertias_add(page, analysis)
     elif isinstance(found, str):
-        st.caption(f"± is noise alone; what inertias that are off would add is not known. {found}")
+        unknown = "what inertias that are off would add is not known."
+        st.caption(f"± is noise alone; {unknown} {literal(found)}")
     else:
         st.caption(inertia_sentence(found.standard_error()))
 
@@ -251,7 +253,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         try:
             checks = _checks(page, analysis, draws, bar)
         except JointIdError as error:
-            working.error(str(error))
+            show_error(error, working)
             return
         keep(page, "checks", checks)
         place.empty()

@@ -1,0 +1,81 @@
+"""Text from files and people is shown as it stands: no picture, link, formula or colour comes of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
+from streamlit.testing.v1 import AppTest
+
+from jointid import load_study
+from jointid.digest import study_digest
+from jointid.store import Store, new_workspace, user_folder
+from jointid.study_files import pack_study
+from jointid.ui.literal import literal
+
+ROOT = Path(__file__).parents[1]
+HOSTILE = (
+    "![a](http://10.9.8.7/x.png) [l](http://10.9.8.7/) **b** `c` <b>d</b> $e$ :red[f] :material/home:"
+)
+READ = MarkdownIt("commonmark", {"html": True, "linkify": False}).enable(["table", "strikethrough"])
+JOINER = "\N{WORD JOINER}"
+
+
+def shown(markdown: str) -> str:
+    """Text that a Markdown reader shows; fails when it would be more than plain paragraphs."""
+    lines = []
+    for token in READ.parse(markdown):
+        assert token.type in ("paragraph_open", "inline", "paragraph_close"), token
+        for part in token.children or []:
+            assert part.type in ("text", "text_special", "hardbreak", "softbreak"), part
+            lines.append("\n" if part.type.endswith("break") else part.content)
+    return "".join(lines).replace(JOINER, "")
+
+
+@given(st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S", "Zs")), max_size=60))
+def test_nothing_comes_of_any_text(text: str) -> None:
+    assert shown(literal(text)) == "\n".join(x for line in text.splitlines() if (x := line.strip()))
+
+
+@pytest.mark.parametrize("text", [HOSTILE, "# a", "1. b", "- c", "> d", "| a |\n| - |\n| b |", "~~x~~"])
+def test_marks_are_shown(text: str) -> None:
+    assert shown(literal(text)) == text
+
+
+def test_what_looks_like_no_mark_stays_as_it_is() -> None:
+    for text in ("theta_m1_rad is 3.2 N·m (±2 %)", "Check M and M2: 1e-3 kg·m²", "C:/logs/a_b.csv"):
+        assert literal(text) == text
+
+
+def test_directives_and_bare_addresses_are_broken_up() -> None:
+    """Streamlit's own marks, which the reader above does not know."""
+    text = literal(HOSTILE + " http://10.9.8.7 www.x.org")
+    assert not re.search(r"(?<!\\):(red|material)", text)
+    assert "http://" not in text
+    assert "www." not in text
+
+
+def test_a_hostile_study_is_shown_literally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path))
+    study = load_study(ROOT / "sample_data" / "single_joint")
+    study = replace(study, name=HOSTILE, description=HOSTILE)
+    place = new_workspace()
+    entry = Store(user_folder()).put(place, f"{HOSTILE}.zip", study_digest(study), pack_study(study))
+    page = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    page.query_params["w"], page.query_params["study"] = place, entry.id
+    page.run()
+    assert not page.exception
+    assert shown(page.title[0].value) == HOSTILE
+    for text in [*page.caption, *page.markdown, *page.error, *page.warning, *page.info, *page.success]:
+        assert "http://10" not in text.value, text.value
+
+
+def test_errors_are_shown_through_it() -> None:
+    """A message names files, columns and keys, which may hold anything."""
+    for file in [*(ROOT / "jointid" / "ui").glob("*.py"), *(ROOT / "pages").glob("*.py")]:
+        assert not re.search(r"\.(error|warning|info)\(str\(", file.read_text("utf-8")), file.name
