@@ -825,3 +825,12 @@ def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
 def test_friction_is_not_called_the_arms_angle() -> None:
     records = list(rubbing())
     assert not link_side_finding(extract_phasors(records), [PARALLELOGRAM] * len(records))
+
+
+def test_inertias_in_grams_are_named_beside_positions_in_mrad() -> None:
+    """Both make the same factor, and K and D with it: only who wrote them knows."""
+    grams = scales(sound(), Inertia(M=SERIAL.M * 1e3, M2=SERIAL.M2 * 1e3))
+    for found in (grams, scales(scaled(1e3))):
+        assert found is not None
+        assert found.title.startswith("M and M2 look given in g·m², or the position of all joints")
+        assert "divide them by 1000" in found.remedy

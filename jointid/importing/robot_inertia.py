@@ -17,6 +17,7 @@ from jointid.wording import counted
 
 INERTIA_UNITS = {
     "kg·m²": 1.0,
+    "g·m²": 1e-3,
     "kg·cm²": 1e-4,
     "kg·mm²": 1e-6,
     "g·cm²": 1e-7,

@@ -20,6 +20,8 @@ _NEAR = 1.35
 """A factor this close to a known one is worth a hint, but a gear ratio is as likely."""
 LARGEST_GEAR_RATIO = 1000.0
 """What a gear of a robot can have; a larger ratio, or less than one over it, explains nothing."""
+_GRAMS = 1e-3
+"""A factor that inertias in g·m² make in all joints, as positions in mrad do."""
 _SAME_FOR_ALL = 0.02
 """Time is common to the joints: factors that differ by no more than this may come from it."""
 
@@ -180,12 +182,24 @@ def told_by_size(
             remedies.append(_unknown_remedy(factor, joints))
             continue
         sign = " and the sign reversed" if factor[joints[0]] < 0 else ""
-        titles.append(f"the {cause.signal} of {whose} {cause.title}{sign}")
+        grams = cause.factor == _GRAMS and len(joints) == n and not sign
+        title = f"the {cause.signal} of {whose} {cause.title}{sign}"
+        titles.append(f"M and M2 look given in g·m², or {title}" if grams else title)
         details.append(
             f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
             f"about what {cause.why} makes."
+            + (
+                " M and M2 in g·m² taken for kg·m² make the same: the records cannot tell."
+                if grams
+                else ""
+            )
         )
         minus = " Reverse its sign as well." if sign else ""
+        if grams:
+            remedies.append(
+                f"Look up the unit of M and M2: if it is g·m², divide them by 1000 {FILE}, or set it "
+                f"{INERTIAS}. If they are right:"
+            )
         remedies.append(f"{cause.remedy.format(whose)}{_column(cause.signal, joints)}.{minus}")
     # A gear ratio may have the same size by chance.
     remedies.append(f"If the units are right, check the gear ratio {IMPORT}.")
