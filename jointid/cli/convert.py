@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ import typer
 from jointid.cli.documents import study_document
 from jointid.cli.files import require_free, robot_from, write_file
 from jointid.cli.options import JSON, named, numbers
-from jointid.cli.output import made, print_json, print_table, status
+from jointid.cli.output import made, print_json, print_table, progress, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.rounding import significant
@@ -111,9 +111,9 @@ def convert(
             f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
         )
     measured_on = date_in(date)
-    with status("Looking for sine runs", quiet=as_json):
+    with progress("Looking for sine runs", quiet=as_json) as tell:
         study, notes = mapped_study(
-            tables, chosen, robot if not name else replace(robot, name=name), poses
+            tables, chosen, robot if not name else replace(robot, name=name), poses, tell
         )
     notes = (*together, *notes)
     study = replace(study, robot=which.strip(), date=measured_on)
@@ -124,13 +124,29 @@ def convert(
 
 
 def mapped_study(
-    tables: Sequence[Any], mapping: Any, robot: Any, poses: Sequence[str | None] = (None,)
+    tables: Sequence[Any],
+    mapping: Any,
+    robot: Any,
+    poses: Sequence[str | None] = (None,),
+    tell: Callable[[float], None] = lambda share: None,
 ) -> tuple[Study, tuple[str, ...]]:
     """Study of the sine segments of several logs with the same columns, and what was left out."""
+    import numpy as np
+
     from jointid.importing import apply_mapping, find_segments, study_from_logs
+    from jointid.importing.segments import FoundSegments
 
     logs = [apply_mapping(table, mapping) for table in tables]
-    segments = [find_segments(log) for log in logs]
+    rows = np.cumsum([0, *(log.time_s.size for log in logs)])
+
+    def found_in(k: int) -> FoundSegments:
+        start, count = rows[k] / rows[-1], logs[k].time_s.size / rows[-1]
+        return find_segments(logs[k], progress=lambda share: tell(float(start + count * share)))
+
+    segments = [found_in(k) for k in range(len(logs))]
+    not_taken = [
+        f"{log.name}: {note}" for log, found in zip(logs, segments, strict=True) for note in found.notes
+    ]
     without = [
         f"{log.name}: no steady sine run in {significant(log.time_s[-1] - log.time_s[0], 3)} s of log."
         for log, found in zip(logs, segments, strict=True)
@@ -138,9 +154,9 @@ def mapped_study(
     ]
     if len(without) == len(logs):
         raise JointIdError(
-            f"{' '.join(without)} The method needs steady sines of a few periods. Check in the mapping "
-            "which columns are position and torque, and the unit of time; a run that is there all the "
-            "same can be marked by its start and stop in the app, page Import a log."
+            f"{' '.join([*without, *not_taken])} The method needs steady sines of a few periods. Check "
+            "in the mapping which columns are position and torque, and the unit of time; a run that is "
+            "there all the same can be marked by its start and stop in the app, page Import a log."
         )
     study = study_from_logs(
         logs,
@@ -151,4 +167,5 @@ def mapped_study(
         pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
         name=robot.name,
     )
-    return study, (*without, *(f"{log.name}: {note}" for log in logs for note in log.notes))
+    of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
+    return study, (*without, *of_logs, *not_taken)

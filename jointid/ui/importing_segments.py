@@ -16,6 +16,7 @@ from jointid.importing import MappedLog, Segment, find_segments, measure_segment
 from jointid.rounding import significant
 from jointid.ui.importing_rows import SHOWN, Row, last_rows
 from jointid.ui.importing_work import Watch
+from jointid.ui.literal import show_info
 from jointid.wording import counted
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
@@ -65,8 +66,11 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
         _table(rows, labels, key)
         st.caption(
             "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
-            "a frequency it is estimated."
+            "a frequency it is estimated, of several lines at once each of them."
         )
+    for log, part in found.items():
+        for note in getattr(part, "notes", ()):
+            show_info(f"{names[log]}: {note}")
     edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
     for log, part in found.items():
         last[_one(log, part)] = [row for row in edited if row.log == log]
@@ -167,6 +171,9 @@ def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row
         "stop_s": cells.get(_STOP, row.stop_s),
         "frequency_hz": cells.get(_HERTZ, row.frequency_hz),
     }
+    if row.found is not None and row.found.is_multisine and {_START, _STOP} & set(cells):
+        # One number cannot state several lines: they are looked for again in the new times.
+        values["frequency_hz"] = cells.get(_HERTZ)
     log = logs.get(cells.get(_LOG, ""), row.log)
     same = not {_START, _STOP, _HERTZ, _LOG} & set(cells)
     return replace(row, log=log, use=bool(use), found=row.found if same else None, **values)
