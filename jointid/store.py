@@ -90,13 +90,16 @@ class Store:
             for file in place.glob("*.json"):
                 if not _ENTRY.fullmatch(file.stem):
                     continue
+                why = ""
                 try:
                     found.append(read_entry(file))
-                except FileNotFoundError:
-                    if file.exists():  # else it was deleted meanwhile
-                        self._set_aside(file, "its data are missing")
+                except FileNotFoundError:  # without its description it was deleted meanwhile
+                    why = "its data are missing" if file.exists() else ""
                 except (ValueError, KeyError, TypeError, RecursionError):
-                    self._set_aside(file, "its description or its size is wrong")
+                    why = "its description or its size is wrong"
+                if why:
+                    with suppress(OSError):  # where nothing can be written the others are still of use
+                        self._set_aside(file, why)
         return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
 
     def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import numpy as np
 import pytest
 from plants import PAPER, PARALLELOGRAM, ROBOTS
@@ -20,6 +21,10 @@ from jointid.study_files import save_study
 if TYPE_CHECKING:
     from browsing import Server
     from playwright.sync_api import Browser, BrowserContext, Page
+
+# A busy machine is no fault: how long an example takes is not what these tests are about.
+hypothesis.settings.register_profile("jointid", deadline=None)
+hypothesis.settings.load_profile("jointid")
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 

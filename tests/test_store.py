@@ -238,6 +238,23 @@ class TestDamage:
         assert kept.notes(mine) == ()
         assert kept.read(mine, good.id) == b"good"
 
+    def test_hides_no_others_where_nothing_can_be_written(
+        self, kept: Store, mine: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        good, bad = kept.put(mine, "good", "1", b"good"), kept.put(mine, "bad", "2", b"bad")
+        (file,) = files(kept, f"{bad.id}.json")
+        file.write_bytes(b"{")
+
+        def full(_: Path, __: bytes) -> None:
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as disk:
+            disk.setattr(store, "write_whole", full)
+            assert [found.id for found in kept.entries(mine)] == [good.id]
+        assert file.exists()
+        assert [found.id for found in kept.entries(mine)] == [good.id]
+        assert "was damaged" in kept.notes(mine)[0].text, "once it can be written, it is told"
+
     def test_a_flipped_bit_is_found_when_it_is_read(self, kept: Store, mine: str) -> None:
         entry = kept.put(mine, "bad", "2", b"0123456789")
         (file,) = files(kept, "*.data")
