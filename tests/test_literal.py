@@ -13,10 +13,10 @@ from markdown_it import MarkdownIt
 from streamlit.testing.v1 import AppTest
 
 from jointid import load_study
-from jointid.digest import study_digest
-from jointid.store import Store, new_workspace, user_folder
-from jointid.study_files import pack_study
-from jointid.ui.literal import literal
+from jointid.files.digest import study_digest
+from jointid.files.store import Store, new_workspace, user_folder
+from jointid.files.study_files import pack_study
+from jointid.ui.shared.markdown import literal
 
 ROOT = Path(__file__).parents[1]
 HOSTILE = (
@@ -77,5 +77,5 @@ def test_a_hostile_study_is_shown_literally(tmp_path: Path, monkeypatch: pytest.
 
 def test_errors_are_shown_through_it() -> None:
     """A message names files, columns and keys, which may hold anything."""
-    for file in [*(ROOT / "jointid" / "ui").glob("*.py"), *(ROOT / "pages").glob("*.py")]:
+    for file in [*(ROOT / "jointid" / "ui").rglob("*.py"), *(ROOT / "pages").glob("*.py")]:
         assert not re.search(r"\.(error|warning|info)\(str\(", file.read_text("utf-8")), file.name
