@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
@@ -18,6 +18,16 @@ def counted(count: int, what: str) -> str:
         return f"1 {what}"
     plural = what[:-1] + "ies" if what.endswith("y") else what + "s"
     return f"{count} {plural}"
+
+
+def capitalised(text: str) -> str:
+    """Return a text with its first letter in upper case."""
+    return text[:1].upper() + text[1:]
+
+
+def enumerated(words: Sequence[str]) -> str:
+    """Return "a", "a and b", "a, b and c"."""
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def listed(words: Iterable[str], *, at_most: int = 20) -> str:

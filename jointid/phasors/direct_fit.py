@@ -71,16 +71,16 @@ def _fit(window: Window, harmonics: int, by_scatter: bool) -> SineFit:
     # White noise of covariance R: a coefficient's variance is R times the inverse Gram's diagonal.
     spread = np.diag(inverse)[:count] + np.diag(inverse)[count:-2]
     covariance = (spread[:, None, None] * power / (samples - size)).astype(complex)
-    freedom = samples - size
+    degrees_of_freedom = samples - size
     # The fit has removed part of the noise at each line; what it left of white noise is known.
     left = 1 - np.einsum("lc,cd,ld->l", fitted.conj(), inverse, fitted).real / samples
     beside, left = beside[left > 0.1], left[left > 0.1]
     if by_scatter:
-        covariance, freedom = blocks / (blocks - 1) * scatter(deviations), blocks - 1
+        covariance, degrees_of_freedom = blocks / (blocks - 1) * scatter(deviations), blocks - 1
     elif left.size > 0:
         density = np.einsum("la,lb->ab", beside / left[:, None], beside.conj()) / (left.size * samples)
         covariance[0] = spread[0] * density
-        freedom = left.size
+        degrees_of_freedom = left.size
     phasors = solution[count:-2] + 1j * solution[:count]
     return SineFit(
         fundamental=(alone[1] + 1j * alone[0]) * clock[0],
@@ -90,7 +90,7 @@ def _fit(window: Window, harmonics: int, by_scatter: bool) -> SineFit:
         middle_s=middle_s,
         deviations=deviations[0],
         covariance=padded(covariance[None], harmonics)[0],
-        freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
     )
 
 

@@ -36,7 +36,7 @@ class Phasors:
     """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n), the leakage of harmonics over a
     broken period included; a diagonal entry is the variance of a complex number, twice that of its
     real part."""
-    freedom: Floats
+    degrees_of_freedom: Floats
     """Degrees of freedom of each covariance, shape (r,); few periods make few."""
     duration_s: Floats
     """How long each record is, shape (r,), s; noise variances fall as its inverse."""
@@ -100,6 +100,19 @@ class Phasors:
         most = max(group.size for group in groups)
         return [np.array([g[k] for g in groups if g.size > k]) for k in range(most)]
 
+    def scaled(self, scale: Floats) -> Phasors:
+        """Return the phasors with z times a factor, shape (2n,) or (r, 2n)."""
+        both = scale[..., :, None] * scale[..., None, :]
+        z = self.z * scale
+        return replace(
+            self,
+            q=z[:, : self.n],
+            tau=z[:, self.n :],
+            covariance=self.covariance * both,
+            harmonics=self.harmonics * scale[..., None, :],
+            harmonic_covariance=self.harmonic_covariance * both[..., None, :, :],
+        )
+
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
@@ -157,7 +170,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         q=z[:, :n],
         tau=z[:, n:],
         covariance=plain,
-        freedom=np.array([float(fit.freedom) for fit in fits]),
+        degrees_of_freedom=np.array([float(fit.degrees_of_freedom) for fit in fits]),
         duration_s=np.array([record.periods / record.frequency_hz for record in records]),
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
         harmonic_covariance=covariance,

@@ -47,7 +47,7 @@ class SineFit:
     """What each block adds to the error of the fundamental, shape (blocks, 2n); they sum to about 0."""
     covariance: Complexes
     """Covariance E[δy δyᴴ] of each harmonic's phasors, shape (H, 2n, 2n)."""
-    freedom: int
+    degrees_of_freedom: int
     """Degrees of freedom of ``covariance``: how many independent complex errors it is the mean of."""
 
     def at(self, time_s: Floats, omega: float) -> Floats:

@@ -61,16 +61,16 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
     if len(fits) == 1:
         return fits[0]
     weight = np.asarray(samples, float) / np.sum(samples)
-    freedom = np.array([fit.freedom for fit in fits])
+    degrees_of_freedom = np.array([fit.degrees_of_freedom for fit in fits])
     harmonics = np.array([fit.harmonics for fit in fits])  # (p, H, 2n)
     mean = np.einsum("p,phc->hc", weight, harmonics)
     apart = harmonics - mean
     fundamentals = np.array([fit.fundamental for fit in fits])
     fundamental = weight @ fundamentals
     # Within the parts the blocks scatter around their part; the parts scatter around the whole.
-    count = freedom + 1
+    count = degrees_of_freedom + 1
     within = np.einsum(
-        "p,phij->hij", weight**2 * freedom / count, np.array([fit.covariance for fit in fits])
+        "p,phij->hij", weight**2 * degrees_of_freedom / count, np.array([fit.covariance for fit in fits])
     )
     between = np.einsum("p,phi,phj->hij", weight**2 / count, apart, apart.conj())
     total, parts = int(count.sum()), len(fits)
@@ -99,5 +99,5 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
             ]
         ),
         covariance=covariance,
-        freedom=left,
+        degrees_of_freedom=left,
     )

@@ -88,7 +88,7 @@ def _fit_together(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
             middle_s=float(middle_s[r]),
             deviations=deviations[r, 0, : window.blocks],
             covariance=covariance[r],
-            freedom=window.blocks - 1,
+            degrees_of_freedom=window.blocks - 1,
         )
         for r, window in enumerate(windows)
     ]

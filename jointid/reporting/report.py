@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from jointid.answer import answer_sentence, inertia_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
 from jointid.errors import JointIdError
+from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
@@ -19,7 +20,6 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
-from jointid.uncertainty.chosen_model import parameter_names
 from jointid.uncertainty.sensitivity import inertia_sensitivity
 from jointid.wording import counted
 
@@ -102,7 +102,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if study.description:
         yield Paragraph(study.description, "quiet")
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(parameter_names(fit.n)):
+    for k, name in enumerate(elasticity_labels(fit.n)):
         stiffness, j = k < fit.n, k % fit.n
         value, error = float((fit.K if stiffness else fit.D)[j]), float(fit.standard_error[k])
         unit = "N·m/rad" if stiffness else "N·m·s/rad"

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.estimation.elasticity import METHODS, ElasticityFit
+from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
-from jointid.uncertainty.chosen_model import parameter_names
 
 _MOST_ROWS = 100
 
@@ -61,7 +61,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "not be fitted, need not be because friction or the lack of a lag is certain, or adds what "
             "does not stand out of its own error.",
         )
-    names = parameter_names(fit.n)
+    names = elasticity_labels(fit.n)
     yield Table(
         ("estimator", *names),
         tuple(
@@ -91,7 +91,7 @@ def _model(analysis: Analysis) -> str:
 
 
 def _estimates(fit: ElasticityFit) -> Iterator[tuple[float, float]]:
-    yield from zip(np.concatenate([fit.K, fit.D]), fit.standard_error, strict=True)
+    yield from zip(fit.estimate, fit.standard_error, strict=True)
 
 
 def _inertias(study: Study) -> Table:
@@ -139,7 +139,7 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
     fit = analysis.fit
     rows = [
         (name, repr(float(value)), repr(float(error)))
-        for name, (value, error) in zip(parameter_names(fit.n), _estimates(fit), strict=True)
+        for name, (value, error) in zip(elasticity_labels(fit.n), _estimates(fit), strict=True)
     ]
     if fit.friction is not None:
         values = [*fit.friction.coulomb, *fit.friction.viscous]

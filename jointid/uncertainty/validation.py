@@ -232,7 +232,7 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
     change, error = np.zeros(n), np.full(n, np.inf)
     groups = _alike(equations.omega, equations.deflection)
     for j in range(n):
-        numerator, information, squares, freedom, used = 0.0, 0.0, 0.0, -1, []
+        numerator, information, squares, degrees_of_freedom, used = 0.0, 0.0, 0.0, -1, []
         for group in groups:
             rows = group[deflection[group, j] > 0]
             if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
@@ -243,12 +243,12 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
             numerator += float((w * x * y).sum())
             information += float((w * x * x).sum())
             squares += float((w * y * y).sum())
-            freedom += rows.size - 1
+            degrees_of_freedom += rows.size - 1
             used.extend(deflection[rows, j])
         if used:
             ends[j] = min(used), max(used)
             span = np.log(ends[j, 1] / ends[j, 0]) / fit.K[j]
-            left = (squares - numerator**2 / information) / max(freedom, 1)
+            left = (squares - numerator**2 / information) / max(degrees_of_freedom, 1)
             change[j] = span * numerator / information
             error[j] = abs(span) * np.sqrt(max(1.0, left) / information)
     return AmplitudeDependence(ends, change, error)

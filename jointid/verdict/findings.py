@@ -9,7 +9,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
-from jointid.uncertainty.chosen_model import parameter_names
+from jointid.estimation.parameters import elasticity_labels
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent
 from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
@@ -121,11 +121,11 @@ def _badness(fit: ElasticityFit) -> float:
 
 
 def _all_well(fit: ElasticityFit) -> Finding:
-    p = np.abs(np.concatenate([fit.K, fit.D]))
+    p = np.abs(fit.estimate)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.nan_to_num(fit.standard_error / p)
     errors = ", ".join(
-        f"{name} {percent(s)}" for name, s in zip(parameter_names(fit.n), share, strict=True)
+        f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)
     )
     beyond = [
         text

@@ -11,23 +11,24 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import identify_elasticity
 from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.rounding import with_error
-from jointid.uncertainty.chosen_model import parameter_names, refit
+from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.validation import freed_phasors
 from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, warning
 from jointid.verdict.inertia_check import InertiaCheck, check_inertia
 from jointid.verdict.places import FILE, INERTIAS
 from jointid.verdict.plausibility import low_frequency_inertia
-from jointid.verdict.rules_causes import distortion, rubs_unheeded
+from jointid.verdict.rules_causes import distortion, has_unmodelled_friction
 
 _CLEAR = 4.0  # standard errors that are not by chance
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     """The records would rather have other inertias, and then leave much less unexplained."""
-    fit, names = evidence.fit, parameter_names(evidence.fit.n)
-    if np.any(fit.K <= 0) or fit.misfit <= 3 or rubs_unheeded(evidence):
+    fit, names = evidence.fit, elasticity_labels(evidence.fit.n)
+    if np.any(fit.K <= 0) or fit.misfit <= 3 or has_unmodelled_friction(evidence):
         return
     guilty = [(pose, check) for pose, check in _inertia_checks(evidence) if _guilty(check)]
     if not guilty:
@@ -37,7 +38,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     scale = np.maximum(np.abs(check.given), 1e-3 * np.abs(check.given).max())
     off = np.where(check.significance > _CLEAR, np.abs(check.found - check.given) / scale, 0.0)
     worst = int(np.argmax(off))
-    p = np.concatenate([fit.K, fit.D])
+    p = fit.estimate
     change = relative(check.estimate - p, p)
     where = f" in pose {pose}" if pose else ""
     k = int(np.argmax(change))
@@ -110,8 +111,8 @@ def _inertia_checks(evidence: Evidence) -> list[tuple[str, InertiaCheck]]:
             for K, D in ((fit.K, fit.D), (stiff, 0.1 * stiff / middle)):
                 with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
                     checks.append((pose, check_inertia(phasors.select(index), inertia, K, D)))
-    rubs = fit.friction is not None or distortion(evidence) > 1e-3
-    if rubs and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
+    friction = fit.friction is not None or distortion(evidence) > 1e-3
+    if friction and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
         with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
             checks.append((evidence.poses[0], _with_friction(evidence)))
     return checks
@@ -130,7 +131,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         fit = identify_elasticity(
             phasors, inertia, method="maximum-likelihood", friction=True, delay=delay
         )
-    free, p = freed_phasors(phasors, fit), np.concatenate([fit.K, fit.D])
+    free, p = freed_phasors(phasors, fit), fit.estimate
     path = []
     for turn in range(3):
         check = check_inertia(free, inertia, p[:n], p[n:])
@@ -149,7 +150,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         estimate = refit(phasors, inertia, start)
         if not isinstance(estimate, LikelihoodEstimate):
             raise JointIdError("Friction needs maximum likelihood.")
-        p = estimate.p[: 2 * n]
+        p = estimate.elasticity
         free = replace(free, q=estimate.phasors.q, tau=estimate.phasors.tau)
         free = replace(free, harmonics=free.z[:, None])
     return replace(
@@ -158,7 +159,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         found=values,
         estimate=p,
         misfit_given=fit.misfit,
-        misfit_found=estimate.cost / estimate.expected_cost,
+        misfit_found=estimate.misfit,
     )
 
 

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jointid.estimation.linear_fit import LINEAR
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
-from jointid.uncertainty.chosen_model import parameter_names
 from jointid.verdict.evidence import (
     Evidence,
     Finding,
@@ -20,7 +21,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.places import FILE, IMPORT
-from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
+from jointid.verdict.rules_causes import distortion, half_a_sample
 from jointid.wording import counted
 
 _LOWEST = 0.1  # of the lowest frequency, below which none is suggested
@@ -53,14 +54,14 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     """The error bar is so wide that the value says little."""
     fit = evidence.fit
     error = fit.standard_error / np.sqrt(fit.inflation)  # what is not noise has its own finding
-    share = relative(error, np.concatenate([fit.K, fit.D]))
+    share = relative(error, fit.estimate)
     limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
-    names = [n for n, s, m in zip(parameter_names(fit.n), share, limit, strict=True) if s > m]
+    names = [n for n, s, m in zip(elasticity_labels(fit.n), share, limit, strict=True) if s > m]
     if names:
         worst = int(np.argmax(share / limit))
         yield warning(
             f"{some(names)} {'is' if len(names) == 1 else 'are'} hardly known",
-            f"One standard error of {parameter_names(fit.n)[worst]} is "
+            f"One standard error of {elasticity_labels(fit.n)[worst]} is "
             f"{percent(share[worst])} of its value.",
             "Add records near the resonances, record longer, or move the joints more.",
             float(share.max()),
@@ -86,7 +87,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
             "Friction is allowed for already. Wrong inertias, a gear that hardens and disturbances "
             "from outside remain."
         )
-    share = relative(fit.standard_error, np.concatenate([fit.K, fit.D])).max()
+    share = relative(fit.standard_error, fit.estimate).max()
     yield warning(
         "The model, not the noise, limits the answer",
         f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
@@ -123,7 +124,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     if np.any(fit.K <= 0) or np.any(-2 * fit.standard_error[fit.n :] > fit.D):
         return
     error = fit.standard_error / np.sqrt(fit.inflation)
-    share = float(relative(error, np.concatenate([fit.K, fit.D])).max())
+    share = float(relative(error, fit.estimate).max())
     missed = []
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)

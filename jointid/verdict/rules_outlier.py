@@ -7,7 +7,7 @@ K and D of the others demand for its angles: a factor on angle or torque that me
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -212,16 +212,7 @@ def _mended(phasors: Phasors, i: int, factor: Floats, by_angle: bool) -> Phasors
     n = phasors.n
     scale = np.ones((phasors.omega.size, 2 * n))
     scale[i] = np.r_[factor, np.ones(n)] if by_angle else np.r_[np.ones(n), 1 / factor]
-    both = scale[:, :, None] * scale[:, None, :]
-    z = phasors.z * scale
-    return replace(
-        phasors,
-        q=z[:, :n],
-        tau=z[:, n:],
-        covariance=phasors.covariance * both,
-        harmonics=phasors.harmonics * scale[:, None, :],
-        harmonic_covariance=phasors.harmonic_covariance * both[:, None],
-    )
+    return phasors.scaled(scale)
 
 
 def _without(phasors: Phasors, inertias: list[Inertia], i: int) -> tuple[Phasors, list[Inertia]]:
@@ -230,7 +221,7 @@ def _without(phasors: Phasors, inertias: list[Inertia], i: int) -> tuple[Phasors
 
 
 def _fitted(phasors: Phasors, inertias: list[Inertia]) -> ElasticityFit | None:
-    """The linear fit; None when it is no spring."""
+    """The linear fit; None when it is unphysical."""
     try:
         fit = identify_elasticity(phasors, inertias, method="weighted")
     except JointIdError:
@@ -240,7 +231,7 @@ def _fitted(phasors: Phasors, inertias: list[Inertia]) -> ElasticityFit | None:
 
 
 def _infinite_as(phasors: Phasors, inertias: list[Inertia]) -> float:
-    """Misfit of springs that are none; without any fit, so large that everything is better."""
+    """Misfit assigned to unphysical fits; without any fit, larger than any other."""
     try:
         return max(identify_elasticity(phasors, inertias, method="weighted").misfit, 500.0)
     except JointIdError:

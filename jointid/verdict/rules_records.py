@@ -157,10 +157,10 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
     fit, phasors = evidence.fit, evidence.phasors
     if fit.friction is None:
         return
-    standing = chosen_friction(phasors, fit).standing
-    rubs = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
-    for j in np.flatnonzero(standing.any(axis=0) & rubs):
-        names = [phasors.labels[i] for i in np.flatnonzero(standing[:, j])]
+    stationary = chosen_friction(phasors, fit).stationary
+    has_friction = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
+    for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
+        names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
@@ -250,6 +250,6 @@ def _proportional(evidence: Evidence, first: int, second: int) -> bool:
 
 def _worst_error(evidence: Evidence) -> float:
     """Largest relative standard error of K and D."""
-    p = np.abs(np.concatenate([evidence.fit.K, evidence.fit.D]))
+    p = np.abs(evidence.fit.estimate)
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(min(1.0, np.nan_to_num(evidence.fit.standard_error / p, posinf=1.0).max()))
