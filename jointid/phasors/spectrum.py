@@ -1,4 +1,4 @@
-"""Amplitude spectrum of a logged signal: to look at, and to find the sine that is in it."""
+"""Amplitude spectrum of a logged signal, and the frequency of its largest line."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     time_s : ndarray, shape (N,)
-        Increasing times, s. Jittered ones are interpolated onto the uniform grid, which is
-        good enough for a picture and not for a phasor.
+        Increasing times, s. Jittered ones are interpolated onto a uniform grid: accurate enough for a
+        plot, not for a phasor.
     signal : ndarray, shape (N,)
 
     Returns
@@ -47,7 +47,7 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
 
 
 def largest_line_hz(time_s: Floats, signal: Floats) -> float:
-    """Frequency of the largest line of the spectrum, between the lines by a parabola, Hz.
+    """Frequency of the largest line of the spectrum, interpolated by a parabola, Hz.
 
     Raises
     ------

@@ -171,7 +171,7 @@ def _arm(p: Parameters) -> Floats:
 def _residual(phasors: Phasors, p: Parameters) -> tuple[Complexes, Complexes]:
     """Residual torque (r, n), and the gain E (r, n, 2n) of z in it."""
     s: Complexes = np.multiply(1j, phasors.omega)
-    arm: Floats = np.linalg.inv(_arm(p))
+    arm = np.asarray(np.linalg.inv(_arm(p)), float)
     Z, _ = motor_impedance(s, p["M"], arm, p.K, p.D)
     E = np.concatenate([-Z, np.broadcast_to(np.eye(phasors.n), Z.shape)], axis=2)
     return (E @ phasors.z[..., None])[..., 0], E

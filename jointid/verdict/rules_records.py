@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.phasors.fitted_sine import sine_basis
+from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
@@ -14,8 +16,10 @@ from jointid.verdict.places import ENTRIES, FILE, RUNS
 from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
 
-_STARTS = 3  # records for which a later start is looked for, worst first
-_LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
+_STARTS = 3
+"""Records for which a later start is searched, worst first."""
+_EXAMINED = 4096
+"""Samples in which the encoder step is searched."""
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
@@ -178,7 +182,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     """The steps of the encoder, not other noise, are what the angle's error comes from."""
     phasors, n = evidence.phasors, evidence.fit.n
     variance = phasors.standard_deviation[:, :n] ** 2
-    step = np.array([_encoder_steps(record.theta_rad[record.start :]) for record in evidence.records])
+    step = np.array([_encoder_steps(record) for record in evidence.records])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
     for j in range(n):
@@ -207,33 +211,26 @@ def _concerned(count: int, what: str = "record") -> str:
 
 
 def _turns_at(record: SineRecord, found_hz: float) -> bool:
-    """Whether a sine of the frequency found explains clearly more than one of that stated."""
+    """Whether a sine of the frequency found fits clearly better than one of the stated frequency."""
     time = record.time_s[record.start :] - record.time_s[record.start]
     theta = record.theta_rad[record.start :]
     angle = theta[:, np.argmax(np.ptp(theta, axis=0))]
     left = []
     for frequency in (record.frequency_hz, found_hz):
         turn = 2 * np.pi * frequency * time
-        columns = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(time), time])
+        columns = sine_basis(turn, time)
         left.append(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
     # Of N lines of noise the largest stands 2 ln N above; 25 more are five standard deviations.
     return bool(left[0] - left[1] > (25 + 2 * np.log(time.size)) * left[1] / time.size)
 
 
-def _encoder_steps(theta: Floats) -> Floats:
-    """Step of each joint's angle when all its values are multiples of one, else 0, shape (n,)."""
-    part = theta[:_LOOKED_AT]
-    steps = np.zeros(part.shape[1])
-    for j, signal in enumerate(part.T):
-        change = np.abs(np.diff(signal))
-        size = np.abs(signal).max()
-        change = change[change > 1e-12 * size]
-        if change.size == 0 or size == 0:
-            continue
-        smallest = float(change.min())
-        counts = (signal - signal[0]) / smallest
-        if size / smallest < 1e9 and np.abs(counts - np.rint(counts)).max() < 1e-2:
-            steps[j] = smallest
+def _encoder_steps(record: SineRecord) -> Floats:
+    """Encoder step of each joint, averaged over the record to remove rounding, rad; 0 without steps."""
+    steps = np.zeros(record.n)
+    for j, angle in enumerate(record.theta_rad[record.start : record.start + _EXAMINED].T):
+        if (step := quantum(angle)) > 0:
+            counts = np.rint(np.diff(angle) / step)
+            steps[j] = np.diff(angle) @ counts / (counts @ counts)
     return steps
 
 

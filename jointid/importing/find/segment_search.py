@@ -21,6 +21,7 @@ from jointid.importing.find.steady_state import (
     stands_still,
 )
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.sensor_steps import quantum
 
 _BY_CHANCE = 25.0  # over the number of samples: more of its variance than noise lends to a fit
 
@@ -247,11 +248,5 @@ class Stretch:
 
 
 def _steps(signals: Floats) -> Floats:
-    """Step of each signal that is rounded coarsely, 0 of the others, shape (c,)."""
-    steps = np.zeros(signals.shape[1])
-    for c, signal in enumerate(signals.T):
-        values = np.unique(signal)
-        if 1 < values.size < len(signal) / 4:
-            apart = np.diff(values)
-            steps[c] = float(apart[apart > 1e-9 * apart.max()].min())
-    return steps
+    """Quantisation step of each signal, 0 without steps, shape (c,)."""
+    return np.array([quantum(signal) for signal in signals.T])
