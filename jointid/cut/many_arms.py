@@ -1,27 +1,16 @@
-"""Many planar elastic arms at once, as arrays over runs, and the servo that drives them.
+"""Many planar elastic arms, vectorised over runs.
 
-Same equations and same leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation``, with the mass
-matrix in place of pymunk's pivots, and the same law as ``jointid.cut.servo.run_servo``: the two agree
-within nanometres at the tool.
+Same equations and leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation``, with the mass matrix
+in place of pymunk's pivots: the two agree within nanometres at the tool.
 """
 
 from __future__ import annotations
-
-from collections import deque
-from collections.abc import Callable
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
-from jointid.cut.servo import (
-    LOST_RAD,
-    PROGRESS_CALLS,
-    MotorFrictionLike,
-    ServoPlan,
-    friction_values,
-    ran_away,
-)
+from jointid.cut.servo import MotorFrictionLike, friction_values
 
 
 class ManyArms:
@@ -102,45 +91,3 @@ class ManyArms:
         self._link_rate = 1.5 * v - 0.5 * self._link_before
         self.motor_rate = 1.5 * w - 0.5 * self._motor_before
         self._link_before, self._motor_before = v, w
-
-
-def run_many(
-    plan: ServoPlan, arms: ManyArms, substeps: int, progress: Callable[[float], None] | None = None
-) -> None:
-    """Drive many arms along a plan, or each along its own; see ``jointid.cut.servo.run_servo``.
-
-    Raises
-    ------
-    JointIdError
-        When a motor of any arm has run away from its reference.
-    """
-    angle, rate, feed = (
-        x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque)
-    )
-    kp, kv, count, limit = (
-        x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)
-    )
-    limited, counted = bool(np.isfinite(limit).any()), bool(count.any())
-    share, T = plan.smoothing, plan.interval_s
-    report = max(1, len(feed) // PROGRESS_CALLS)
-    waiting = deque([np.zeros((2, 1))] * plan.delay)
-    old, speed, past = np.zeros((2, 1)), np.zeros((2, 1)), None
-    for k in range(len(feed)):
-        y = count * np.rint(arms.motor / count) if counted else arms.motor
-        if plan.differentiated:
-            speed = speed + share * ((y - (y if past is None else past)) / T - speed)
-            past = y
-        else:
-            speed = arms.motor_rate
-        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
-        new = feed[k] + waiting.popleft()
-        if limited:
-            new = np.clip(new, -limit, limit)
-        arms.step(0.5 * (old + new))
-        for _ in range(substeps - 1):
-            arms.step(new)
-        old = new
-        if progress is not None and k % report == 0:
-            progress(k / len(feed))
-    if not np.all(np.abs(arms.motor - angle[-1]) < LOST_RAD):
-        raise ran_away()

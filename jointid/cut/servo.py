@@ -7,9 +7,9 @@ beforehand (``feedforward.py``). Arm side inside; a name says motor where a valu
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +18,11 @@ from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 
 PROGRESS_CALLS = 50
+"""Calls of a progress function per run."""
 LOST_RAD = 3.0
-"""A motor this far from its reference, seen on the arm side, no longer follows anything."""
+"""Tracking error, seen on the arm side, from which the control loop counts as unstable."""
+
+Signal = TypeVar("Signal", float, Floats)
 
 
 class MotorFrictionLike(Protocol):
@@ -172,20 +175,44 @@ class Plant(Protocol):
         """Advance by one step under motor torques reflected to the arm side."""
 
 
+class Plants(Protocol):
+    """Many arms, each with its own controller; see `ManyArms`."""
+
+    motor: Floats
+    motor_rate: Floats
+
+    def step(self, torque: Floats) -> None:
+        """Advance by one step under motor torques reflected to the arm side, (2, runs)."""
+
+
+class _Arithmetic(NamedTuple, Generic[Signal]):
+    """Operations in which floats and arrays differ."""
+
+    rounded: Callable[[Signal], Signal]
+    clipped: Callable[[Signal, Signal], Signal]
+    largest: Callable[[Signal], float]
+
+
+_FLOATS = _Arithmetic[float](round, lambda x, limit: min(max(x, -limit), limit), abs)
+_ARRAYS = _Arithmetic[Floats](
+    np.rint, lambda x, limit: np.clip(x, -limit, limit), lambda x: float(np.abs(x).max())
+)
+
+
 def run_servo(
     plan: ServoPlan, plant: Plant, substeps: int, progress: Callable[[float], None] | None = None
-) -> list[tuple[float, float]]:
-    """Drive one arm along the plan; the same law for many arms is in ``many_arms.py``.
-
-    A held torque that changes at a sample acts on the step around that sample with the mean of old
-    and new, which is what leapfrog makes of a step in the torque.
+) -> list[tuple[float, ...]]:
+    """Drive one arm along the plan.
 
     Parameters
     ----------
+    plan : ServoPlan
+        For one arm.
     plant : Plant
-        One that steps ``interval_s / substeps``, at its start.
+        At its start, with steps of ``interval_s / substeps``.
+    substeps : int
     progress : callable, optional
-        Called with the fraction done, from 0 to 1. What it raises ends the run.
+        Called with the fraction done, from 0 to 1; an exception from it ends the run.
 
     Returns
     -------
@@ -197,54 +224,122 @@ def run_servo(
     JointIdError
         When a motor runs away from its reference.
     """
-    angle1, angle2, rate1, rate2, feed1, feed2 = (
-        table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque) for j in (0, 1)
-    )
-    (kp1, kp2), (kv1, kv2) = plan.proportional.tolist(), plan.derivative.tolist()
-    (count1, count2), (limit1, limit2) = plan.count.tolist(), plan.limit.tolist()
-    share, T = plan.smoothing, plan.interval_s
-    samples = len(feed1)
-    report = max(1, samples // PROGRESS_CALLS)
-    waiting: deque[tuple[float, float]] = deque([(0.0, 0.0)] * plan.delay)
-    torques: list[tuple[float, float]] = []
-    old1 = old2 = 0.0
-    speed1 = speed2 = 0.0
-    past1, past2 = angle1[0], angle2[0]
-    for k in range(samples):
-        y1, y2 = plant.motor1, plant.motor2
-        if not (abs(y1 - angle1[k]) < LOST_RAD and abs(y2 - angle2[k]) < LOST_RAD):
-            raise ran_away()
-        if count1:
-            y1, y2 = count1 * round(y1 / count1), count2 * round(y2 / count2)
-        if plan.differentiated:
-            if k == 0:
-                past1, past2 = y1, y2
-            speed1 = speed1 + share * ((y1 - past1) / T - speed1)
-            speed2 = speed2 + share * ((y2 - past2) / T - speed2)
-            past1, past2 = y1, y2
-        else:
-            speed1, speed2 = plant.motor1_rate, plant.motor2_rate
-        back = (
-            kp1 * (angle1[k] - y1) + kv1 * (rate1[k] - speed1),
-            kp2 * (angle2[k] - y2) + kv2 * (rate2[k] - speed2),
+    first, second = (
+        _sampled_law(
+            plan,
+            [table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque)],
+            [float(x[j]) for x in (plan.proportional, plan.derivative, plan.count, plan.limit)],
+            _FLOATS,
         )
-        if plan.delay:
-            waiting.append(back)
-            back = waiting.popleft()
-        new1 = min(max(feed1[k] + back[0], -limit1), limit1)
-        new2 = min(max(feed2[k] + back[1], -limit2), limit2)
-        torques.append((new1, new2))
-        plant.step(0.5 * (old1 + new1), 0.5 * (old2 + new2))
+        for j in (0, 1)
+    )
+
+    def torques(k: int) -> tuple[float, ...]:
+        return (
+            first(k, plant.motor1, plant.motor1_rate),
+            second(k, plant.motor2, plant.motor2_rate),
+        )
+
+    held = list(_driven(len(plan.torque), torques, plant.step, substeps, progress))
+    end = np.array([plant.motor1, plant.motor2])
+    require_tracking(_ARRAYS.largest(end - plan.angle[-1]))
+    return held
+
+
+def run_many(
+    plan: ServoPlan, arms: Plants, substeps: int, progress: Callable[[float], None] | None = None
+) -> None:
+    """Drive many arms along a plan, or each along its own, by the law of :func:`run_servo`.
+
+    Raises
+    ------
+    JointIdError
+        When a motor of any arm runs away from its reference.
+    """
+    tables = [list(x if x.ndim == 3 else x[..., None]) for x in (plan.angle, plan.rate, plan.torque)]
+    gains = [x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)]
+    law = _sampled_law(plan, tables, gains, _ARRAYS)
+
+    def torques(k: int) -> tuple[Floats]:
+        return (law(k, arms.motor, arms.motor_rate),)
+
+    for _ in _driven(len(plan.torque), torques, arms.step, substeps, progress):
+        pass
+    require_tracking(_ARRAYS.largest(arms.motor - tables[0][-1]))
+
+
+def _sampled_law(
+    plan: ServoPlan,
+    tables: Sequence[Sequence[Signal]],
+    gains: Sequence[Signal],
+    arithmetic: _Arithmetic[Signal],
+) -> Callable[[int, Signal, Signal], Signal]:
+    """Control law of one joint in floats, or of both joints of many arms in arrays (2, runs).
+
+    Parameters
+    ----------
+    plan : ServoPlan
+    tables : sequence
+        Angle, rate and feedforward torque of each sample.
+    gains : sequence
+        kp, kv, encoder count and torque limit.
+    arithmetic : _Arithmetic
+
+    Returns
+    -------
+    callable
+        Torque to hold from a sample on, from sample number, motor angle and motor rate. It keeps the
+        state of velocity filter and delay, so the samples must be in order.
+    """
+    (angle, rate, feed), (kp, kv, count, limit) = tables, gains
+    rounded, clipped, largest = arithmetic
+    quantised, limited = bool(np.any(count)), bool(np.isfinite(limit).any())
+    differentiated, share, T = plan.differentiated, plan.smoothing, plan.interval_s
+    waiting = deque([0.0 * kp] * plan.delay)
+    speed = past = 0.0 * kp
+
+    def torque(k: int, y: Signal, measured_rate: Signal) -> Signal:
+        nonlocal speed, past
+        require_tracking(largest(y - angle[k]))
+        if quantised:
+            y = count * rounded(y / count)
+        if differentiated:
+            speed = speed + share * ((y - (past if k else y)) / T - speed)
+            past = y
+        else:
+            speed = measured_rate
+        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
+        new = feed[k] + waiting.popleft()
+        return clipped(new, limit) if limited else new
+
+    return torque
+
+
+def _driven(
+    samples: int,
+    torques: Callable[[int], tuple[Signal, ...]],
+    step: Callable[..., None],
+    substeps: int,
+    progress: Callable[[float], None] | None,
+) -> Iterator[tuple[Signal, ...]]:
+    """Sample the law and step the plant; yields the torques held from each sample on.
+
+    A held torque that changes at a sample acts on the step around that sample with the mean of old and
+    new: the leapfrog scheme's form of a step in the torque.
+    """
+    report = max(1, samples // PROGRESS_CALLS)
+    old: tuple[Signal, ...] | None = None
+    for k in range(samples):
+        new = torques(k)
+        step(*[0.5 * n if old is None else 0.5 * (o + n) for o, n in zip(old or new, new, strict=True)])
         for _ in range(substeps - 1):
-            plant.step(new1, new2)
-        old1, old2 = new1, new2
+            step(*new)
+        old = new
+        yield new
         if progress is not None and k % report == 0:
             progress(k / samples)
-    if not (abs(plant.motor1 - angle1[-1]) < LOST_RAD and abs(plant.motor2 - angle2[-1]) < LOST_RAD):
-        raise ran_away()
     if progress is not None:
         progress(1.0)
-    return torques
 
 
 def per_joint(name: str, value: ArrayLike) -> Floats:
@@ -271,12 +366,19 @@ def friction_values(friction: MotorFrictionLike) -> tuple[Floats, Floats]:
     return coulomb, viscous
 
 
-def ran_away() -> JointIdError:
-    """Return what is raised when a motor no longer follows."""
-    return JointIdError(
-        f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. The "
-        "control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
-    )
+def require_tracking(error_rad: float) -> None:
+    """Refuse a motor that is too far from its reference, as in an unstable loop.
+
+    Raises
+    ------
+    JointIdError
+        When the error, seen on the arm side, reaches ``LOST_RAD`` or is not a number.
+    """
+    if not error_rad < LOST_RAD:
+        raise JointIdError(
+            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. The "
+            "control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
+        )
 
 
 def _whole(value: object) -> bool:
