@@ -27,9 +27,9 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
     nominal : Elasticity, optional
         Values that the controller assumes.
     """
-    useless = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
-    if useless:
-        which = enumerated([f"joint {j + 1}" for j in useless])
+    unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
+    if unknown:
+        which = enumerated([f"joint {j + 1}" for j in unknown])
         return f"These records do not tell the stiffness of {which}: see what was found below."
     if nominal is None:
         parts = [f"{_rounded(fit, j)} N·m/rad" for j in range(fit.n)]

@@ -124,7 +124,7 @@ class TestPage:
         assert alone is not None
         with pytest.MonkeyPatch.context() as never:
             never.setattr(cut_cached, "track", lambda *_, **__: calls.append(alone))
-            never.setattr(cut_cached, "promised", lambda *_, **__: calls.append(alone))
+            never.setattr(cut_cached, "predicted_cut", lambda *_, **__: calls.append(alone))
             shown_first = cut_cached.overview(digest, DEFAULT_METHOD, analysis)
             settings = usual(cut_robot(analysis))
             on_its_page = cut_cached.outcome(digest, DEFAULT_METHOD, settings, analysis)
@@ -133,7 +133,7 @@ class TestPage:
         for one in (shown_first, on_its_page):
             assert np.array_equal(one.before.tool_m, alone.before.tool_m)
             assert np.array_equal(one.after.tool_m, alone.after.tool_m)
-            assert np.array_equal(one.edge.K, alone.edge.K)
+            assert np.array_equal(one.p95.K, alone.p95.K)
             assert one.spread_m == alone.spread_m
 
     def test_its_controls_begin_as_the_settings_of_the_first_screen(

@@ -24,7 +24,7 @@ class ManyArms:
     dt : float
         Step, s.
     joint_angle_rad : ndarray, shape (2,)
-        Joint angles at time 0; the springs are relaxed.
+        Joint angles at time 0, without deflection.
     runs : int
         Number of arms.
     friction : optional
@@ -37,7 +37,7 @@ class ManyArms:
     motor_rate : ndarray, shape (2, runs)
         Reflected motor rates, rad/s.
     log : list of ndarray
-        ``link`` at each instant that a step began from.
+        ``link`` at the start of each step.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class ManyArms:
         v = (self._ba * load - coupling * load[::-1]) * (dt / (self._ab - coupling * coupling))
         v += self._link_before
         w = (torque - spring - self._F * self.motor_rate) * self._kick + self._motor_before
-        if not self._slides:  # friction takes what it can of the rotor's speed, and sticks at zero
+        if not self._slides:  # friction reduces the rotor's speed, at most to zero
             w = w - np.minimum(np.maximum(w, -self._slows), self._slows)
         self.link, self.motor = link + v * dt, self.motor + w * dt
         self._link_rate = 1.5 * v - 0.5 * self._link_before

@@ -1,4 +1,4 @@
-"""Largest path errors of many cuts along one path, computed together."""
+"""Largest path errors of many cuts along one path, vectorised over the cuts."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from jointid.cut.servo import MotorFrictionLike, Servo, run_many
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
 
-_RUNS_AT_ONCE = 512
-"""Keeps the arrays of a batch within some hundred megabytes."""
+_BATCH_RUNS = 512
+"""Runs per batch, which keeps the arrays within some hundred megabytes."""
 _STRIDE = 32
-"""Of the instants that give the first, low guess of a run's largest contour error."""
+"""Every so many instants give the lower bound of a run's largest contour error."""
 
 
 def largest_errors(
@@ -34,16 +34,16 @@ def largest_errors(
     dt: float,
     progress: Callable[[float], None] | None,
 ) -> tuple[Floats, Floats]:
-    """Cut once with each arm, all cuts at once.
+    """Simulate one cut with each arm.
 
     Parameters
     ----------
     arm, toolpath, servo, friction, elbow, dt, progress
         As in :func:`~jointid.cut.tracking.track`.
     true : tuple of ndarray
-        K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for all runs alike.
+        K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms.
     assumed : tuple of ndarray
-        What the servo assumes, shape (2, runs) each, or (2,) for all runs alike.
+        K and D that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
     runs : int
 
     Returns
@@ -59,8 +59,8 @@ def largest_errors(
     substeps = substeps_per_sample(servo, dt)
     step = servo.interval_s / substeps
     contour, tracking = np.empty(runs), np.empty(runs)
-    for first in range(0, runs, _RUNS_AT_ONCE):
-        part = slice(first, min(first + _RUNS_AT_ONCE, runs))
+    for first in range(0, runs, _BATCH_RUNS):
+        part = slice(first, min(first + _BATCH_RUNS, runs))
         count = part.stop - part.start
         K, D = (x if x.shape[1] == 1 else x[:, part] for x in true)
         K_assumed, D_assumed = (x if x.ndim == 1 else x[:, part] for x in assumed)
@@ -82,8 +82,8 @@ def largest_errors(
 def _largest_contour_error(toolpath: Toolpath, tool: Floats, wanted: Floats, step_s: float) -> Floats:
     """Largest contour error of each run, (runs,), from tools (k, runs, 2) and wanted ones (k, 2).
 
-    No contour error exceeds the distance to any one point of the path. So a coarse look gives a lower
-    bound, and only instants that are farther from one well-chosen point need the nearest one.
+    No contour error exceeds the distance to any one point of the path. A coarse sample of instants gives
+    a lower bound; only instants farther than that from one well-chosen point need the nearest one.
     """
     largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
     candidates = _beside(tool, wanted, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
@@ -94,10 +94,10 @@ def _largest_contour_error(toolpath: Toolpath, tool: Floats, wanted: Floats, ste
 
 
 def _beside(tool: Floats, wanted: Floats, bend_m: float) -> Floats:
-    """No less than the contour error, shape (k, runs): distance to the path abreast of the tool.
+    """Upper bound of the contour error, shape (k, runs): distance to the path abreast of the tool.
 
-    The tool is ahead of the wanted one or behind by so many samples; the path there is interpolated,
-    which errs by an eighth of ``bend_m``, acceleration times step squared, at most.
+    The tool is ahead of the reference or behind by so many samples. The path is interpolated there, with
+    an error of at most an eighth of ``bend_m``, acceleration times step squared.
     """
     sample: Floats = np.arange(len(wanted), dtype=np.float64)
     apart, pace = tool - wanted[:, None], np.gradient(wanted, axis=0)

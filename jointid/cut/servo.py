@@ -1,7 +1,7 @@
-"""The servo of each motor: settings, and the sampled control loop that drives an arm along a plan.
+"""The servo of each motor: settings, and the sampled control law for one arm or many.
 
-Feedback is a PD controller of the motor angle around a reference; the feedforward torque is planned
-beforehand (``feedforward.py``). Arm side inside; a name says motor where a value is the motor's.
+A PD controller of the motor angle around a reference, with a feedforward torque from ``feedforward.py``.
+Values are arm side unless a name says motor.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ class MotorFrictionLike(Protocol):
 class Servo:
     """Settings of the joint controllers.
 
-    Every option has its counterpart in the feedforward, so that a perfect model leaves no error that
-    the option itself would cause: the feedforward runs ahead by the delay, and the reference of a
-    differentiated velocity goes through the same difference and filter.
+    The feedforward accounts for every option, so that with a perfect model the option causes no error:
+    it is ahead by the delay, and the reference of a differentiated velocity passes the same difference
+    and filter.
 
     Parameters
     ----------
@@ -58,16 +58,16 @@ class Servo:
     torque_limit_Nm : float or array_like, shape (2,), optional
         Largest motor torque, motor side, N·m.
     encoder_bits : int, optional
-        The encoder divides a motor turn into 2^bits counts; None is an ideal encoder.
+        Encoder of 2^bits counts per motor turn; None is an ideal encoder.
     differentiated_velocity : bool
-        Velocity is the difference of two encoder positions over a sample; else it is measured exactly.
+        Velocity from the difference of two encoder positions; otherwise measured exactly.
     velocity_filter_hz : float, optional
         First-order low-pass on that difference, Hz.
     friction_compensation : friction, optional
-        What the controller assumes and adds to the torque, computed from the wanted motor velocity.
-        Anything with ``coulomb`` and ``viscous``, for instance the friction of a fit.
+        Assumed friction, added to the torque at the reference velocity of the motor. Any object with
+        ``coulomb`` and ``viscous``, for instance the friction of a fit.
     compensation_smoothing_rad_s : float
-        Motor velocity over which the compensation's sign turns over (tanh), rad/s.
+        Motor velocity over which the compensation changes its sign (tanh), rad/s.
 
     Raises
     ------
@@ -134,9 +134,9 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class ServoPlan:
-    """What the controllers know before the cut, at each of s samples; arm side.
+    """Reference and feedforward of a cut at s samples, and the gains; arm side.
 
-    With several assumed elasticities the last axis holds one entry for each.
+    The last axis is that of the assumed elasticities, if there are several.
     """
 
     interval_s: float
@@ -164,7 +164,7 @@ class ServoPlan:
 
 
 class Plant(Protocol):
-    """One arm that a controller drives; see `ArmSimulation`."""
+    """One arm with a controller; see `ArmSimulation`."""
 
     motor1: float
     motor2: float
@@ -376,8 +376,8 @@ def require_tracking(error_rad: float) -> None:
     """
     if not error_rad < LOST_RAD:
         raise JointIdError(
-            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. The "
-            "control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
+            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. "
+            "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
         )
 
 

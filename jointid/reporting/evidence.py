@@ -144,7 +144,7 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
         return outcome.before, outcome.after
     before, after = (
         track(robot.arm, path, true, assumed, servo=EVERYDAY_SERVO, friction=robot.friction)
-        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.edge, robot.elasticity))
+        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after
 

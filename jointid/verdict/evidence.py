@@ -66,7 +66,7 @@ class Evidence:
 
 
 def problem(title: str, detail: str, remedy: str, effect: float) -> Finding:
-    """Return a finding that makes the answer useless."""
+    """Return a finding that makes the answer unusable."""
     return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect))
 
 
