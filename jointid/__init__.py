@@ -4,13 +4,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jointid.closed_loop import simulate_records
     from jointid.cut.arm import PlanarArm
     from jointid.cut.rectangle import rectangle
     from jointid.cut.tracking import TrackingRun, track
-    from jointid.elasticity import ElasticityFit, Friction, identify_elasticity
     from jointid.errors import JointIdError
-    from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
+    from jointid.estimation.elasticity import ElasticityFit, Friction, identify_elasticity
+    from jointid.estimation.joint_equations import spring_equations
+    from jointid.files.study_files import load_study
+    from jointid.files.study_saving import save_study
     from jointid.joints import (
         Elasticity,
         Inertia,
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
         motor_response,
         resonances,
     )
-    from jointid.phasors import Phasors, extract_phasors
+    from jointid.phasors.extract import Phasors, extract_phasors
     from jointid.records import SineRecord
-    from jointid.springs import spring_equations
+    from jointid.simulation.closed_loop import simulate_records
+    from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
     from jointid.study import Analysis, Study, analyse
-    from jointid.study_files import load_study
-    from jointid.study_saving import save_study
     from jointid.transfer_matrix import (
         TransferMatrix,
         estimate_transfer_matrix,

@@ -30,9 +30,9 @@ from typer.testing import CliRunner
 
 from jointid import JointIdError, load_study
 from jointid.cli import app
+from jointid.files.study_files import peek_study
 from jointid.importing import read_log, read_logs
-from jointid.study_files import peek_study
-from jointid.ui import workspace
+from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 
