@@ -11,7 +11,6 @@ from pathlib import Path
 
 from jointid.elasticity import METHODS
 from jointid.errors import JointIdError
-from jointid.exporting.identification import software_version
 from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
@@ -19,6 +18,7 @@ from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, shown
 from jointid.fleet.table import read_rows, write_rows
 from jointid.processes.child import Limits
+from jointid.version import __version__
 
 
 @dataclass(frozen=True)
@@ -201,5 +201,5 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
 
 
 def _job(path: Path, method: str, row: Row | None) -> Job:
-    same = row is not None and row.is_final and (row.method, row.version) == (method, software_version())
+    same = row is not None and row.is_final and (row.method, row.version) == (method, __version__)
     return Job(shown(path), path, method, row.content if row is not None and same else "")
