@@ -16,8 +16,8 @@ from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, shown
-from jointid.fleet.table import read_rows, write_rows
-from jointid.processes.child import Limits
+from jointid.fleet.table import read_fleet, write_rows
+from jointid.processes.child import Limits as Limits
 from jointid.version import __version__
 
 
@@ -189,7 +189,7 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
     in_table: tuple[Row, ...] = ()
     if target.exists():
         try:
-            in_table = read_rows(target)
+            in_table = read_fleet(target)
         except JointIdError as error:
             raise JointIdError(
                 f"{error} It is not overwritten: choose another file for the results."
