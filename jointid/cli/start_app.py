@@ -17,9 +17,7 @@ from jointid.errors import JointIdError
 @reported
 def start_app(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Where it listens.")] = 8501,
-    path: Annotated[
-        Path | None, typer.Option(help="Another app.py than the one installed.")
-    ] = None,
+    path: Annotated[Path | None, typer.Option(help="Another app.py than the one installed.")] = None,
 ) -> None:
     """Start the app in the browser."""
     script = (path or application_folder() / "app.py").resolve()
