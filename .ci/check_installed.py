@@ -21,7 +21,7 @@ from pathlib import Path
 
 from sessions import Session
 
-from jointid.application import sample_studies
+from jointid.files.application import sample_studies
 from jointid.version import __version__
 
 ROOT = Path(__file__).parents[1]

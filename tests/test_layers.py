@@ -152,8 +152,12 @@ def storey(module: str) -> int | None:
 
 
 def test_there_is_something_to_read() -> None:
-    assert {"jointid.joints", "jointid.phasors", "jointid.elasticity"} <= graph().keys()
-    assert "jointid.records" in graph()["jointid.phasors"]
+    assert {
+        "jointid.joints",
+        "jointid.phasors.extract",
+        "jointid.estimation.elasticity",
+    } <= graph().keys()
+    assert "jointid.records" in graph()["jointid.phasors.extract"]
 
 
 def test_outside_libraries_stay_at_home() -> None:

@@ -28,14 +28,14 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.experiment import Controller, Excitation, Measurement
+from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
 from jointid.verdict.link_side import fit_link_side, link_side_finding
 from jointid.verdict.places import ENTRIES, INERTIAS, RUNS
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
-from jointid.verdict.steady_start import steady_from
+from jointid.verdict.steady_state import steady_from
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 

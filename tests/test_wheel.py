@@ -62,7 +62,7 @@ def test_it_holds_the_package_the_app_and_the_samples_and_nothing_else(installed
 def test_what_is_installed_finds_its_own_app_and_samples(installed: Path, tmp_path: Path) -> None:
     program = (
         f"import sys; sys.path.insert(0, {str(installed)!r});"
-        "from jointid.application import application_folder, sample_studies;"
+        "from jointid.files.application import application_folder, sample_studies;"
         "print(application_folder(), *sample_studies().values(), sep='\\n')"
     )
     run = subprocess.run(

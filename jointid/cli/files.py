@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jointid.application import sample_studies
 from jointid.cli.output import status
 from jointid.errors import JointIdError
+from jointid.files.application import sample_studies
 from jointid.study import Analysis, Study
 from jointid.wording import listed, nearest
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def loaded(path: Path) -> Study:
     """Read a study, or the sample of that name where no file or folder has it."""
-    from jointid.study_files import load_study
+    from jointid.files.study_files import load_study
 
     is_name = len(path.parts) == 1 and not os.path.exists(path)
     return load_study(_sample(path.name) if is_name else path)
@@ -75,7 +75,7 @@ def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) ->
 
 def _in_study(path: Path) -> bool:
     """Tell whether a file may be part of a study's folder."""
-    from jointid.study_saving import STUDY_FILE
+    from jointid.files.study_saving import STUDY_FILE
 
     at = path.absolute()
     if at.name == STUDY_FILE:

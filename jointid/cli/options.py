@@ -6,8 +6,8 @@ from pathlib import Path
 
 import typer
 
-from jointid.application import sample_studies
-from jointid.elasticity import METHODS
+from jointid.estimation.elasticity import METHODS
+from jointid.files.application import sample_studies
 
 
 def known_method(value: str) -> str:

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from jointid.application import application_folder
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
+from jointid.files.application import application_folder
 
 
 @reported

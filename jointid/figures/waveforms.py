@@ -20,8 +20,8 @@ from jointid.figures.style import (
     log_axis,
     points,
 )
+from jointid.phasors.spectrum import amplitude_spectrum
 from jointid.records import SineRecord
-from jointid.spectrum import amplitude_spectrum
 
 _MOST_POINTS = 2000
 """Points of a curve that a screen can show; longer signals are drawn by their extremes."""
