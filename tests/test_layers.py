@@ -33,11 +33,11 @@ HOMES = {
     "tomli_w": ["jointid/files/*", "jointid/exporting/*"],
     "reportlab": ["jointid/reporting/pdf*.py"],
     "control": ["jointid/exporting/*"],
-    "h5py": ["jointid/importing/*"],
-    "openpyxl": ["jointid/importing/*"],
-    "python_calamine": ["jointid/importing/*"],
-    "rosbags": ["jointid/importing/*"],
-    "threadpoolctl": ["jointid/threads.py"],
+    "h5py": ["jointid/importing/read/*"],
+    "openpyxl": ["jointid/importing/read/*"],
+    "python_calamine": ["jointid/importing/read/*"],
+    "rosbags": ["jointid/importing/read/*"],
+    "threadpoolctl": ["jointid/small_matrices.py"],
     "lazy_loader": ["jointid/__init__.py", "jointid/*/__init__.py"],
     "typer": ["jointid/cli/*"],
     "rich": ["jointid/cli/*"],
@@ -48,7 +48,7 @@ HOMES = {
 
 FLOORS = [
     ["errors"],
-    ["arrays", "wording", "rounding"],
+    ["arrays", "wording", "rounding", "version"],
     ["small_matrices"],
     ["records", "joints"],
     ["phasors", "simulation"],
@@ -133,9 +133,16 @@ def printed(program: str) -> str:
     return run.stdout.strip()
 
 
-def storey(module: str) -> int | None:
-    part = module.split(".")[1] if module.startswith("jointid.") else None
-    return next((i for i, storey_ in enumerate(STOREYS) if part in storey_), None)
+def floor(module: str) -> int:
+    """Floor of a module of the package; pages and app.py have the highest."""
+    if not module.startswith("jointid."):
+        return len(FLOORS)
+    part = module.split(".")[1]
+    return next(i for i, rooms in enumerate(FLOORS) if part in rooms)
+
+
+def room(file: Path) -> str:
+    return file.parent.relative_to(ROOT).as_posix()
 
 
 def test_there_is_something_to_read() -> None:

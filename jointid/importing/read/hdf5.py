@@ -11,6 +11,7 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
+from jointid.importing.read.hdf5_objects import own_object
 from jointid.importing.read.matlab import scope_arrays
 from jointid.importing.read.optional_imports import extra
 from jointid.wording import listed
