@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui import cached
 from jointid.ui.charts import plot, side_by_side, table
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error
 from jointid.ui.page import open_page
 from jointid.ui.quality import quality_table
 

@@ -5,6 +5,7 @@ import streamlit as st
 from jointid.figures import element_response, single_record
 from jointid.ui.charts import plot
 from jointid.ui.elements import choose_element, choose_pose, show_how_well_known
+from jointid.ui.messages import show_warning
 from jointid.ui.overview import freed_note
 from jointid.ui.page import open_page
 
@@ -32,7 +33,7 @@ st.latex(
 )
 analysis = page.analysis()
 if analysis.transfer_problem:
-    st.warning(analysis.transfer_problem)
+    show_warning(analysis.transfer_problem)
 if not analysis.transfer_matrices:
     st.stop()
 pose = choose_pose(list(analysis.transfer_matrices))

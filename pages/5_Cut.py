@@ -16,7 +16,7 @@ from jointid.ui.charts import plot, side_by_side
 from jointid.ui.cut_parts import headline, remainder, show_meaning, show_rule, show_tolerance
 from jointid.ui.cut_pictures import show_figure_7
 from jointid.ui.cut_settings import ask, nominal_name
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error
 from jointid.ui.page import open_page
 
 page = open_page("Cut")

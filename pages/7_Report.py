@@ -8,7 +8,7 @@ from jointid.exporting.tables import without_friction_and_delay
 from jointid.study_files import pack_study
 from jointid.ui import downloads
 from jointid.ui.downloads import download, file_stem
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error, show_info
 from jointid.ui.numbers_in import numbers_in
 from jointid.ui.page import open_page
 
@@ -68,7 +68,7 @@ with st.container(horizontal=True):
     if analysis.transfer_matrices:
         download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
 if not analysis.transfer_matrices:
-    st.info(f"There is no table of H. {analysis.transfer_problem}")
+    show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 st.subheader("For robot simulators", anchor=False)
 st.write(

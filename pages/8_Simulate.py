@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error
 from jointid.ui.page import start
 from jointid.ui.simulation import ask, simulated_study
 from jointid.ui.steps import OVERVIEW

@@ -27,7 +27,7 @@ from jointid.ui.importing_pictures import choose_log, show_raw
 from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
 from jointid.ui.importing_study import ROBOT, ask_robot, say_way
 from jointid.ui.importing_work import StoppedError, Watch
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error, show_note
 from jointid.ui.page import start
 from jointid.ui.steps import OVERVIEW
 from jointid.ui.workspace import keep
@@ -78,7 +78,7 @@ with kept_import():
     if not ready:
         st.stop()
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
-        st.caption(note)
+        show_note(note)
     picture = st.container()
     found: dict[str, tuple[Segment, ...]] = dict.fromkeys(ready, ())
     watch, stopped = Watch("Search on", len(ready)), False
@@ -98,7 +98,7 @@ with kept_import():
     rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
     kept, dropped, problems = chosen_segments(rows, ready, rules)
     for problem in problems:
-        st.error(problem)
+        show_error(problem)
     if not problems and settle(rows, found, ready, rules):
         st.rerun()
     if log.key in ready:

@@ -23,7 +23,7 @@ from jointid.ui.aside import aside, awaited
 from jointid.ui.charts import plot
 from jointid.ui.cut_pictures import key_line, picture
 from jointid.ui.cut_settings import CutSettings
-from jointid.ui.literal import literal
+from jointid.ui.messages import show_note, show_warning
 from jointid.ui.page import Page
 from jointid.wording import counted
 
@@ -48,7 +48,7 @@ def headline(outcome: Outcome) -> str:
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """What the two path errors are."""
     if outcome.distribution is None:
-        st.warning(f"What the identification promises is not known. {outcome.problem}")
+        show_warning(f"What the identification promises is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
         "Path error is the largest distance of the tool from the wanted path, simulated.\n"
@@ -256,7 +256,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     try:
         outcome = cut_cached.overview(page.digest, page.method, analysis)
     except JointIdError as error:
-        st.caption(f"What this is worth on a path is not known. {literal(error)}")
+        show_note(f"What this is worth on a path is not known. {error}")
         return
     if outcome is None:
         st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")

@@ -26,7 +26,7 @@ from jointid.exporting import (
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.aside import aside
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error
 from jointid.ui.trust import steps_at
 
 _MOST_REPORTS = 8

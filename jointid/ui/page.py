@@ -13,7 +13,7 @@ from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui import cached
 from jointid.ui.charts import is_dark
-from jointid.ui.literal import show_error
+from jointid.ui.messages import show_error
 from jointid.ui.refused import show_refused
 from jointid.ui.sidebar import choose_study
 from jointid.ui.steps import IMPORT, RECORDS, SIMULATE

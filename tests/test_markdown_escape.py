@@ -14,9 +14,9 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import load_study
 from jointid.digest import study_digest
+from jointid.markdown_escape import markdown_escape
 from jointid.store import Store, new_workspace, user_folder
 from jointid.study_files import pack_study
-from jointid.ui.literal import literal
 
 ROOT = Path(__file__).parents[1]
 HOSTILE = (
@@ -39,22 +39,24 @@ def shown(markdown: str) -> str:
 
 @given(st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S", "Zs")), max_size=60))
 def test_nothing_comes_of_any_text(text: str) -> None:
-    assert shown(literal(text)) == "\n".join(x for line in text.splitlines() if (x := line.strip()))
+    assert shown(markdown_escape(text)) == "\n".join(
+        x for line in text.splitlines() if (x := line.strip())
+    )
 
 
 @pytest.mark.parametrize("text", [HOSTILE, "# a", "1. b", "- c", "> d", "| a |\n| - |\n| b |", "~~x~~"])
 def test_marks_are_shown(text: str) -> None:
-    assert shown(literal(text)) == text
+    assert shown(markdown_escape(text)) == text
 
 
 def test_what_looks_like_no_mark_stays_as_it_is() -> None:
     for text in ("theta_m1_rad is 3.2 N·m (±2 %)", "Check M and M2: 1e-3 kg·m²", "C:/logs/a_b.csv"):
-        assert literal(text) == text
+        assert markdown_escape(text) == text
 
 
 def test_directives_and_bare_addresses_are_broken_up() -> None:
     """Streamlit's own marks, which the reader above does not know."""
-    text = literal(HOSTILE + " http://10.9.8.7 www.x.org")
+    text = markdown_escape(HOSTILE + " http://10.9.8.7 www.x.org")
     assert not re.search(r"(?<!\\):(red|material)", text)
     assert "http://" not in text
     assert "www." not in text
