@@ -91,11 +91,11 @@ def refused_study(study: Study) -> bytes:
 
 
 def signals(phase: float) -> tuple[Floats, Floats, Floats]:
-    """Time (s), angle (rad) and torque (N·m) of one joint: three sine runs with rests."""
+    """Time (s), angle (rad) and torque (N·m) of one joint: two sine runs with rests."""
     rng = np.random.default_rng(3)
-    time = np.arange(0, 6.0, 2e-3)
+    time = np.arange(0, 4.0, 4e-3)
     angle, torque = np.full(time.size, 0.2), np.zeros(time.size)
-    for k, hertz in enumerate((5.0, 7.5, 11.0)):
+    for k, hertz in enumerate((5.0, 11.0)):
         inside = (time >= 2 * k + 0.2) & (time < 2 * k + 1.8)
         turn = 2 * np.pi * hertz * (time[inside] - 2 * k - 0.2) + phase
         angle[inside] += 0.05 * np.cos(turn)
@@ -127,7 +127,7 @@ def hostile_logs() -> dict[str, bytes]:
                 ("s", "rad", ALL),
                 strict=True,
             ):
-                data = group.create_dataset(name.replace("/", "∕"), data=values[: 3000 - number])
+                data = group.create_dataset(name.replace("/", "∕"), data=values[: 1000 - number])
                 data.attrs["units"] = unit
     return logs | {f"{file_name(9)}.h5": buffer.getvalue()}
 
