@@ -48,7 +48,7 @@ with st.container(horizontal=True):
         results.mat,
         f"{stem}.mat",
         "application/octet-stream",
-        note="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
+        hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
         "without friction and delay, and phasors.",
     )
 with st.expander("What stands in it"):
@@ -110,7 +110,7 @@ with st.container(horizontal=True):
         lambda: pack_study(study, record_format="parquet"),
         f"{stem}_parquet.zip",
         "application/zip",
-        note="Reads faster.",
+        hint="Reads faster.",
     )
 
 if asked:  # last, so that the rest of the page stands meanwhile

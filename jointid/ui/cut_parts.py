@@ -237,8 +237,10 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         "Largest path error over the ratios of assumed to true stiffness",
         key="cut_map_figure",
     )
-    error = tolerance.max_contour_error_m
-    st.caption(f"Errors on this map: {millimetres(error.min())} to {millimetres(error.max())}.")
+    path_error = tolerance.max_contour_error_m
+    st.caption(
+        f"Errors on this map: {millimetres(path_error.min())} to {millimetres(path_error.max())}."
+    )
 
 
 def _ratios(robot: CutRobot, joint: int, span: str) -> Floats:

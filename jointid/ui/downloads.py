@@ -161,11 +161,11 @@ def download(
     mime: str,
     *,
     kind: Literal["primary", "secondary"] = "secondary",
-    note: str | None = None,
+    hint: str | None = None,
 ) -> None:
     """Draw a button that saves a file and leaves the page as it is."""
     st.download_button(
-        label, data, file_name, mime, key=f"save {label}", help=note, on_click="ignore", type=kind
+        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
     )
 
 
