@@ -4,12 +4,12 @@ import streamlit as st
 
 from jointid.answer import answer_sentence
 from jointid.figures import model_over_measurement
-from jointid.ui.charts import plot
-from jointid.ui.cut_parts import outcome_panel
-from jointid.ui.messages import show_info
-from jointid.ui.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
-from jointid.ui.page import open_page
-from jointid.ui.trust import show_inertia_line
+from jointid.ui.cut.panels import outcome_panel
+from jointid.ui.shared.charts import plot
+from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
+from jointid.ui.study.uncertainty_panels import show_inertia_line
 
 page = open_page("Study")
 show_heading(page.study)

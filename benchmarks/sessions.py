@@ -21,9 +21,9 @@ import numpy as np
 
 from benchmarks.harness import Table
 from jointid import Study, load_study
-from jointid.digest import study_digest
-from jointid.store import Store, new_workspace
-from jointid.study_files import pack_study
+from jointid.files.digest import study_digest
+from jointid.files.store import Store, new_workspace
+from jointid.files.study_files import pack_study
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity", "Cut", "Plan", "Report")

@@ -4,13 +4,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jointid.closed_loop import simulate_records
     from jointid.cut.arm import PlanarArm
     from jointid.cut.rectangle import rectangle
     from jointid.cut.tracking import TrackingRun, track
-    from jointid.elasticity import ElasticityFit, Friction, identify_elasticity
     from jointid.errors import JointIdError
-    from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
+    from jointid.estimation.elasticity import ElasticityFit, Friction, identify_elasticity
+    from jointid.estimation.joint_equations import spring_equations
+    from jointid.files.study_files import load_study
+    from jointid.files.study_saving import save_study
     from jointid.joints import (
         Elasticity,
         Inertia,
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
         motor_response,
         resonances,
     )
-    from jointid.phasors import Phasors, extract_phasors
+    from jointid.phasors.extract import Phasors, extract_phasors
     from jointid.records import SineRecord
-    from jointid.springs import spring_equations
+    from jointid.simulation.closed_loop import simulate_records
+    from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
     from jointid.study import Analysis, Study, analyse
-    from jointid.study_files import load_study
-    from jointid.study_saving import save_study
     from jointid.transfer_matrix import (
         TransferMatrix,
         estimate_transfer_matrix,
@@ -73,17 +73,17 @@ __all__ = [
 # pandas or pymunk.
 _HOMES = {
     "Analysis": "study",
-    "Controller": "experiment",
+    "Controller": "simulation.experiment",
     "Elasticity": "joints",
-    "ElasticityFit": "elasticity",
-    "Excitation": "experiment",
+    "ElasticityFit": "estimation.elasticity",
+    "Excitation": "simulation.experiment",
     "Finding": "verdict.findings",
-    "Friction": "elasticity",
+    "Friction": "estimation.elasticity",
     "Inertia": "joints",
     "JointIdError": "errors",
-    "Measurement": "experiment",
-    "MotorFriction": "experiment",
-    "Phasors": "phasors",
+    "Measurement": "simulation.experiment",
+    "MotorFriction": "simulation.experiment",
+    "Phasors": "phasors.extract",
     "PlanarArm": "cut.arm",
     "SineRecord": "records",
     "Study": "study",
@@ -92,18 +92,18 @@ _HOMES = {
     "analyse": "study",
     "diagonal_zeros": "joints",
     "estimate_transfer_matrix": "transfer_matrix",
-    "extract_phasors": "phasors",
-    "identify_elasticity": "elasticity",
-    "load_study": "study_files",
+    "extract_phasors": "phasors.extract",
+    "identify_elasticity": "estimation.elasticity",
+    "load_study": "files.study_files",
     "locked_motor_response": "joints",
     "locked_resonances": "joints",
     "motor_response": "joints",
     "rectangle": "cut.rectangle",
     "resonances": "joints",
-    "save_study": "study_saving",
-    "simulate_records": "closed_loop",
+    "save_study": "files.study_saving",
+    "simulate_records": "simulation.closed_loop",
     "single_record_response": "transfer_matrix",
-    "spring_equations": "springs",
+    "spring_equations": "estimation.joint_equations",
     "track": "cut.tracking",
 }
 

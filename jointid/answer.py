@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jointid.arrays import Floats
-from jointid.elasticity import ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Elasticity
 from jointid.rounding import significant
 

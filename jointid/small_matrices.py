@@ -1,13 +1,17 @@
 """Algebra of many small matrices: loops over the few joints, not over the many records.
 
-LAPACK is called once for each matrix, and takes far longer to begin than to invert a 2 × 2 one.
+LAPACK is called once for each matrix, and takes far longer to start than to invert a 2 × 2 one; its
+threads only wait for each other, the more so on a busy machine.
 """
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from jointid.arrays import Complexes, Floats
 
@@ -61,3 +65,13 @@ def whitener(V: Complexes) -> Complexes:
         for i in range(j):
             W[..., j, i] = -scale * (L[..., j, i:j] * W[..., i:j, i]).sum(axis=-1)
     return W
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Return a context in which BLAS uses one thread."""
+    return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()

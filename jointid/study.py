@@ -9,12 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jointid.elasticity import ElasticityFit, identify_each
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit, identify_each
 from jointid.joints import Elasticity, Inertia
-from jointid.phasors import Phasors, extract_phasors
+from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import SineRecord
-from jointid.threads import one_thread
+from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.wording import counted
@@ -147,7 +147,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     ----------
     study : Study
     method : str, default "auto"
-        The estimator whose answer is ``Analysis.fit``; see ``jointid.elasticity.METHODS``.
+        The estimator whose answer is ``Analysis.fit``; see ``jointid.estimation.elasticity.METHODS``.
 
     Raises
     ------

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.wording import counted
 
 _SINGULAR = 1e-8  # relative to the largest singular value: no two records are more alike by chance

@@ -3,12 +3,12 @@
 import streamlit as st
 
 from jointid.fleet.table import to_parquet
-from jointid.ui.charts import is_dark
-from jointid.ui.fleet_drift import show_drift
-from jointid.ui.fleet_files import open_fleet, show_samples_button
-from jointid.ui.fleet_parts import choose, show_headline, show_outstanding, show_spread, spreads_of
-from jointid.ui.fleet_studies import show_failed, show_studies
-from jointid.ui.page import start
+from jointid.ui.fleet.drift import show_drift
+from jointid.ui.fleet.files import open_fleet, show_samples_button
+from jointid.ui.fleet.panels import choose, show_headline, show_outstanding, show_spread, spreads_of
+from jointid.ui.fleet.studies import show_failed, show_studies
+from jointid.ui.shared.charts import is_dark
+from jointid.ui.shared.page import start
 
 start("Fleet")
 st.title("Fleet", anchor=False)

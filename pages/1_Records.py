@@ -4,11 +4,11 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.figures import spectra, waveforms
-from jointid.ui import cached
-from jointid.ui.charts import plot, side_by_side, table
-from jointid.ui.messages import show_error
-from jointid.ui.page import open_page
-from jointid.ui.quality import quality_table
+from jointid.ui.shared import cached
+from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.data_quality import quality_table
 
 page = open_page("Records")
 st.title("Records", anchor=False)

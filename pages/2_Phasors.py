@@ -3,9 +3,9 @@
 import streamlit as st
 
 from jointid.figures import phasor_plane
-from jointid.ui.charts import csv_bytes, plot, table
-from jointid.ui.page import open_page
-from jointid.ui.quality import phasor_columns, phasor_table
+from jointid.ui.shared.charts import csv_bytes, plot, table
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.data_quality import phasor_columns, phasor_table
 
 page = open_page("Phasors")
 st.title("Phasors", anchor=False)

@@ -3,11 +3,11 @@
 import streamlit as st
 
 from jointid.figures import element_response, single_record
-from jointid.ui.charts import plot
-from jointid.ui.elements import choose_element, choose_pose, show_how_well_known
-from jointid.ui.messages import show_warning
-from jointid.ui.overview import freed_note
-from jointid.ui.page import open_page
+from jointid.ui.shared.charts import plot
+from jointid.ui.shared.messages import show_warning
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.matrix_elements import choose_element, choose_pose, show_how_well_known
+from jointid.ui.study.overview import freed_note
 
 page = open_page("Transfer matrix")
 st.title("Transfer matrix", anchor=False)

@@ -3,12 +3,18 @@
 import streamlit as st
 
 from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
-from jointid.ui.charts import plot, side_by_side
-from jointid.ui.estimates import show_also_fitted, show_estimates, show_matrix
-from jointid.ui.model_holds import show_model_holds, show_poses
-from jointid.ui.overview import freed_note, show_findings, show_tiles
-from jointid.ui.page import open_page
-from jointid.ui.trust import ask_share, on_demand, show_checks, show_ellipses, show_errors
+from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.estimates import show_also_fitted, show_estimates, show_matrix
+from jointid.ui.study.model_check import show_model_holds, show_poses
+from jointid.ui.study.overview import freed_note, show_findings, show_tiles
+from jointid.ui.study.uncertainty_panels import (
+    ask_share,
+    on_demand,
+    show_checks,
+    show_ellipses,
+    show_errors,
+)
 
 page = open_page("Elasticity")
 st.title("Elasticity", anchor=False)

@@ -10,14 +10,14 @@ from jointid.figures.cut import (
     path_error_over_time,
     torque_over_time,
 )
-from jointid.ui import cut_cached
-from jointid.ui.arm_animation import show_animation
-from jointid.ui.charts import plot, side_by_side
-from jointid.ui.cut_parts import headline, remainder, show_meaning, show_rule, show_tolerance
-from jointid.ui.cut_pictures import show_figure_7
-from jointid.ui.cut_settings import ask, nominal_name
-from jointid.ui.messages import show_error
-from jointid.ui.page import open_page
+from jointid.ui.cut import cached_cuts as cut_cached
+from jointid.ui.cut.animation import show_animation
+from jointid.ui.cut.panels import headline, remainder, show_meaning, show_rule, show_tolerance
+from jointid.ui.cut.pictures import show_figure_7
+from jointid.ui.cut.settings import ask, nominal_name
+from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
 st.title("Cut", anchor=False)

@@ -5,10 +5,10 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.figures.plan import worst_error
 from jointid.rounding import significant
-from jointid.ui.charts import csv_bytes, plot, table
-from jointid.ui.messages import show_error, show_text_table
-from jointid.ui.page import open_page
-from jointid.ui.plan_form import (
+from jointid.ui.shared.charts import csv_bytes, plot, table
+from jointid.ui.shared.messages import show_error, show_text_table
+from jointid.ui.shared.page import open_page
+from jointid.ui.study.plan_form import (
     ask,
     edit_plan,
     predicted,

@@ -5,12 +5,12 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.answer import without
 from jointid.exporting.tables import without_friction_and_delay
-from jointid.study_files import pack_study
-from jointid.ui import downloads
-from jointid.ui.downloads import download, file_stem
-from jointid.ui.messages import show_error, show_info
-from jointid.ui.numbers_in import numbers_in
-from jointid.ui.page import open_page
+from jointid.files.study_files import pack_study
+from jointid.ui.shared.messages import show_error, show_info
+from jointid.ui.shared.page import open_page
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.study import downloads
+from jointid.ui.study.downloads import download, file_stem
 
 page = open_page("Report")
 st.title("Report and export", anchor=False)

@@ -3,11 +3,11 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.ui.messages import show_error
-from jointid.ui.page import start
-from jointid.ui.simulation import ask, simulated_study
-from jointid.ui.steps import OVERVIEW
-from jointid.ui.workspace import keep
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.page import start
+from jointid.ui.shared.workspace import keep
+from jointid.ui.study.simulation_form import ask, simulated_study
 
 start("Simulate a robot")
 st.title("Simulate a robot", anchor=False)

@@ -5,16 +5,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
 from jointid.importing import MappedLog, Segment, mapping_to_json, study_from_logs
-from jointid.ui.charts import is_dark, plot
-from jointid.ui.importing_files import drop_logs
-from jointid.ui.importing_kept import (
-    clear_entries,
-    forget_import,
-    keep_import,
-    kept_import,
-    say_what_is_kept,
-)
-from jointid.ui.importing_mapping import (
+from jointid.ui.importing.files import drop_logs
+from jointid.ui.importing.mapping import (
     choose_mapping,
     keep_mapping,
     mapped,
@@ -23,14 +15,22 @@ from jointid.ui.importing_mapping import (
     proposed_columns,
     remember,
 )
-from jointid.ui.importing_pictures import choose_log, show_raw
-from jointid.ui.importing_segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing_study import ROBOT, ask_robot, say_way
-from jointid.ui.importing_work import StoppedError, Watch
-from jointid.ui.messages import show_error, show_note
-from jointid.ui.page import start
-from jointid.ui.steps import OVERVIEW
-from jointid.ui.workspace import keep
+from jointid.ui.importing.pictures import choose_log, show_raw
+from jointid.ui.importing.saved_import import (
+    clear_entries,
+    forget_import,
+    keep_import,
+    kept_import,
+    say_what_is_kept,
+)
+from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
+from jointid.ui.importing.study import ROBOT, ask_robot, say_way
+from jointid.ui.importing.watched_work import StoppedError, Watch
+from jointid.ui.shared.charts import is_dark, plot
+from jointid.ui.shared.messages import show_error, show_note
+from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.page import start
+from jointid.ui.shared.workspace import keep
 
 start("Import a log")
 st.title("Import a log", anchor=False)

@@ -16,7 +16,7 @@ import pytest
 from plants import PAPER, PARALLELOGRAM, ROBOTS
 
 from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
-from jointid.study_files import save_study
+from jointid.files.study_files import save_study
 
 if TYPE_CHECKING:
     from browsing import Server

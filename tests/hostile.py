@@ -22,9 +22,9 @@ from streamlit import dataframe_util
 
 from jointid import Study
 from jointid.arrays import Floats
+from jointid.files.study_files import pack_study
 from jointid.fleet.row import Row, failed
 from jointid.fleet.table import to_parquet
-from jointid.study_files import pack_study
 
 AWAY = "127.0.0.1:9"
 PIECES = {

@@ -12,8 +12,8 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Inertia, Study
-from jointid.study_files import pack_study
-from jointid.ui import workspace
+from jointid.files.study_files import pack_study
+from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 TITLES = {

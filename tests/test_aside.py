@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 from jointid import JointIdError, Study, analyse, load_study
-from jointid.processes.child import Child
-from jointid.processes.pool import NoneReadyError, Pool
-from jointid.ui import aside as aside_module
-from jointid.ui.aside import Kept, aside
+from jointid.background.child_process import Child
+from jointid.background.pool import NoneReadyError, Pool
+from jointid.ui.shared import background as aside_module
+from jointid.ui.shared.background import Kept, aside
 from jointid.uncertainty.resampling import jackknife
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"

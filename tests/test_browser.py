@@ -20,10 +20,10 @@ from sessions import Session
 from test_fleet_page import fleet
 
 from jointid import Study
-from jointid.digest import study_digest
+from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
 from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
-from jointid.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 

@@ -19,10 +19,10 @@ from jointid import Inertia, Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from, write_file
 from jointid.cli.output import finite
-from jointid.digest import study_digest
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
-from jointid.importing.log_study import study_name
+from jointid.files.digest import study_digest
+from jointid.importing.study import study_name
 from jointid.rounding import with_error
 
 run = CliRunner()
@@ -409,7 +409,7 @@ def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
     assert b"Traceback" not in bad.stderr
 
 
-@pytest.mark.parametrize("module", ["typer", "jointid.cli.plan", "jointid.study_files"])
+@pytest.mark.parametrize("module", ["typer", "jointid.cli.plan", "jointid.files.study_files"])
 def test_ctrl_c_while_modules_load_ends_it_quietly(module: str, study: Path) -> None:
     """As if the key were pressed the moment this module is loaded."""
     text = (

@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 
-from jointid.closed_loop import simulate_records
 from jointid.errors import JointIdError
-from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
 from jointid.joints import Elasticity, Inertia, motor_response
-from jointid.motor_steps import constant_torque, plant, step_with_friction
+from jointid.simulation.closed_loop import simulate_records
+from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
+from jointid.simulation.motor_motion import constant_torque, plant, step_with_friction
 
 PARALLELOGRAM = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
 SERIAL = Inertia([0.0025, 0.001], [[0.006345, 0.002095], [0.002095, 0.001889]])

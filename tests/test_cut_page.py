@@ -19,7 +19,6 @@ from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectan
 from jointid.cut.outcome import Outcome, cut_outcome, study_outcome
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap
-from jointid.digest import study_digest
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
@@ -29,10 +28,12 @@ from jointid.figures.cut import (
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
-from jointid.ui import cut_cached, workspace
-from jointid.ui.arm_animation import animation_data, tracks
-from jointid.ui.cached import DEFAULT_METHOD
-from jointid.ui.cut_settings import CutSettings, usual
+from jointid.files.digest import study_digest
+from jointid.ui.cut import cached_cuts as cut_cached
+from jointid.ui.cut.animation import animation_data, tracks
+from jointid.ui.cut.settings import CutSettings, usual
+from jointid.ui.shared import workspace
+from jointid.ui.shared.cached import DEFAULT_METHOD
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/5_Cut.py"

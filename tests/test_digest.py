@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointid import Elasticity, Inertia, SineRecord, Study
-from jointid.digest import study_digest
+from jointid.files.digest import study_digest
 
 TIME = np.arange(4000) / 1000.0
 

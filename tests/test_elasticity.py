@@ -35,7 +35,7 @@ from jointid import (
     identify_elasticity,
     spring_equations,
 )
-from jointid.springs import SpringEquations
+from jointid.estimation.joint_equations import SpringEquations
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 
@@ -251,7 +251,7 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
             last[:] = [(phasors, spring_equations(phasors, inertia))]
         return last[0][1]
 
-    monkeypatch.setattr("jointid.elasticity.spring_equations", kept)
+    monkeypatch.setattr("jointid.estimation.elasticity.spring_equations", kept)
 
 
 @pytest.mark.usefixtures("shared_equations")

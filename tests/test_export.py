@@ -32,8 +32,7 @@ from jointid import (
     motor_response,
     resonances,
 )
-from jointid.digest import study_digest
-from jointid.elasticity import Friction
+from jointid.estimation.elasticity import Friction
 from jointid.exporting import (
     Identification,
     Obtained,
@@ -56,6 +55,7 @@ from jointid.exporting import (
     transfer_matrix_table,
     urdf_snippet,
 )
+from jointid.files.digest import study_digest
 
 OMEGA = 2 * np.pi * np.array([0.5, 3.0, 9.9, 16.6, 26.6, 80.0])
 

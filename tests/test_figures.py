@@ -25,7 +25,7 @@ from jointid.figures import (
 )
 from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
 from jointid.figures.waveforms import thinned
-from jointid.ui.quality import phasor_table
+from jointid.ui.study.data_quality import phasor_table
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,11 @@ from fleet_studies import batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid import JointIdError, analyse, contained, load_study, save_study, study_parts
-from jointid.digest import study_digest
+from jointid import JointIdError, analyse, load_study, save_study
+from jointid.background.child_process import Child, Ended
+from jointid.files import container_limits as contained
+from jointid.files import study_parts
+from jointid.files.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import WORKER, Done, Job
@@ -32,7 +35,6 @@ from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
 from jointid.fleet.studies import shown
 from jointid.fleet.worker import answer, study_row
-from jointid.processes.child import Child, Ended
 
 COUNT = 10
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -102,7 +104,7 @@ def test_a_row_holds_what_the_analysis_says(paths: list[Path], truth: dict[str, 
 def test_a_friction_and_a_delay_stand_in_the_row(sample_folder: Path) -> None:
     study = load_study(sample_folder / "one_joint")
     analysis = analyse(study)
-    from jointid.elasticity import Friction
+    from jointid.estimation.elasticity import Friction
 
     unseen = np.array([0.25, 0.5]) * analysis.fit.standard_error
     friction = Friction(np.array([0.1]), np.array([0.2]), np.array([0.01, 0.02]))

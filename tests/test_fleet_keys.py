@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import Inertia, JointIdError, SineRecord, Study, load_study
-from jointid.digest import study_digest
-from jointid.study_files import pack_study
+from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
 
 TIME = np.arange(200) / 200.0
 WAVE = ((np.arange(200) % 40 - 20) / 16)[:, None]  # exact on every machine

@@ -13,15 +13,16 @@ from fleet_studies import small_study
 from streamlit.testing.v1 import AppTest
 
 from jointid import JointIdError, Study, analyse
-from jointid.digest import study_digest
 from jointid.figures.fleet import distribution, drift_over_time
+from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
 from jointid.fleet.reading import read_apart
 from jointid.fleet.row import Row, failed
 from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import to_parquet
-from jointid.study_files import pack_study
-from jointid.ui import fleet_files, workspace
+from jointid.ui.fleet import files as fleet_files
+from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/10_Fleet.py"

@@ -22,7 +22,7 @@ from playwright.sync_api import Error, Page, Request, expect
 from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
 
 from jointid import Study
-from jointid.study_files import pack_study
+from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 METHOD = ["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Next experiment"]

@@ -20,9 +20,10 @@ from hostile import (
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study
+from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
-from jointid.study_files import pack_study
-from jointid.ui import fleet_files, workspace
+from jointid.ui.fleet import files as fleet_files
+from jointid.ui.shared import workspace
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["app.py", *sorted(f"pages/{file.name}" for file in (ROOT / "pages").glob("*.py"))]

@@ -12,10 +12,10 @@ from streamlit.testing.v1 import AppTest
 from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
 
 from jointid import Inertia, JointIdError, PlanarArm
+from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
-from jointid.study_files import load_study
-from jointid.ui import workspace
-from jointid.ui.importing_inertia import show_inertia
+from jointid.ui.importing.inertia import show_inertia
+from jointid.ui.shared import workspace
 
 TOML = """
 name = "Cell 7"
@@ -110,7 +110,7 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> list[Inertia]:
         seen.append(robot.inertia)  # type: ignore[attr-defined]
         show_inertia(robot)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("jointid.ui.importing_study.show_inertia", show)
+    monkeypatch.setattr("jointid.ui.importing.study.show_inertia", show)
     return seen
 
 

@@ -15,10 +15,10 @@ from jointid import Study, load_study
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping
-from jointid.importing.at_once import recorded_at_once
-from jointid.importing.joined import join_logs, joined_table
+from jointid.importing.map.joined_logs import join_logs, joined_table
+from jointid.importing.map.simultaneous_logs import recorded_at_once
 from jointid.study import analyse
-from jointid.ui import workspace
+from jointid.ui.shared import workspace
 
 ROOT = Path(__file__).parents[1]
 K = (43.0, 7.5)

@@ -9,10 +9,10 @@ import pytest
 from streamlit.testing.v1 import AppTest
 from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
 
-from jointid import store as store_module
-from jointid.store import Store, new_workspace, part_of
-from jointid.ui import workspace
-from jointid.ui.importing_rows import Row
+from jointid.files import store as store_module
+from jointid.files.store import Store, new_workspace, part_of
+from jointid.ui.importing.rows import Row
+from jointid.ui.shared import workspace
 
 
 @pytest.fixture(autouse=True)
@@ -216,7 +216,7 @@ def test_logs_beyond_their_share_of_the_store_stay_in_the_session(
     kept: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workspace, "store", lambda: Store(kept.folder, 400_000))
-    monkeypatch.setattr("jointid.ui.importing_kept.store", lambda: Store(kept.folder, 400_000))
+    monkeypatch.setattr("jointid.ui.importing.saved_import.store", lambda: Store(kept.folder, 400_000))
     at = shown(drop(begun(), ("one.csv", long_log())).run())
     assert any("open in this session only" in warning.value for warning in at.warning)
     assert not list(kept.folder.rglob("*.data"))

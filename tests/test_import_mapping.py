@@ -27,15 +27,15 @@ from jointid.importing import (
     read_log,
     study_from_logs,
 )
-from jointid.importing.more_joints import propose_joint
-from jointid.importing.tables import numbers
-from jointid.importing.units import (
+from jointid.importing.columns.log_table import numbers
+from jointid.importing.columns.units import (
     ANGLE_UNITS,
     POSITION_SCALES,
     TIME_UNITS,
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
+from jointid.importing.map.more_joints import propose_joint
 
 
 def table_of(**columns: object) -> LogTable:
@@ -511,7 +511,8 @@ def test_gaps_are_said_and_part_the_log() -> None:
 
 
 def test_one_gap_for_notes_and_for_segments() -> None:
-    from jointid.importing import sample_times, segments
+    from jointid.importing.find import segments
+    from jointid.importing.map import sample_times
 
     assert sample_times.GAP == segments._GAP
 

@@ -18,7 +18,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
-from jointid.importing.segment import lines_worth
+from jointid.importing.find.segment import lines_worth
 
 
 def several(lines: list[float], seconds: float, seed: int, rest_s: float = 0.5) -> Run:

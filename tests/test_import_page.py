@@ -22,8 +22,8 @@ from jointid.importing import (
     mapping_to_json,
     read_log,
 )
-from jointid.ui import workspace
-from jointid.ui.importing_segments import Row, apply_edits, chosen_segments
+from jointid.ui.importing.segments import Row, apply_edits, chosen_segments
+from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/9_Import_a_log.py"

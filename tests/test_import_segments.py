@@ -21,7 +21,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
-from jointid.importing.steady import Frames, settled_part
+from jointid.importing.find.steady_state import Frames, settled_part
 
 BOTH = np.array([1.0, 0.6 * np.exp(0.4j)])
 OTHER = np.array([0.8, -0.9 * np.exp(-0.5j)])

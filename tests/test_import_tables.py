@@ -32,9 +32,9 @@ from log_makers import (
 from jointid import JointIdError
 from jointid.arrays import Floats
 from jointid.importing import LogTable, read_log, read_logs
-from jointid.importing import extras as extras_module
-from jointid.importing.apart import SeparateReader
-from jointid.importing.units import split_unit
+from jointid.importing.columns.units import split_unit
+from jointid.importing.read import optional_imports as extras_module
+from jointid.importing.read.reader_process import SeparateReader
 
 
 def only(tables: tuple[LogTable, ...]) -> LogTable:

@@ -12,15 +12,15 @@ from test_import_page import runs, shown
 
 from jointid import JointIdError
 from jointid.importing import MappedLog, find_segments
-from jointid.ui import importing_work
-from jointid.ui.importing_work import Job, Progress, StoppedError
+from jointid.ui.importing import watched_work as importing_work
+from jointid.ui.importing.watched_work import Job, Progress, StoppedError
 
 
 def script() -> None:
     import streamlit as st
 
     from jointid import JointIdError
-    from jointid.ui.importing_work import StoppedError, Watch
+    from jointid.ui.importing.watched_work import StoppedError, Watch
 
     tasks = st.session_state["tasks"]
     watch = Watch("Go on", len(tasks))

@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 import warnings
+from collections import Counter
 from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
@@ -15,26 +16,23 @@ FILES = sorted([*(ROOT / "jointid").rglob("*.py"), *(ROOT / "pages").glob("*.py"
 
 HOMES = {
     "streamlit": ["jointid/ui/*", "app.py", "pages/*"],
-    "plotly": ["jointid/figures.py", "jointid/figures/*"],
+    "plotly": ["jointid/figures/*"],
     "pymunk": ["jointid/cut/arm_simulation.py"],
-    "pandas": [
-        "jointid/study_*.py", "jointid/*_tables.py",
-        "jointid/containers.py", "jointid/importing/*",
-    ],
+    "pandas": ["jointid/files/*", "jointid/importing/*"],
     "pyarrow": [
-        "jointid/study_*.py", "jointid/*_tables.py", "jointid/importing/*",
+        "jointid/files/*", "jointid/importing/*",
         "jointid/fleet/table.py", "jointid/fleet/content.py",
     ],
     "distributed": ["jointid/fleet/cluster.py"],
     "dask": ["jointid/fleet/cluster.py"],
-    "tomli_w": ["jointid/study_*.py", "jointid/checked_toml.py", "jointid/exporting/*"],
+    "tomli_w": ["jointid/files/*", "jointid/exporting/*"],
     "reportlab": ["jointid/reporting/pdf*.py"],
     "control": ["jointid/exporting/*"],
-    "h5py": ["jointid/importing/*"],
-    "openpyxl": ["jointid/importing/*"],
-    "python_calamine": ["jointid/importing/*"],
-    "rosbags": ["jointid/importing/*"],
-    "threadpoolctl": ["jointid/threads.py"],
+    "h5py": ["jointid/importing/read/*"],
+    "openpyxl": ["jointid/importing/read/*"],
+    "python_calamine": ["jointid/importing/read/*"],
+    "rosbags": ["jointid/importing/read/*"],
+    "threadpoolctl": ["jointid/small_matrices.py"],
     "typer": ["jointid/cli/*"],
     "rich": ["jointid/cli/*"],
     "numpy": ["*"],
@@ -42,36 +40,25 @@ HOMES = {
 }  # fmt: skip
 """Where each library may be imported."""
 
-STOREYS = [
+FLOORS = [
     ["errors"],
-    ["arrays"],
+    ["arrays", "markdown_escape", "wording", "rounding"],
+    ["small_matrices"],
     ["records", "joints"],
-    ["experiment"],
-    ["motor_steps"],
-    ["simulated_robot"],
-    ["closed_loop"],
-    ["sine_fit"],
-    ["phasors"],
-    ["transfer_matrix", "noise", "friction"],
-    ["springs"],
-    ["linear_fit"],
-    ["torque_balance"],
-    ["whitened_balance"],
-    ["likelihood"],
-    ["candidates"],
-    ["model_choice"],
-    ["elasticity"],
-    ["uncertainty", "planning"],
+    ["phasors", "simulation"],
+    ["transfer_matrix"],
+    ["estimation"],
+    ["answer", "uncertainty"],
     ["verdict"],
     ["study"],
-    ["cut"],
-    ["study_files", "importing", "exporting"],
-    ["fleet"],
+    ["files", "cut"],
+    ["importing", "exporting"],
+    ["background"],
+    ["fleet", "figures"],
     ["reporting"],
-    ["figures"],
     ["cli", "ui"],
 ]
-"""From the ground up. What is not named may stand anywhere, as long as nothing reaches up through it."""
+"""Modules and rooms of the package from the ground up; every one has its floor."""
 
 
 @cache
@@ -119,14 +106,25 @@ def reached(module: str) -> set[str]:
     return seen
 
 
-def storey(module: str) -> int | None:
-    part = module.split(".")[1] if module.startswith("jointid.") else None
-    return next((i for i, storey_ in enumerate(STOREYS) if part in storey_), None)
+def floor(module: str) -> int:
+    """Floor of a module of the package; pages and app.py have the highest."""
+    if not module.startswith("jointid."):
+        return len(FLOORS)
+    part = module.split(".")[1]
+    return next(i for i, rooms in enumerate(FLOORS) if part in rooms)
+
+
+def room(file: Path) -> str:
+    return file.parent.relative_to(ROOT).as_posix()
 
 
 def test_there_is_something_to_read() -> None:
-    assert {"jointid.joints", "jointid.phasors", "jointid.elasticity"} <= graph().keys()
-    assert "jointid.records" in graph()["jointid.phasors"]
+    assert {
+        "jointid.joints",
+        "jointid.phasors.extract",
+        "jointid.estimation.elasticity",
+    } <= graph().keys()
+    assert "jointid.records" in graph()["jointid.phasors.extract"]
 
 
 def test_outside_libraries_stay_at_home() -> None:
@@ -146,13 +144,36 @@ def test_outside_libraries_stay_at_home() -> None:
 def test_imports_point_down() -> None:
     wrong = set()
     for module in graph():
-        own, below = storey(module), reached(module)
+        below = reached(module)
         if module in below:
             wrong.add(f"{module} imports itself in a circle")
-        if own is not None:
-            up = {target for target in below if (storey(target) or 0) > own}
-            wrong |= {f"{module} reaches up to {target}" for target in up}
+        wrong |= {f"{module} imports {t}" for t in below if floor(t) > floor(module)}
     assert not wrong
+
+
+def test_rooms_of_one_floor_import_in_one_direction() -> None:
+    """No circle between rooms, even where every module alone imports downwards."""
+    rooms = {name_of(file): room(file) for file in FILES}
+    arrows = {(rooms[a], rooms[b]) for a in graph() for b in graph()[a] if rooms[a] != rooms[b]}
+    arrows = {(a, b) for a, b in arrows if "jointid" not in (a, b)}  # the root is no room
+    assert not {(a, b) for a, b in arrows if (b, a) in arrows}
+
+
+def test_rooms_of_the_user_interface_share_only_what_is_shared() -> None:
+    parts = {module: module.split(".")[2] for module in graph() if module.startswith("jointid.ui.")}
+    wrong = {
+        f"{a} imports {b}"
+        for a in parts
+        for b in graph()[a] & parts.keys()
+        if parts[b] not in ("shared", parts[a])
+    }
+    assert not wrong
+
+
+def test_a_room_is_seen_at_a_glance() -> None:
+    sizes = Counter(room(file) for file in FILES)
+    assert sizes["jointid"] <= 12
+    assert max(sizes.values()) <= 17, sizes.most_common(3)
 
 
 def test_the_library_does_not_go_through_its_own_front_door() -> None:

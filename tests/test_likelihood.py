@@ -24,12 +24,17 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.friction import friction_waveforms
-from jointid.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood, quadratic
-from jointid.linear_fit import weighted
-from jointid.model_choice import choose_model
-from jointid.springs import spring_equations
-from jointid.torque_balance import make_problem
+from jointid.estimation.friction import friction_waveforms
+from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.likelihood import (
+    LikelihoodEstimate,
+    gain_of_delay,
+    maximum_likelihood,
+    quadratic,
+)
+from jointid.estimation.linear_fit import weighted
+from jointid.estimation.model_selection import choose_model
+from jointid.estimation.residual import make_problem
 
 Law = Callable[[np.ndarray], np.ndarray]
 BAND_HZ = np.geomspace(3.0, 30.0, 10).round(2)

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-import jointid.study_parts as study_parts
+import jointid.files.study_parts as study_parts
 from jointid import (
     Controller,
     Elasticity,
@@ -24,11 +24,11 @@ from jointid import (
     save_study,
     simulate_records,
 )
-from jointid.digest import study_digest
-from jointid.experiment import Excitation
-from jointid.long_records import LongRecord, joined
-from jointid.sine_fit import fit_sines
-from jointid.ui.quality import quality_table
+from jointid.files.digest import study_digest
+from jointid.phasors.long_records import LongRecord, joined
+from jointid.phasors.sine_fit import fit_sines
+from jointid.simulation.experiment import Excitation
+from jointid.ui.study.data_quality import quality_table
 
 INERTIA = Inertia(M=[0.0025, 0.0010], M2=[[0.0041, 0.0004], [0.0004, 0.0019]])
 TRUE = Elasticity(K=[43, 7.5], D=[0.1, 0.015])

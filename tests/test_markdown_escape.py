@@ -15,10 +15,10 @@ from markdown_it import MarkdownIt
 from streamlit.testing.v1 import AppTest
 
 from jointid import load_study
-from jointid.digest import study_digest
+from jointid.files.digest import study_digest
+from jointid.files.store import Store, new_workspace, user_folder
+from jointid.files.study_files import pack_study
 from jointid.markdown_escape import markdown_escape
-from jointid.store import Store, new_workspace, user_folder
-from jointid.study_files import pack_study
 
 ROOT = Path(__file__).parents[1]
 HOSTILE = (

@@ -19,7 +19,7 @@ from jointid import (
     simulate_records,
     single_record_response,
 )
-from jointid.experiment import Controller, Excitation, Measurement, MotorFriction
+from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
 
 BAND = np.array([3.1, 4.7, 6.3, 8.1, 10.3, 12.7, 15.1, 17.7, 20.3, 23.3, 26.7, 29.9])
 SENSORS = Measurement(encoder_counts=65_536, position_noise_rad=5e-5, torque_noise_Nm=[0.02, 0.01])

@@ -25,7 +25,7 @@ from jointid import (
     simulate_records,
     single_record_response,
 )
-from jointid.experiment import Controller, Excitation
+from jointid.simulation.experiment import Controller, Excitation
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 SHORT = Excitation(periods=6.3)

@@ -19,8 +19,8 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.experiment import Controller, Excitation, Measurement
-from jointid.planning.plan import (
+from jointid.simulation.experiment import Controller, Excitation, Measurement
+from jointid.uncertainty.plan import (
     PlannedRecords,
     planned_records,
     predict_standard_errors,

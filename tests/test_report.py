@@ -32,7 +32,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.cut.outcome import millimetres, study_outcome
-from jointid.digest import study_digest
+from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Figure, Paragraph, Report, Section, Table
 from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
 from jointid.reporting.figures import (

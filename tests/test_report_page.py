@@ -10,7 +10,8 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
 from jointid.exporting import from_json, from_toml, identification, to_json
-from jointid.ui import downloads, workspace
+from jointid.ui.shared import workspace
+from jointid.ui.study import downloads
 
 APP = Path(__file__).parents[1] / "app.py"
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}

@@ -10,8 +10,7 @@ from plants import PAPER, PARALLELOGRAM
 
 from jointid import Analysis, Study, analyse, motor_response
 from jointid.figures import element_response
-from jointid.reporting.curves import element_curves
-from jointid.response_curves import (
+from jointid.figures.response_curves import (
     Response,
     band_of,
     identified,
@@ -21,6 +20,7 @@ from jointid.response_curves import (
     phase_deg,
     single_records,
 )
+from jointid.reporting.curves import element_curves
 
 BAND_HZ = np.geomspace(3.0, 30.0, 300)
 

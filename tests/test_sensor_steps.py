@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import SineRecord, extract_phasors
-from jointid.sensor_steps import quantum
+from jointid.phasors.sensor_steps import quantum
 
 
 @given(

@@ -20,9 +20,9 @@ from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
 from streamlit.proto.WidgetStates_pb2 import WidgetState
 
 from jointid import Elasticity, Inertia, SineRecord, Study, motor_response
-from jointid.digest import study_digest
-from jointid.store import Store, new_workspace
-from jointid.study_files import pack_study
+from jointid.files.digest import study_digest
+from jointid.files.store import Store, new_workspace
+from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 

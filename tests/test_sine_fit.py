@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from jointid import SineRecord
-from jointid.sine_fit import fit_sines, is_uniform
+from jointid.phasors.sine_fit import fit_sines, is_uniform
 
 
 def reference(record: SineRecord, harmonics: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid.free_friction import FreeFriction, real_rows
+from jointid.estimation.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import inverse, whitener
 
 

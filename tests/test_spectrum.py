@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointid import JointIdError
-from jointid.spectrum import amplitude_spectrum, largest_line_hz
+from jointid.phasors.spectrum import amplitude_spectrum, largest_line_hz
 
 
 @settings(derandomize=True, max_examples=60)

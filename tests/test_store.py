@@ -15,8 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from jointid import JointIdError, store
-from jointid.store import Store, new_workspace
+from jointid import JointIdError
+from jointid.files import store
+from jointid.files.store import Store, new_workspace
 
 ROOT = Path(__file__).parents[1]
 
@@ -158,7 +159,7 @@ class TestStrangers:
 CRASH = """
 import os, sys
 from pathlib import Path
-from jointid.store import Store
+from jointid.files.store import Store
 real, left = Path.replace, int(sys.argv[3])
 def replace(self, target):
     global left
@@ -302,7 +303,7 @@ class TestBound:
 WRITER = """
 import sys
 from pathlib import Path
-from jointid.store import Store
+from jointid.files.store import Store
 kept, who = Store(Path(sys.argv[1])), int(sys.argv[3])
 for k in range(15):
     kept.put(sys.argv[2], f"{who} {k}", f"{who} {k}", bytes([who]) * (1000 + k))

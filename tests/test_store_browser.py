@@ -24,7 +24,7 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 from sessions import Session
 
 from jointid import Study
-from jointid.study_files import pack_study
+from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 

@@ -16,18 +16,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jointid import (
-    Elasticity,
-    Inertia,
-    JointIdError,
-    SineRecord,
-    Study,
-    checked_toml,
-    contained,
-    record_tables,
-)
-from jointid.peeked_tables import plottable
-from jointid.study_files import PEEK_ROWS, load_study, pack_study, peek_study, save_study
+from jointid import Elasticity, Inertia, JointIdError, SineRecord, Study
+from jointid.files import checked_toml, record_tables
+from jointid.files import container_limits as contained
+from jointid.files.study_files import PEEK_ROWS, load_study, pack_study, peek_study, save_study
+from jointid.files.table_preview import plottable
 
 TOML = """\
 format = 1
@@ -351,7 +344,7 @@ def test_a_failed_save_leaves_what_was_there(tmp_path: Path, name: str, monkeypa
     def full(*_: object) -> bytes:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("jointid.study_saving.write_record_table", full)
+    monkeypatch.setattr("jointid.files.study_saving.write_record_table", full)
     with pytest.raises(JointIdError, match="No space left"):
         save_study(a_study(2.0), path, overwrite=True)
     assert_same_study(load_study(path), before)
@@ -366,7 +359,7 @@ def test_save_refuses_what_load_would_refuse(tmp_path: Path, monkeypatch) -> Non
     study = a_study()
     with pytest.raises(JointIdError, match="not a character"):
         save_study(Study(study.records, study.inertia, name="\ud800"), tmp_path / "a.zip")
-    monkeypatch.setattr("jointid.study_saving.MAX_TOTAL_BYTES", 10_000)
+    monkeypatch.setattr("jointid.files.study_saving.MAX_TOTAL_BYTES", 10_000)
     with pytest.raises(JointIdError, match="split it"):
         save_study(study, tmp_path / "a.zip")
     assert os.listdir(tmp_path) == []

@@ -13,13 +13,13 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Study, analyse
-from jointid.figures.trust import confidence_outlines, harmonic_bars, normalised_residuals
-from jointid.planning.plan import suggest_records
-from jointid.study_files import pack_study
-from jointid.ui import workspace
-from jointid.ui.charts import csv_bytes
-from jointid.ui.plan_form import largest_so_far, suggested_columns
-from jointid.ui.trust import difference
+from jointid.figures.uncertainty import confidence_outlines, harmonic_bars, normalised_residuals
+from jointid.files.study_files import pack_study
+from jointid.ui.shared import workspace
+from jointid.ui.shared.charts import csv_bytes
+from jointid.ui.study.plan_form import largest_so_far, suggested_columns
+from jointid.ui.study.uncertainty_panels import difference
+from jointid.uncertainty.plan import suggest_records
 from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 

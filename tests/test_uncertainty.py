@@ -31,7 +31,7 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.experiment import Controller, Excitation, Measurement
+from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (

@@ -32,7 +32,7 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.experiment import Controller, Excitation, Measurement
+from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import (
     amplitude_dependence,

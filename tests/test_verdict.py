@@ -28,14 +28,14 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.experiment import Controller, Excitation, Measurement
+from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
 from jointid.verdict.link_side import fit_link_side, link_side_finding
 from jointid.verdict.places import ENTRIES, INERTIAS, RUNS
 from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
-from jointid.verdict.steady_start import steady_from
+from jointid.verdict.steady_state import steady_from
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -159,7 +159,7 @@ def test_a_steady_record_may_begin_after_a_period() -> None:
 def test_remedies_name_places_that_the_app_has() -> None:
     """What is quoted in a place is a label on the import page."""
     root = Path(__file__).parents[1]
-    page = "".join(file.read_text("utf-8") for file in (root / "jointid/ui").glob("importing_*.py"))
+    page = "".join(file.read_text("utf-8") for file in (root / "jointid/ui/importing").glob("*.py"))
     page += (root / "pages/9_Import_a_log.py").read_text("utf-8")
     quoted = {q for place in (RUNS, ENTRIES, INERTIAS) for q in re.findall(r'"([^"]+)"', place)}
     assert quoted == {"Correct the runs", "All entries", "The robot", "Import a log"}

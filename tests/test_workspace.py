@@ -8,9 +8,9 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study
-from jointid.store import Store
-from jointid.study_files import pack_study
-from jointid.ui import workspace
+from jointid.files.store import Store
+from jointid.files.study_files import pack_study
+from jointid.ui.shared import workspace
 
 APP = Path(__file__).parents[1] / "app.py"
 

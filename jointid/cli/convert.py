@@ -75,8 +75,8 @@ def convert(
         require_free(output, overwrite, [*logs, mapping, inertia])
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
-    from jointid.importing.joined import join_logs
-    from jointid.importing.log_study import date_in
+    from jointid.importing.map.joined_logs import join_logs
+    from jointid.importing.study import date_in
 
     with status("Reading", quiet=as_json):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
@@ -134,7 +134,7 @@ def mapped_study(
     import numpy as np
 
     from jointid.importing import apply_mapping, find_segments, study_from_logs
-    from jointid.importing.segments import FoundSegments
+    from jointid.importing.find.segments import FoundSegments
 
     logs = [apply_mapping(table, mapping) for table in tables]
     rows = np.cumsum([0, *(log.time_s.size for log in logs)])

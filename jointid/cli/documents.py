@@ -10,7 +10,7 @@ from jointid.study import Study
 
 def study_document(study: Study, path: Path) -> dict[str, Any]:
     """What a new study holds."""
-    from jointid.digest import study_digest
+    from jointid.files.digest import study_digest
 
     return {
         "study": str(path),

@@ -77,7 +77,7 @@ def _exported(
     if ending == ".mat":
         return exporting.to_mat(analysis)
     if ending == ".zip":
-        from jointid.study_files import pack_study
+        from jointid.files.study_files import pack_study
 
         return pack_study(analysis.study)
     if ending in (".phasors.csv", ".h.csv"):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def loaded(path: Path) -> Study:
     """Read a study."""
-    from jointid.study_files import load_study
+    from jointid.files.study_files import load_study
 
     return load_study(path)
 
@@ -61,7 +61,7 @@ def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) ->
 
 def _in_study(path: Path) -> bool:
     """Tell whether a file may be part of a study's folder."""
-    from jointid.study_saving import STUDY_FILE
+    from jointid.files.study_saving import STUDY_FILE
 
     at = path.absolute()
     if at.name == STUDY_FILE:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from jointid.elasticity import METHODS
+from jointid.estimation.elasticity import METHODS
 
 
 def known_method(value: str) -> str:

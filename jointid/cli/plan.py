@@ -13,7 +13,7 @@ from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
-from jointid.elasticity import identify_elasticity
+from jointid.estimation.elasticity import identify_elasticity
 from jointid.study import Study
 
 
@@ -67,8 +67,8 @@ def plan_document(
     velocity_limit: Sequence[float] | None,
 ) -> dict[str, Any]:
     """Records to make next, and how well K and D would be known after each."""
-    from jointid.phasors import extract_phasors
-    from jointid.planning.plan import suggest_records
+    from jointid.phasors.extract import extract_phasors
+    from jointid.uncertainty.plan import suggest_records
 
     phasors = extract_phasors(study.records)
     fit = identify_elasticity(phasors, study.inertias, method=method)

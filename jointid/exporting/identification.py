@@ -8,9 +8,9 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from jointid.arrays import Floats, finite_array
-from jointid.digest import study_digest
-from jointid.elasticity import METHODS, Friction
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import METHODS, Friction
+from jointid.files.digest import study_digest
 from jointid.joints import Elasticity, Inertia
 from jointid.study import Analysis
 from jointid.wording import counted
@@ -23,13 +23,13 @@ class Obtained:
     version: str
     """Version of this software."""
     digest: str
-    """Fingerprint of the study to its last bit, see ``jointid.digest``."""
+    """Fingerprint of the study to its last bit, see ``jointid.files.digest``."""
     study: str
     """Name of the study."""
     origin: str
     """"simulated", "measured", or empty when the study does not say."""
     method: str
-    """Estimator asked for, one of ``jointid.elasticity.METHODS``."""
+    """Estimator asked for, one of ``jointid.estimation.elasticity.METHODS``."""
     model: str
     """What was fitted: "elasticity", with " + friction" and " + delay" where these were."""
     free_reversal: float

@@ -24,10 +24,10 @@ from typing import Any
 
 import tomli_w
 
-from jointid.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.elasticity import Friction
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import Friction
 from jointid.exporting.identification import Identification, Obtained
+from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import shown
 

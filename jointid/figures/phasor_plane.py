@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure, plain_text
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.rounding import with_error
 
 

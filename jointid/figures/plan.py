@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.figures.style import colours, figure, linear_axis
-from jointid.planning.plan import Suggestion
+from jointid.uncertainty.plan import Suggestion
 
 
 def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:

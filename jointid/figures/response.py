@@ -10,6 +10,17 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
+from jointid.figures.response_curves import (
+    Response,
+    element_name,
+    freed_or_measured,
+    identified,
+    magnitude_limits,
+    measured,
+    nominal,
+    phase_deg,
+    single_records,
+)
 from jointid.figures.style import (
     Axis,
     Trace,
@@ -20,17 +31,6 @@ from jointid.figures.style import (
     log_axis,
     phase_axis,
     points,
-)
-from jointid.response_curves import (
-    Response,
-    element_name,
-    freed_or_measured,
-    identified,
-    magnitude_limits,
-    measured,
-    nominal,
-    phase_deg,
-    single_records,
 )
 from jointid.study import Analysis
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.elasticity import ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
     JOINT_SYMBOLS,
     colours,

@@ -21,8 +21,8 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
+from jointid.phasors.spectrum import amplitude_spectrum
 from jointid.records import SineRecord
-from jointid.spectrum import amplitude_spectrum
 
 _MOST_POINTS = 2000
 """Points of a curve that a screen can show; longer signals are drawn by their extremes."""

@@ -9,11 +9,11 @@ From study to row (``row.py``, ``worker.py``) the way is the same wherever it ru
 ``cluster.py`` say where.
 """
 
+from jointid.background.child_process import Limits
 from jointid.fleet.row import Row
 from jointid.fleet.run import Progress, Summary, analyse_fleet
 from jointid.fleet.studies import find_studies
 from jointid.fleet.table import read_rows as read_fleet
-from jointid.processes.child import Limits
 
 __all__ = [
     "Limits",

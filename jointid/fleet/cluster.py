@@ -20,11 +20,11 @@ import dask
 from distributed import Client, Future
 from distributed.scheduler import KilledWorker
 
+from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
 from jointid.fleet.jobs import WORKER, Done, Job, asked, do_job
 from jointid.fleet.row import LOST, Row, failed, from_plain
-from jointid.processes.child import Child, Limits
 
 _CONNECT_S = 20.0
 _LOOK_S = 1.0

@@ -13,12 +13,12 @@ from typing import BinaryIO
 
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
-from jointid.contained import MAX_TOTAL_BYTES
-from jointid.containers import open_container
-from jointid.csv_tables import ARROW_FAULTS
 from jointid.errors import JointIdError
-from jointid.study_parts import is_long
-from jointid.study_saving import STUDY_FILE
+from jointid.files.container_limits import MAX_TOTAL_BYTES
+from jointid.files.containers import open_container
+from jointid.files.csv_tables import ARROW_FAULTS
+from jointid.files.study_parts import is_long
+from jointid.files.study_saving import STUDY_FILE
 
 _RECORDS = (".csv", ".parquet")
 _CHUNK = 1 << 20

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from jointid.background.child_process import Child, Ended
 from jointid.fleet.row import CRASH, TIME, Row, failed, from_plain, to_plain
-from jointid.processes.child import Child, Ended
 
 WORKER = "jointid.fleet.worker"
 """What the processes run that analyse."""

@@ -6,9 +6,9 @@ import queue
 import threading
 from collections.abc import Callable, Generator, Sequence
 
+from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
 from jointid.fleet.jobs import WORKER, Done, Job, do_job
-from jointid.processes.child import Child, Limits
 
 _LOOK_S = 0.2
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
+from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.fleet.jobs import WORKER
 from jointid.fleet.row import Row, from_plain
-from jointid.processes.child import Child, Ended, Limits
 
 _LIMITS = Limits(time_s=60.0, memory_bytes=2 << 30)
 

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jointid.digest import study_digest
 from jointid.exporting.identification import software_version
+from jointid.files.digest import study_digest
 from jointid.study import Analysis
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
@@ -36,7 +36,7 @@ class Row:
     content: str
     """Digest of its files; empty when they could not be read."""
     method: str
-    """Estimator asked for, one of ``jointid.elasticity.METHODS``."""
+    """Estimator asked for, one of ``jointid.estimation.elasticity.METHODS``."""
     version: str
     """Version of this software."""
     time_s: float
@@ -46,7 +46,7 @@ class Row:
     failure: str = ""
     """The kind of error: "refused", "time", "memory", "crash", "lost", "fault", or empty."""
     digest: str = ""
-    """Digest of the study as loaded, see ``jointid.digest``."""
+    """Digest of the study as loaded, see ``jointid.files.digest``."""
     name: str = ""
     robot: str = ""
     date: str = ""

@@ -9,8 +9,9 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from jointid.elasticity import METHODS
+from jointid.background.child_process import Limits
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import METHODS
 from jointid.exporting.identification import software_version
 from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
@@ -18,7 +19,6 @@ from jointid.fleet.local import Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, shown
 from jointid.fleet.table import read_rows, write_rows
-from jointid.processes.child import Limits
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def analyse_fleet(
         The table, sorted by the order of the studies. Rows of other studies that are in it already
         stay, after those.
     method : str, default "auto"
-        Estimator, one of ``jointid.elasticity.METHODS``.
+        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
     workers : int, optional
         Processes of this computer; left out: as many as it has cores.
     scheduler : str, optional

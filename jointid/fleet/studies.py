@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from jointid.errors import JointIdError
-from jointid.study_saving import STUDY_FILE
+from jointid.files.study_saving import STUDY_FILE
 
 _MAGIC = re.compile(r"[*?\[]")
 _ESCAPE = re.compile(rb"\\(?=x(?:[89a-f][0-9a-f]|5c))")

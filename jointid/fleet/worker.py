@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
+from jointid.files.study_files import load_study
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.row import FAULT, MEMORY, REFUSED, Row, failed, row_of, to_plain
-from jointid.processes.serving import Progress, serve_here
 from jointid.study import analyse
-from jointid.study_files import load_study
 
 
 def study_row(
@@ -27,7 +27,7 @@ def study_row(
     study : str
         What the row calls it.
     method : str
-        Estimator, one of ``jointid.elasticity.METHODS``.
+        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
     known : str
         Digest of files that have their row already.
     content : str

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
-from jointid.checked_toml import parse_toml
 from jointid.errors import JointIdError
+from jointid.files.checked_toml import parse_toml
+from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_inertia, read_nominal, read_poses
 from jointid.joints import Elasticity, Inertia
-from jointid.study_keys import INERTIA_KEYS, STUDY_KEYS, read_inertia, read_nominal, read_poses
 from jointid.wording import counted
 
 INERTIA_UNITS = {

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jointid.arrays import Floats
-from jointid.reporting.drawing import Symbol
-from jointid.response_curves import (
+from jointid.figures.response_curves import (
     Response,
     freed_or_measured,
     identified,
@@ -16,6 +15,7 @@ from jointid.response_curves import (
     phase_deg,
     single_records,
 )
+from jointid.reporting.drawing import Symbol
 from jointid.study import Analysis
 
 MEASURED, NOMINAL, IDENTIFIED, WANTED = "#000000", "#D55E00", "#0072B2", "#9A9A9A"

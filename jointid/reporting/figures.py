@@ -10,6 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.cut.outcome import millimetres
 from jointid.cut.tracking import TrackingRun
+from jointid.figures.response_curves import band_of, element_name, magnitude_limits
 from jointid.reporting.curves import (
     WANTED,
     Curve,
@@ -18,7 +19,6 @@ from jointid.reporting.curves import (
     single_record_curves,
 )
 from jointid.reporting.drawing import Drawing, Line, Marks, Text
-from jointid.response_curves import band_of, element_name, magnitude_limits
 from jointid.study import Analysis
 
 PAGE_WIDTH = 482.0

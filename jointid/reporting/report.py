@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 
 from jointid.answer import answer_sentence, inertia_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
-from jointid.digest import study_digest
 from jointid.errors import JointIdError
 from jointid.exporting.identification import software_version
+from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
 from jointid.reporting.html import to_html

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jointid.digest import study_digest
-from jointid.elasticity import METHODS, ElasticityFit
+from jointid.estimation.elasticity import METHODS, ElasticityFit
 from jointid.exporting.identification import software_version
+from jointid.files.digest import study_digest
 from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import plain, significant, with_error

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.elasticity import ElasticityFit
-from jointid.friction import FrictionWaveforms, friction_waveforms
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
+from jointid.estimation.joint_equations import inertia_arrays, spring_equations
+from jointid.estimation.likelihood import harmonic_scale, inverse_normal, maximum_likelihood, quadratic
+from jointid.estimation.linear_fit import Estimate, explicit, least_squares, weighted
+from jointid.estimation.residual import make_problem
 from jointid.joints import Inertia
-from jointid.likelihood import harmonic_scale, inverse_normal, maximum_likelihood, quadratic
-from jointid.linear_fit import Estimate, explicit, least_squares, weighted
-from jointid.phasors import Phasors
-from jointid.springs import inertia_arrays, spring_equations
-from jointid.torque_balance import make_problem
+from jointid.phasors.extract import Phasors
 
 _GAUSS_NEWTON = 2  # steps after which inertias that are off by a per cent move the optimum no more
 _LINEAR = {"least-squares": least_squares, "explicit": explicit, "weighted": weighted}

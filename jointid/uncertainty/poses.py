@@ -9,10 +9,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from jointid.arrays import Floats
-from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
-from jointid.springs import spring_equations
+from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 _EXACT_FREEDOM = 200  # a covariance of so many degrees of freedom is not worth drawing

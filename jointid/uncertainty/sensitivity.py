@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
-from jointid.threads import one_thread
+from jointid.phasors.extract import Phasors
+from jointid.small_matrices import one_thread
 from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_each, parameter_names
 
 _STEP = 1e-2

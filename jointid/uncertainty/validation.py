@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.joints import Elasticity, Inertia, motor_response
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.elasticity import ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
 from jointid.rounding import significant
 from jointid.transfer_matrix import TransferMatrix

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.uncertainty.chosen_model import parameter_names
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent
 from jointid.verdict.plausibility import GOOD, scale_findings

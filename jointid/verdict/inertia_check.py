@@ -12,9 +12,9 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
-from jointid.springs import spring_equations
+from jointid.phasors.extract import Phasors
 
 _PRIOR = 0.3
 """Relative standard deviation within which inertias are looked for; holds what no record tells."""

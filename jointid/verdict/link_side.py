@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import identify_elasticity
 from jointid.joints import Elasticity, Inertia, motor_response
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, percent, problem
 from jointid.verdict.places import IMPORT
 from jointid.wording import listed

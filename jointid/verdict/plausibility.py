@@ -15,10 +15,10 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jointid.arrays import Floats
-from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import identify_elasticity
 from jointid.joints import Inertia
-from jointid.phasors import Phasors
+from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.link_side import link_side_finding
 from jointid.verdict.places import ENTRIES, FILE, INERTIAS

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import identify_elasticity
+from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.joints import Inertia
-from jointid.likelihood import LikelihoodEstimate
 from jointid.rounding import with_error
 from jointid.uncertainty.chosen_model import parameter_names, refit
 from jointid.uncertainty.validation import freed_phasors

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.elasticity import ElasticityFit, identify_elasticity
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia, motor_impedance
-from jointid.phasors import Phasors
-from jointid.springs import spring_equations
+from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Evidence, Finding, number, problem
 from jointid.verdict.places import FILE, RUNS
 

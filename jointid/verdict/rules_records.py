@@ -11,7 +11,7 @@ from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
 from jointid.verdict.places import ENTRIES, FILE, RUNS
-from jointid.verdict.steady_start import decimals, steady_from
+from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
 
 _STARTS = 3  # records for which a later start is looked for, worst first

@@ -1,0 +1,1 @@
+"""Calls in background processes that can be cancelled."""

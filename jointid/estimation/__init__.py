@@ -1,0 +1,1 @@
+"""From phasors to K and D, equations (8)-(15) and beyond."""

@@ -1,0 +1,162 @@
+"""The springs' equations, (8)-(12): linear in stiffness and damping, one line per joint and record.
+
+With the motors' phasors q and τ and s = iω, the spring deflections have the second derivative
+
+    a = (I + M2⁻¹M) s²q − M2⁻¹τ          (9)
+
+and the springs' torques b = s²τ − M s⁴q (11), again as second derivatives. K and D are diagonal, so that
+equation (8) falls into one complex equation per joint and record, (K_j + iωD_j) a_j = b_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.estimation.noise import Noise, moderated_noise
+from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
+from jointid.wording import counted
+
+
+@dataclass(frozen=True, eq=False)
+class SpringEquations:
+    """The n equations (K_j + iωD_j) a_j = b_j of each of r records, and the noise of a and b."""
+
+    omega: Floats
+    """Frequencies, shape (r,), rad/s."""
+    a: Complexes
+    """Second derivative of the deflections, equation (9), shape (r, n), rad/s²."""
+    b: Complexes
+    """Second derivative of the spring torques, equation (11), shape (r, n), N·m/s²."""
+    of_a: Complexes
+    """Matrix with a = of_a z, z = [q; τ], shape (r, n, 2n)."""
+    of_b: Complexes
+    """Matrix with b = of_b z, shape (r, n, 2n)."""
+    noise: Noise
+    """Noise of z at every harmonic."""
+    leakage: Complexes
+    """Covariance that z has beyond the noise, from harmonics over a broken period, (r, 2n, 2n)."""
+
+    @property
+    def deflection(self) -> Complexes:
+        """Spring deflections q − q_a = a/s², shape (r, n), rad."""
+        return np.asarray(-self.a / self.omega[:, None] ** 2)
+
+    @property
+    def spring_torque(self) -> Complexes:
+        """Spring torques b/s², shape (r, n), N·m."""
+        return np.asarray(-self.b / self.omega[:, None] ** 2)
+
+    @property
+    def stiffness(self) -> Complexes:
+        """Dynamic stiffness b/a of each record alone, K + iωD if the model holds, (r, n), N·m/rad."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.b / self.a)
+
+    def residual(self, K: Floats, D: Floats) -> Complexes:
+        """Equation error b − (K + iωD) a, shape (r, n), N·m/s²."""
+        return np.asarray(self.b - (K + 1j * self.omega[:, None] * D) * self.a)
+
+    def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
+        """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
+        spring = K + 1j * self.omega[:, None] * D
+        E = self.of_b - spring[:, :, None] * self.of_a
+        return np.asarray(E @ (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2))
+
+    @property
+    def excitation(self) -> Floats:
+        """Deflection of each joint over all records against its noise, √(Σ|a|²/Σ var a), shape (n,)."""
+        variance = np.einsum("ria,rab,rib->i", self.of_a, self.noise.covariance[:, 0], self.of_a.conj())
+        return np.asarray(np.sqrt((np.abs(self.a) ** 2).sum(axis=0) / np.abs(variance)))
+
+    def matrix(self) -> tuple[Floats, Floats]:
+        """A (2nr, 2n) and b (2nr,) of equation (12), in the paper's order D1, K1, D2, K2, ..."""
+        r, n = self.a.shape
+        A = np.zeros((r, n, 2, n, 2))
+        for j in range(n):
+            columns = np.stack([1j * self.omega * self.a[:, j], self.a[:, j]], axis=1)
+            A[:, j, 0, j], A[:, j, 1, j] = columns.real, columns.imag
+        b = np.stack([self.b.real, self.b.imag], axis=2)
+        return A.reshape(2 * n * r, 2 * n), b.reshape(2 * n * r)
+
+
+def spring_equations(
+    phasors: Phasors, inertia: Inertia | Sequence[Inertia], *, noise: Noise | None = None
+) -> SpringEquations:
+    """Form equations (9) and (11) for every record.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
+    inertia : Inertia or sequence of Inertia
+        One for all records, or one per record when they come from several poses.
+    noise : Noise, optional
+        Of the phasors, where it is known already.
+
+    Raises
+    ------
+    JointIdError
+        When the inertias do not fit the records, or a joint's spring is not deflected.
+    """
+    z = phasors.z
+    empty = ~np.any(z != 0, axis=0)
+    if np.any(empty[: phasors.n] & empty[phasors.n :]):
+        j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
+        raise JointIdError(
+            f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm hold no sine in any "
+            f"record, so K{j} and D{j} cannot be found. Move joint {j}."
+        )
+    M, arm = inertia_arrays(phasors, inertia)
+    eye = np.eye(phasors.n)
+    s2 = -(phasors.omega[:, None, None] ** 2)
+    of_a = np.concatenate([(eye + arm * M[:, None]) * s2, -arm], axis=2).astype(complex)
+    of_b = np.concatenate([-M[:, None] * eye * s2**2, eye * s2], axis=2).astype(complex)
+    a, b = np.einsum("rij,rj->ri", of_a, z), np.einsum("rij,rj->ri", of_b, z)
+    K, D = pseudo_inverse(phasors.omega, a, b)
+    equations = SpringEquations(
+        omega=phasors.omega,
+        a=a,
+        b=b,
+        of_a=of_a,
+        of_b=of_b,
+        noise=noise or moderated_noise(phasors, M, arm, K, D),
+        leakage=phasors.covariance - phasors.harmonic_covariance[:, 0],
+    )
+    # Noise alone gives an excitation of 1 ± 1/√r; three standard deviations above is not by chance.
+    lost = equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)
+    if lost.any():
+        j = int(np.argmax(lost)) + 1
+        raise JointIdError(
+            f"Joint {j} is not excited: its spring is not deflected above the noise in any record, so "
+            f"K{j} and D{j} cannot be found. Move joint {j} more, and check the columns theta_m{j}_rad "
+            f"and tau_m{j}_Nm."
+        )
+    return equations
+
+
+def pseudo_inverse(omega: Floats, a: Complexes, b: Complexes) -> tuple[Floats, Floats]:
+    """K and D of equations (13)-(14): Σ Re(a*b) / Σ|a|² and Σ ω Im(a*b) / Σ ω²|a|², each shape (n,)."""
+    power, product = np.abs(a) ** 2, a.conj() * b
+    with np.errstate(divide="ignore", invalid="ignore"):
+        K = product.real.sum(axis=0) / power.sum(axis=0)
+        D = omega @ product.imag / (omega**2 @ power)
+    return K, D
+
+
+def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tuple[Floats, Floats]:
+    """M (r, n) and M2⁻¹ (r, n, n) of every record."""
+    r, n = phasors.q.shape
+    inertias = [inertia] * r if isinstance(inertia, Inertia) else list(inertia)
+    if len(inertias) != r:
+        raise JointIdError(f"{len(inertias)} inertias for {r} records: give one, or one per record.")
+    for each in inertias:
+        if each.n != n:
+            raise JointIdError(f"The records have {counted(n, 'joint')}, the inertia has {each.n}.")
+    arm = np.linalg.inv(np.array([each.M2 for each in inertias]))
+    return np.array([each.M for each in inertias]), np.asarray(arm, float)

@@ -1,0 +1,111 @@
+"""Linear estimators of K and D: the paper's two, and weighted least squares.
+
+Erratum. The pseudo-inverse (13)-(14) gives K = Σ Re(a*b) / Σ|a|² and D = Σ ω Im(a*b) / Σ ω²|a|². The
+paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: the same for one frequency,
+another weighting for several, exact as well when there is no noise. Both are offered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.estimation.joint_equations import SpringEquations
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters p = (K1 ... Kn, D1 ... Dn, further ones) with their noise and the cost they leave."""
+
+    p: Floats
+    """Shape (P,)."""
+    covariance: Floats
+    """Shape (P, P), from the noise alone."""
+    cost: float
+    """Sum of squares of the residual measured by its noise."""
+    expected_cost: float
+    """Its mean when the model is right and the noise as stated; 0 when nothing is left over."""
+    parameters: int
+    """How many real numbers were fitted, those of the reversals included."""
+
+
+def least_squares(equations: SpringEquations) -> Estimate:
+    """Equations (13)-(14)."""
+    return _estimate(equations, _least_squares_gain(equations), weighted=False)
+
+
+def explicit(equations: SpringEquations) -> Estimate:
+    """Equation (15) as printed."""
+    a, omega = equations.a, equations.omega[:, None]
+    stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
+    damping = -1j * a.conj() / (omega * np.abs(a) ** 2).sum(axis=0)
+    return _estimate(equations, _diagonals(stiffness, damping), weighted=False)
+
+
+def weighted(equations: SpringEquations) -> Estimate:
+    """Generalised least squares from the least-squares start; noise of a and b both weigh."""
+    gain = _least_squares_gain(equations)
+    n = equations.a.shape[1]
+    for _ in range(3):  # the weights hang on K and D only weakly
+        p = _apply(gain, equations.b)
+        gain, _ = _weighted_gain(equations, equations.residual_covariance(p[:n], p[n:]))
+    return _estimate(equations, gain, weighted=True)
+
+
+def _least_squares_gain(equations: SpringEquations) -> Complexes:
+    """Every linear estimator is p = Σ_r Re(G_r b_r) with a gain G of shape (r, 2n, n)."""
+    a, omega = equations.a, equations.omega[:, None]
+    stiffness = a.conj() / (np.abs(a) ** 2).sum(axis=0)
+    damping = -1j * omega * a.conj() / ((omega * np.abs(a)) ** 2).sum(axis=0)
+    return _diagonals(stiffness, damping)
+
+
+def _weighted_gain(equations: SpringEquations, V: Complexes) -> tuple[Complexes, Floats]:
+    """Gain (r, 2n, n) and normal matrix (2n, 2n) for the error covariance V (r, n, n)."""
+    R = _regressors(equations)
+    RV = np.linalg.solve(V, R).conj().swapaxes(1, 2)  # RᴴV⁻¹
+    normal = (RV @ R).sum(axis=0).real
+    scale = 1 / np.sqrt(np.diag(normal))  # K and D differ by orders of magnitude
+    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
+    return np.asarray(inverse @ RV), normal
+
+
+def _regressors(equations: SpringEquations) -> Complexes:
+    """R with b = R p, shape (r, n, 2n)."""
+    return _diagonals(equations.a, 1j * equations.omega[:, None] * equations.a).swapaxes(1, 2)
+
+
+def _diagonals(first: Complexes, second: Complexes) -> Complexes:
+    """Rows (r, n) and (r, n) as two stacked diagonal matrices, (r, 2n, n)."""
+    eye = np.eye(first.shape[1])
+    return np.concatenate([first[:, :, None] * eye, second[:, :, None] * eye], axis=1)
+
+
+def _apply(gain: Complexes, b: Complexes) -> Floats:
+    return np.asarray(np.einsum("rpj,rj->p", gain, b).real)
+
+
+def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) -> Estimate:
+    """Covariance and expected cost of p = Σ Re(G b), where V may be known from few periods only.
+
+    With e = b − R p and leverages h_r = Re tr(G_r R_r), E[Σ eᴴV⁻¹e] = Σ (n − h_r) + tr(N Cov p), where
+    N is the normal matrix of the weights V⁻¹.
+    """
+    r, n = equations.a.shape
+    p = _apply(gain, equations.b)
+    V = equations.residual_covariance(p[:n], p[n:])
+    e = equations.residual(p[:n], p[n:])
+    noise = equations.noise
+    leverage = np.einsum("rpj,rjp->r", gain, _regressors(equations)).real
+    penalty = np.ones(r)
+    if weighted:
+        penalty += (1 - leverage / (2 * n)) * (noise.weight_penalty - 1)
+    # Re(G e) of a circular complex e has half the covariance of the complex number.
+    covariance = 0.5 * np.einsum("r,rpi,rij,rqj->pq", penalty, gain, V, gain.conj()).real
+    V = V * noise.inverse_bias[:, None, None]
+    cost = float(np.einsum("ri,ri->", e.conj(), np.linalg.solve(V, e[..., None])[..., 0]).real)
+    _, normal = _weighted_gain(equations, V)
+    expected = float((n - leverage).sum() + np.trace(normal @ covariance)) if r > 1 else 0.0
+    return Estimate(p, covariance, cost, expected, parameters=2 * n)

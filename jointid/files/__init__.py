@@ -1,0 +1,1 @@
+"""Studies on disk: study.toml, record tables, containers with limits, digest, store."""

@@ -1,0 +1,90 @@
+"""A folder, or a zip archive, as a safe read-only set of named bytes."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import BinaryIO, TypeAlias
+
+from jointid.errors import JointIdError
+from jointid.files.container_limits import MAX_TOTAL_BYTES, Container
+from jointid.files.folder_files import Folder
+from jointid.files.zip_files import Zip
+
+__all__ = ["MAX_TOTAL_BYTES", "Container", "Source", "open_container"]
+
+Source: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
+"""A folder or .zip by its path, or a zip as bytes or as an open binary file (an upload)."""
+
+_ARCHIVE = "the archive"
+"""What messages call an archive without a name."""
+
+
+@contextmanager
+def open_container(source: Source, *, marker: str) -> Iterator[Container]:
+    """Open a folder or a zip archive for reading.
+
+    Instead of a folder, the marker in it may be given.
+
+    Parameters
+    ----------
+    source : path, bytes or binary file
+        A folder or .zip by its path, or a zip archive's content.
+    marker : str
+        File that marks the root. An archive whose files all lie in one top folder that holds
+        the marker is read from that folder.
+
+    Raises
+    ------
+    JointIdError
+        When there is nothing there, or it is not a folder or a safe, readable archive.
+    """
+    try:
+        if isinstance(source, str | os.PathLike):
+            path = Path(source)
+            if _is_folder(path):
+                yield Folder(path)
+                return
+            if path.name == marker:
+                yield Folder(path.parent)
+                return
+            with path.open("rb") as file:
+                yield Zip(file, path.name, marker)
+        elif isinstance(source, bytes | bytearray | memoryview):
+            yield Zip(io.BytesIO(source), _ARCHIVE, marker)
+        elif _is_binary_file(source):
+            yield Zip(source, PurePosixPath(str(getattr(source, "name", ""))).name or _ARCHIVE, marker)
+        else:
+            raise JointIdError(
+                "A study comes from a path, bytes or an open binary file, not from "
+                f"{type(source).__name__}."
+            )
+    except JointIdError as error:
+        if str(error).startswith(_ARCHIVE):  # a message is a sentence
+            raise JointIdError(_capital(str(error))) from error
+        raise
+
+
+def _is_binary_file(source: object) -> bool:
+    has_methods = all(hasattr(source, method) for method in ("read", "seek", "tell"))
+    return has_methods and not isinstance(source, io.TextIOBase)
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        if path.is_dir():
+            return True
+        if path.is_file():
+            path.open("rb").close()
+            return False
+        fault = "nothing is there"
+    except (OSError, ValueError) as error:
+        fault = f"it cannot be opened ({error!s:.200})"
+    raise JointIdError(f"{path!s:.200}: {fault}. Give a study's folder, or that folder as .zip.")
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,81 @@
+"""A study's fingerprint: equal studies, and only they, share it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from hashlib import blake2b
+from typing import Protocol
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.joints import Elasticity, Inertia
+from jointid.phasors.long_records import LongRecord
+from jointid.study import Study
+
+
+class _Hash(Protocol):
+    def update(self, data: bytes | memoryview, /) -> None: ...
+
+
+def study_digest(study: Study) -> str:
+    """Return a key under which results of a study may be cached.
+
+    Every value counts to its last bit: samples, frequencies, timing, inertias, nominal values, names,
+    robot and date.
+
+    Parameters
+    ----------
+    study : Study
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits (blake2b).
+    """
+    state = blake2b(digest_size=16)
+    _texts(state, (study.name, study.origin, study.description))
+    if study.robot or study.date is not None:  # a study without them keeps the digest it always had
+        _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
+    _inertias(state, [study.inertia, *study.poses.values()])
+    _texts(state, study.poses)
+    _elasticity(state, study.nominal)
+    for record in study.records:
+        _texts(state, (record.label, "pose " + record.pose if record.pose is not None else ""))
+        begins = float("nan") if record.start_s is None else record.start_s
+        timing = (record.frequency_hz, float(record.torque_hold), record.torque_delay_s, begins)
+        state.update(struct.pack("<4d", *timing))
+        if isinstance(record, LongRecord):
+            _texts(state, ("long", record.fingerprint()))
+            continue
+        for array in (record.time_s, record.theta_rad, record.tau_Nm):
+            _array(state, array)
+    return state.hexdigest()
+
+
+def _texts(state: _Hash, texts: Iterable[str]) -> None:
+    for text in texts:
+        data = text.encode("utf-8", "surrogatepass")
+        state.update(struct.pack("<q", len(data)) + data)
+    state.update(b"\xff")
+
+
+def _inertias(state: _Hash, inertias: Iterable[Inertia]) -> None:
+    for inertia in inertias:
+        _array(state, inertia.M)
+        _array(state, inertia.M2)
+    state.update(b"\xff")
+
+
+def _elasticity(state: _Hash, elasticity: Elasticity | None) -> None:
+    if elasticity is not None:
+        _array(state, elasticity.K)
+        _array(state, elasticity.D)
+    state.update(b"\xff")
+
+
+def _array(state: _Hash, array: Floats) -> None:
+    """Shape, then values in Fortran order: that is how records lie in memory, so nothing is copied."""
+    state.update(struct.pack(f"<{array.ndim + 1}q", array.ndim, *array.shape))
+    state.update(np.ascontiguousarray(array.T).data.cast("B"))

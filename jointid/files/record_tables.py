@@ -1,0 +1,238 @@
+"""One record's table, CSV or Parquet: bytes to arrays and back."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.csv as pa_csv  # type: ignore[import-untyped]
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.files.containers import MAX_TOTAL_BYTES
+from jointid.files.csv_tables import (
+    ARROW_FAULTS,
+    are_usable,
+    read_columns,
+    read_header,
+    time_fault,
+    unreadable,
+)
+from jointid.records import SineRecord
+from jointid.wording import counted, listed, nearest
+
+_JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
+
+
+@dataclass(frozen=True, eq=False)
+class RecordTable:
+    """The columns of one record, finite and in order of time."""
+
+    time_s: Floats
+    """Sample times, shape (N,), s."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), N·m."""
+
+
+def column_names(joints: int) -> list[str]:
+    """Return the columns of a record of ``joints`` joints: time, motor angles, motor torques."""
+    numbers = range(1, joints + 1)
+    return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
+
+
+def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
+    """Read the columns of one record; others are ignored.
+
+    Parameters
+    ----------
+    file : str
+        Name, which ends in .csv or .parquet.
+    data : bytes
+        The file's content.
+    joints : int
+        Number of joints of the study.
+
+    Raises
+    ------
+    JointIdError
+        When the table cannot be read, a column is missing, a value is not a finite number or
+        the times do not increase; with file, row, column, value and remedy.
+    """
+    if not data:
+        raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
+    kind = file.lower().rpartition(".")[2]
+    if kind == "csv":
+        header, body = read_header(file, data)
+        columns = read_columns(file, data, header, body, _find_columns(file, header, joints))
+    elif kind == "parquet":
+        columns = _read_parquet(file, data, joints)
+    else:
+        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
+    n = columns[0].size
+    theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
+    for j in range(joints):
+        theta[:, j], tau[:, j] = columns[1 + j], columns[1 + joints + j]
+    return RecordTable(columns[0], theta, tau)
+
+
+def write_record_table(record: SineRecord, record_format: str) -> bytes:
+    """Return a record's table as the bytes of a "csv" or "parquet" file, exact to the last bit."""
+    names = column_names(record.n)
+    arrays = [record.time_s, *record.theta_rad.T, *record.tau_Nm.T]
+    table = pa.table([pa.array(array) for array in arrays], names=names)
+    buffer = io.BytesIO()
+    if record_format == "parquet":
+        pa_parquet.write_table(table, buffer)
+    else:
+        # Arrow writes the shortest decimals that give the same float64 again.
+        buffer.write((",".join(names) + "\n").encode())
+        pa_csv.write_csv(table, buffer, pa_csv.WriteOptions(include_header=False))
+    return buffer.getvalue()
+
+
+def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
+    """Positions of the record's columns among those found."""
+    for name in found:
+        match = _JOINT_COLUMN.fullmatch(name)
+        number = int(match[1] or match[2]) if match else 0
+        if number > joints:
+            raise JointIdError(
+                f"{file} has the column {name}, but the inertia in study.toml has "
+                f"{counted(joints, 'joint')}. "
+                f"Give M and M2 of all {number} joints, or remove the columns of joint {number}."
+            )
+    positions = []
+    expected = column_names(joints)
+    for name in expected:
+        count = found.count(name)
+        if count > 1:
+            raise JointIdError(f"{file} has {count} columns {name}: keep one and rename the others.")
+        if count == 0:
+            others = [other for other in found if other not in expected]
+            raise JointIdError(
+                f"{_meaning(name)} is missing in {file}: expected a column {name}."
+                f"{_conversion(name, others)} Columns found: {listed(found)}."
+            )
+        positions.append(found.index(name))
+    return positions
+
+
+def _meaning(column: str) -> str:
+    kind, _, rest = column.partition("_m")
+    what = {"theta": "Motor angle", "tau": "Torque"}.get(kind)
+    return f"{what} of joint {rest.partition('_')[0]}" if what else "Time"
+
+
+def _conversion(name: str, found: Sequence[str]) -> str:
+    """Say how a column in another unit becomes the one that is missing, or name the most similar."""
+    quantity = name.rpartition("_")[0]
+    for other, unit, how in (
+        (f"{quantity}_deg", "degrees to radians", "multiply by π/180"),
+        (f"{quantity}_ms", "milliseconds to seconds", "divide by 1000"),
+        (f"{quantity}_us", "microseconds to seconds", "divide by 1000000"),
+    ):
+        if other in found:
+            return f" Convert {other} from {unit} ({how})."
+    return nearest(name, found)
+
+
+def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
+    """Positions of a Parquet record's columns, time, motor angles, motor torques.
+
+    Raises
+    ------
+    JointIdError
+        When one is missing or holds no numbers.
+    """
+    positions = _find_columns(file, list(schema.names), joints)
+    for k in positions:
+        kind = schema.types[k]
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise JointIdError(
+                f"{file}, column {schema.names[k]}: holds {kind}; expected numbers (float64)."
+            )
+    return positions
+
+
+def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
+    try:
+        source = pa_parquet.ParquetFile(pa.BufferReader(data))
+        schema, rows = source.schema_arrow, source.metadata.num_rows
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
+    names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
+    if rows == 0:
+        raise JointIdError(f"{file} has columns but no rows: export the record again.")
+    try:
+        _require_bounded(file, source.metadata, len(names))
+        table = source.read(columns=names)
+        columns = []
+        for name in names:
+            column = table.column(name)
+            if column.null_count:
+                row = int(np.argmax(column.is_null().to_numpy())) + 1
+                raise JointIdError(
+                    f"{file}, row {row}, column {name}: the value is missing. "
+                    "Fill it in or remove the row."
+                )
+            columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
+    except JointIdError:
+        raise
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
+    if not are_usable(columns):
+        explain_fault(file, column_names(joints), columns)
+    return columns
+
+
+def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:
+    """A few bytes of Parquet can stand for billions of equal values."""
+    # Not by column: Arrow ends the whole process over some damaged column metadata.
+    stated = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
+    size = max(metadata.num_rows * columns * 8, stated)
+    if size > MAX_TOTAL_BYTES:
+        raise JointIdError(
+            f"{file} would take {size / 2**20:.4g} MiB, more than the limit of "
+            f"{MAX_TOTAL_BYTES / 2**20:.4g} MiB. Split the record, or log less."
+        )
+
+
+def explain_fault(
+    file: str,
+    names: Sequence[str],
+    columns: Sequence[Floats],
+    above: int = 0,
+    before: float = -math.inf,
+) -> NoReturn:
+    """Say where columns that ``are_usable`` refuses are at fault.
+
+    Parameters
+    ----------
+    file : str
+    names : sequence of str
+    columns : sequence of ndarray
+        The first is time.
+    above : int, default 0
+        Rows of the file above these.
+    before : float, optional
+        Time of the row above the first one.
+    """
+    for name, column in zip(names, columns, strict=True):
+        if not np.isfinite(column).all():
+            row = int(np.argmin(np.isfinite(column)))
+            raise JointIdError(
+                f"{file}, row {above + row + 1}, column {name}: {column[row]} is not a finite number. "
+                "Repair the value or remove the row."
+            )
+    time = np.concatenate([[before], columns[0]])
+    row = int(np.argmax(time[1:] <= time[:-1]))
+    raise time_fault(f"{file}, row {above + row + 1}", time[row + 1], time[row], f"row {above + row}")

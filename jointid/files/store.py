@@ -1,0 +1,303 @@
+"""Work that is not lost: named pieces of data in a folder, shared by any number of processes.
+
+A workspace is known by an unguessable id, which whoever knows may use. Each entry is a few files:
+
+    workspaces/<hash of the workspace's id>/<entry>.data      the data, never changed
+    workspaces/<hash of the workspace's id>/<entry>.json      digest, size, checksum; its arrival commits
+    workspaces/<hash of the workspace's id>/<entry>.name      its latest name, when it was renamed
+    workspaces/<hash of the workspace's id>/<entry>.note      what became of an entry that is gone
+    damaged/                                                  what could not be read, set aside
+
+Every file is written under another name and then renamed, so that it is complete or absent. No lock is
+held: data come before their .json and leave after it. A data file's time says when it was last opened.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+
+from jointid.errors import JointIdError
+from jointid.files.store_files import (
+    MAX_NAME,
+    Entry,
+    Note,
+    changed_s,
+    checksum,
+    holds,
+    latest_name,
+    one_line,
+    part_of,
+    read_entry,
+    size_text,
+    user_folder,
+    write_entry,
+    write_whole,
+)
+
+__all__ = [
+    "LIMIT_BYTES", "MAX_NAME", "PARTS", "Entry", "Note", "Store", "new_workspace", "part_of",
+    "user_folder",
+]  # fmt: skip
+
+LIMIT_BYTES = 1 << 30
+"""What a store holds unless told otherwise, 1 GiB."""
+PARTS = ("import", "mappings", "fleet")
+"""What a workspace holds beside studies, each in a place of its own, see ``part_of``."""
+
+_WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
+_ENTRY = re.compile(r"[0-9a-f]{32}")
+_LEFT_OVER_S = 3600.0
+_UNOPENED_S = 60.0
+
+
+def new_workspace() -> str:
+    """Return a fresh id of 192 random bits, fit for an address."""
+    return secrets.token_urlsafe(24)
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder of workspaces; nothing is read or written until a method is called.
+
+    Every method raises ``JointIdError`` when the folder cannot be read or written, and when an id is
+    not one that this store made.
+    """
+
+    folder: Path
+    limit_bytes: int = LIMIT_BYTES
+    """Beyond this, entries that were not opened for longest are dropped, with a note."""
+
+    def known(self, workspace: str) -> bool:
+        """Whether this is the id of a workspace; any text may be asked."""
+        if not _WORKSPACE.fullmatch(workspace):
+            return False
+        places = (workspace, *(part_of(workspace, part) for part in PARTS))
+        return any(self._place(place).is_dir() for place in places)
+
+    def entries(self, workspace: str) -> tuple[Entry, ...]:
+        """Return what a workspace holds, newest first; a damaged entry is set aside with a note."""
+        place, found = self._place(workspace), []
+        with self._failing("read"):
+            for file in place.glob("*.json"):
+                if not _ENTRY.fullmatch(file.stem):
+                    continue
+                why = ""
+                try:
+                    found.append(read_entry(file))
+                except FileNotFoundError:  # without its description it was deleted meanwhile
+                    why = "its data are missing" if file.exists() else ""
+                except (ValueError, KeyError, TypeError, RecursionError):
+                    why = "its description or its size is wrong"
+                if why:
+                    with suppress(OSError):  # where nothing can be written the others are still of use
+                        self._set_aside(file, why)
+        return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
+
+    def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:
+        """Keep data; they are complete on the disk when this returns.
+
+        The same digest again brings the entry that is there to the front under the new name.
+
+        Parameters
+        ----------
+        workspace : str
+            From ``new_workspace``.
+        name : str
+            For people; cut to ``MAX_NAME`` characters.
+        digest : str
+            What the caller knows the content by.
+        data : bytes
+
+        Raises
+        ------
+        JointIdError
+            When they are larger than the whole store, or cannot be written.
+        """
+        place = self._place(workspace)
+        if len(data) > self.limit_bytes:
+            raise JointIdError(
+                f"{name} needs {size_text(len(data))}, the store holds {size_text(self.limit_bytes)}: "
+                "shorten the records."
+            )
+        same = [entry.id for entry in self.entries(workspace) if entry.digest == digest]
+        with self._failing("written"):
+            self._make_room(len(data))
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
+            # An entry that holds these very bytes keeps its id: addresses that name it stay good.
+            stays = next((id_ for id_ in same if holds(place / f"{id_}.data", data)), None)
+            kept = write_entry(place / f"{stays or secrets.token_hex(16)}.json", name, digest, data)
+            for id_ in same:
+                if id_ != kept.id:
+                    self._remove(place / f"{id_}.json")
+            self._make_room(0, spare=kept.id)
+        return kept
+
+    def read(self, workspace: str, entry: str) -> bytes:
+        """Return an entry's data and remember that it was opened.
+
+        Raises
+        ------
+        JointIdError
+            When there is no such entry, or its data are damaged; they are then set aside.
+        """
+        file = self._file(workspace, entry)
+        try:
+            data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
+        except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
+            self.entries(workspace)  # sets it aside, when it is damaged
+            raise JointIdError("This is not in the store any more: open its file again.") from None
+        except OSError as error:
+            raise self._error("read", error) from error
+        if checksum(data) != meta.checksum:
+            self.set_aside(workspace, entry, "its checksum is wrong")
+            raise JointIdError(
+                f'The kept copy of "{meta.name}" is damaged: its checksum is wrong. It was set aside in '
+                f"{self.folder / 'damaged'}; open its file again."
+            )
+        self.touch(workspace, meta)
+        return data
+
+    def touch(self, workspace: str, entry: Entry) -> None:
+        """Remember that an entry was opened now, to the minute."""
+        if time.time() - entry.opened_s > _UNOPENED_S:
+            with suppress(OSError):
+                os.utime(self._file(workspace, entry.id).with_suffix(".data"))
+
+    def rename(self, workspace: str, entry: str, name: str) -> None:
+        """Give an entry another name; the last of two at once wins.
+
+        Raises
+        ------
+        JointIdError
+            When the name is empty, or there is no such entry.
+        """
+        if not (wanted := one_line(name)):
+            raise JointIdError("The name is empty: give at least one character.")
+        file = self._file(workspace, entry)
+        with self._failing("written"):
+            if file.exists():
+                write_whole(file.with_suffix(".name"), wanted.encode("utf-8", "replace"))
+            if not file.exists():  # perhaps deleted meanwhile
+                file.with_suffix(".name").unlink(missing_ok=True)
+                raise JointIdError(
+                    "This study is not in the store any more: there is nothing to rename."
+                )
+
+    def delete(self, workspace: str, entry: str) -> None:
+        """Remove an entry; one that is gone already is no error."""
+        with self._failing("written"):
+            self._remove(self._file(workspace, entry))
+
+    def set_aside(self, workspace: str, entry: str, why: str) -> None:
+        """Move an entry that cannot be used to the folder ``damaged`` and leave a note."""
+        with self._failing("written"):
+            self._set_aside(self._file(workspace, entry), why)
+
+    def notes(self, workspace: str) -> tuple[Note, ...]:
+        """Return what became of entries that are gone without having been deleted, oldest first."""
+        found = []
+        with self._failing("read"):
+            files = sorted(self._place(workspace).glob("*.note"), key=changed_s)
+            for file in files:
+                with suppress(FileNotFoundError):
+                    found.append(Note(file.stem, file.read_text("utf-8", "replace")))
+        return tuple(found)
+
+    def dismiss(self, workspace: str, note: str) -> None:
+        """Remove a note that was read."""
+        with self._failing("written"):
+            self._file(workspace, note).with_suffix(".note").unlink(missing_ok=True)
+
+    def size_bytes(self) -> int:
+        """What all workspaces take together, with what was set aside."""
+        with self._failing("read"):
+            return sum(size for size, _, _ in self._all())
+
+    def _place(self, workspace: str) -> Path:
+        """A workspace's folder: its name does not tell the id, and never leaves the store."""
+        if not _WORKSPACE.fullmatch(workspace):
+            raise JointIdError(f'"{workspace[:40]}" is not the id of a workspace.')
+        return self.folder / "workspaces" / blake2b(workspace.encode(), digest_size=16).hexdigest()
+
+    def _file(self, workspace: str, entry: str) -> Path:
+        if not _ENTRY.fullmatch(entry):
+            raise JointIdError(f'"{entry[:40]}" is not the id of a study in the store.')
+        return self._place(workspace) / f"{entry}.json"
+
+    def _all(self) -> Iterator[tuple[int, float, Path]]:
+        """Size, time and path of every file."""
+        for file in [*self.folder.glob("workspaces/*/*"), *self.folder.glob("damaged/*")]:
+            with suppress(FileNotFoundError):
+                stat = file.stat()
+                yield stat.st_size, stat.st_mtime, file
+
+    def _make_room(self, needed: int, *, spare: str = "") -> None:
+        """Drop what a crash left over, then what was set aside, then what was unopened for longest."""
+        files, now = list(self._all()), time.time()
+        for _, changed, file in files:
+            left = file.suffix == ".new" or (
+                file.suffix in (".data", ".name")
+                and file.parent.name != "damaged"
+                and not file.with_suffix(".json").exists()
+            )
+            if left and now - changed > _LEFT_OVER_S:
+                file.unlink(missing_ok=True)
+        total = sum(size for size, _, file in files if file.exists()) + needed
+        droppable = [row for row in files if row[2].suffix == ".data" and row[2].stem != spare]
+        droppable.sort(key=lambda row: (row[2].parent.name != "damaged", row[1]))
+        for size, _, file in droppable:
+            if total <= self.limit_bytes:
+                break
+            if not file.exists():
+                continue
+            if file.parent.name != "damaged":
+                self._leave_note(
+                    file,
+                    f"was dropped: the store was full ({size_text(self.limit_bytes)}), and it had not "
+                    "been opened for longest.",
+                )
+            self._remove(file.with_suffix(".json"))
+            total -= size
+
+    def _remove(self, file: Path) -> None:
+        for ending in (".json", ".data", ".name"):
+            file.with_suffix(ending).unlink(missing_ok=True)
+
+    def _set_aside(self, file: Path, why: str) -> None:
+        aside = self.folder / "damaged"
+        aside.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._leave_note(file, f"was damaged ({why}) and set aside in {aside}. Open its file again.")
+        for ending in (".json", ".data", ".name"):
+            part = file.with_suffix(ending)
+            with suppress(FileNotFoundError):
+                part.replace(aside / part.name)
+
+    def _leave_note(self, file: Path, what: str) -> None:
+        try:
+            name = latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            name = ""
+        name = one_line(name) or "A kept study"
+        write_whole(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
+
+    @contextmanager
+    def _failing(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise self._error(what, error) from error
+
+    def _error(self, what: str, error: OSError) -> JointIdError:
+        return JointIdError(
+            f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
+            "permit it, or name another folder in JOINTID_DATA_DIR."
+        )

@@ -1,0 +1,191 @@
+"""Long records of a study: Parquet files that are read in parts, however large they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.files.csv_tables import ARROW_FAULTS, are_usable, unreadable
+from jointid.files.record_tables import column_names, explain_fault, numeric_columns
+from jointid.phasors.long_records import LongRecord
+from jointid.records import SineRecord
+
+LONG_BYTES = 256 << 20
+"""Numbers of a record that are still read at once."""
+
+_PART_SAMPLES = 1 << 20
+_PART_PERIODS = 32  # enough for the noise of a part, and for 31 harmonics not to look like its drift
+_SHOWN_SAMPLES = 1 << 17  # stay in memory, for plots
+_BATCH = 1 << 16
+_BUFFER_BYTES = 1 << 20  # of each column's packed pages; else all of a row group is read at once
+
+
+def is_long(name: str, path: Path, joints: int) -> bool:
+    """Tell whether a record is to be read in parts: a large Parquet file."""
+    if not name.lower().endswith(".parquet"):
+        return False
+    try:
+        rows = pa_parquet.read_metadata(path).num_rows
+    except ARROW_FAULTS:
+        return False  # what is wrong with it is said when it is read
+    return bool(rows * (1 + 2 * joints) * 8 > LONG_BYTES)
+
+
+def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRecord:
+    """Open a record that is read in parts.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    path : Path
+        The Parquet file.
+    joints : int
+        Number of joints of the study.
+    **known
+        What ``SineRecord`` takes beside its arrays.
+
+    Raises
+    ------
+    JointIdError
+        When the columns or the first part cannot be used; later parts are checked as they are read.
+    """
+    start = known.pop("start_s")
+    with _opened(name, path) as source:
+        numeric_columns(name, source.schema_arrow, joints)
+        rows = source.metadata.num_rows
+        first = 0 if start is None else _first_row(name, source, start)
+        time = _first_times(source, first)
+    if time.size < 2:
+        raise JointIdError(f"start_s = {start:g} s lies after the last sample: correct start_s.")
+    interval = float(np.median(np.diff(time)))
+    least = max(_PART_SAMPLES, math.ceil(_PART_PERIODS / (known["frequency_hz"] * max(interval, 1e-12))))
+    parts = max(1, (rows - first) // least)
+    size = math.ceil((rows - first) / parts)
+    if size * (1 + 2 * joints) * 8 > LONG_BYTES:
+        raise JointIdError(
+            f"{_PART_PERIODS} periods of {known['frequency_hz']:g} Hz are {size} samples, more than is "
+            "read at once. Check frequency_hz and the unit of time_s (seconds), or log less."
+        )
+    file = _LongFile(name, path, joints, first, size, known)
+    beginning = next(file.parts())
+    shown = max(_SHOWN_SAMPLES, math.ceil(4 / (beginning.frequency_hz * beginning.interval_s)))
+    arrays = {key: getattr(beginning, key)[:shown] for key in ("time_s", "theta_rad", "tau_Nm")}
+    return LongRecord(
+        **arrays,
+        **known,
+        parts=file.parts,
+        samples_in_all=rows - first,
+        fingerprint=partial(_digest, path),
+    )
+
+
+@dataclass(frozen=True)
+class _LongFile:
+    """A Parquet file and how it is divided."""
+
+    name: str
+    path: Path
+    joints: int
+    first: int
+    """Row of the first sample used, from 0."""
+    size: int
+    """Rows of a part."""
+    known: dict[str, Any]
+
+    def parts(self) -> Iterator[SineRecord]:
+        """Read the file once, a part at a time."""
+        n = self.joints
+        begin, before = self.first, -math.inf
+        for table in self._tables():
+            columns = list(table.T)
+            if not are_usable(columns) or columns[0][0] <= before:
+                explain_fault(self.name, column_names(n), columns, begin, before)
+            before = float(columns[0][-1])
+            try:
+                yield SineRecord(
+                    time_s=table[:, 0],
+                    theta_rad=table[:, 1 : 1 + n],
+                    tau_Nm=table[:, 1 + n :],
+                    **self.known,
+                )
+            except JointIdError as error:
+                raise JointIdError(f"from row {begin + 1}: {error}") from error
+            begin += len(table)
+
+    def _tables(self) -> Iterator[Floats]:
+        """Rows of each part, shape (size, 1 + 2n); the last may be shorter."""
+        names = column_names(self.joints)
+        table = np.empty((self.size, len(names)), order="F")
+        filled, row = 0, 0
+        with _opened(self.name, self.path) as source:
+            for batch in _batches(self.name, source, names):
+                begin = max(self.first - row, 0)
+                row += batch.num_rows
+                while begin < batch.num_rows:
+                    taken = min(batch.num_rows - begin, self.size - filled)
+                    for k, name in enumerate(names):
+                        column = batch.column(name).slice(begin, taken)
+                        if column.null_count:
+                            fault = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
+                            raise JointIdError(
+                                f"{self.name}, row {row - batch.num_rows + begin + fault + 1}, column "
+                                f"{name}: the value is missing. Fill it in or remove the row."
+                            )
+                        table[filled : filled + taken, k] = column.to_numpy(zero_copy_only=False)
+                    filled, begin = filled + taken, begin + taken
+                    if filled == self.size:
+                        yield table
+                        filled = 0
+        if filled:
+            yield table[:filled]
+
+
+def _opened(name: str, path: Path) -> pa_parquet.ParquetFile:
+    try:
+        return pa_parquet.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
+    except ARROW_FAULTS as error:
+        raise unreadable(name, "Parquet", error) from error
+
+
+def _batches(name: str, source: pa_parquet.ParquetFile, columns: list[str]) -> Iterator[Any]:
+    try:
+        yield from source.iter_batches(batch_size=_BATCH, columns=columns)
+    except ARROW_FAULTS as error:
+        raise unreadable(name, "Parquet", error) from error
+
+
+def _first_row(name: str, source: pa_parquet.ParquetFile, start_s: float) -> int:
+    """Row of the first sample at or after ``start_s``."""
+    row = 0
+    for batch in _batches(name, source, ["time_s"]):
+        time = batch.column("time_s").to_numpy(zero_copy_only=False)
+        if (late := time >= start_s - 1e-9).any():
+            return row + int(np.argmax(late))
+        row += batch.num_rows
+    return row
+
+
+def _first_times(source: pa_parquet.ParquetFile, first: int) -> Floats:
+    row = 0
+    for batch in _batches("", source, ["time_s"]):
+        time = batch.column("time_s").to_numpy(zero_copy_only=False)
+        if first < row + batch.num_rows - 1:
+            return np.asarray(time[max(first - row, 0) :][:1024], float)
+        row += batch.num_rows
+    return np.empty(0)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return file_digest(file, "blake2b").hexdigest()

@@ -1,0 +1,142 @@
+"""The beginning of a record's table as it stands, for the eye: also of one that is refused."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from itertools import islice
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.files.csv_tables import (
+    ARROW_FAULTS,
+    DELIMITERS,
+    lines_above,
+    read_header,
+    text_lines,
+    unreadable,
+)
+
+
+def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.DataFrame:
+    """Return some rows of a table as they stand, whatever they are.
+
+    Parameters
+    ----------
+    file : str
+        Name, which ends in .csv or .parquet.
+    data : bytes
+        The file's content; for CSV its beginning is enough.
+    rows : int
+        How many rows at most.
+    around : int
+        Line of the file, for Parquet its row, that shall be among them; by default the first rows.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns that hold only numbers as numbers, also with decimal commas; others as text. The
+        index says where each row stands: "Line" of a CSV file, "Row" of a Parquet file, from 1.
+
+    Raises
+    ------
+    JointIdError
+        When nothing can be shown.
+    """
+    if not data:
+        raise JointIdError(f"{file} is empty (0 bytes).")
+    first = max(around - rows // 2, 0)
+    if file.lower().endswith(".parquet"):
+        return _peek_parquet(file, data, first, rows)
+    try:
+        body = read_header(file, data)[1]
+    except JointIdError:
+        body = 0  # whatever it is
+    above = lines_above(data, body)
+    begin = max(data.rfind(b"\n", 0, body), data.rfind(b"\r", 0, body)) + 1
+    below = text_lines(file, data, errors="replace", begin=begin)
+    head = next(below, "")
+    skipped = max(first - above - 2, 0)
+    cells = list(islice(below, skipped, skipped + rows))
+    if "\0" in head or "\0" in "".join(cells):
+        raise JointIdError(f"{file} is not text.")
+    delimiter = _delimiter([head, *cells])
+    try:
+        names = next(csv.reader([head.lstrip("# ")], delimiter=delimiter), [])
+        reader = csv.reader(cells, delimiter=delimiter)
+        table = [(above + 1 + skipped + reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise unreadable(file, "CSV", error) from error
+    width = max([len(names), *(len(row) for _, row in table)], default=0)
+    header = [name.strip() for name in [*names, *[""] * (width - len(names))]]
+    if len(set(header)) < width or "" in header:  # a frame for the eye needs distinct names
+        header = [f"{k}: {name}" for k, name in enumerate(header, start=1)]
+    padded = [row + [""] * (width - len(row)) for _, row in table]
+    index = pd.Index([line for line, _ in table], name="Line")
+    decimal = "," if delimiter != "," else "."
+    return pd.DataFrame(
+        {
+            name: _numbers_or_text([row[k] for row in padded], decimal).set_axis(index)
+            for k, name in enumerate(header)
+        },
+        index=index,
+    )
+
+
+def plottable(frame: pd.DataFrame) -> dict[str, Floats]:
+    """Return the columns of a peeked table that are mostly numbers; what is none is NaN, shape (N,)."""
+    found = {}
+    for name in frame.columns:
+        numbers = pd.to_numeric(_with_points(frame[name]), errors="coerce")
+        if 2 * int(numbers.notna().sum()) > len(numbers):
+            found[str(name)] = np.where(np.isfinite(numbers), numbers, np.nan).astype(float)
+    return found
+
+
+def _peek_parquet(file: str, data: bytes, first: int, rows: int) -> pd.DataFrame:
+    try:
+        source = pa_parquet.ParquetFile(pa.BufferReader(data))
+        passed, parts = 0, []
+        for batch in source.iter_batches(batch_size=rows):
+            part = batch.slice(max(first - passed, 0))[: max(first + rows - max(passed, first), 0)]
+            passed += batch.num_rows
+            if passed > first:
+                parts.append(part)
+            if passed >= first + rows:
+                break
+        if parts:
+            frame: pd.DataFrame = pa.Table.from_batches(parts).to_pandas(ignore_metadata=True)
+            frame.index = pd.RangeIndex(first + 1, first + 1 + len(frame), name="Row")
+            return frame
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
+    return pd.DataFrame()
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """What separates columns; a comma may be a decimal mark, the others may not."""
+    written = [line for line in lines if line.strip()]
+    for delimiter in DELIMITERS:
+        if 2 * sum(delimiter in line for line in written) > len(written):
+            return delimiter
+    return ","
+
+
+def _numbers_or_text(cells: list[str], decimal: str) -> pd.Series:
+    text = pd.Series(cells, dtype=str)
+    numbers = pd.to_numeric(_with_points(text) if decimal == "," else text, errors="coerce")
+    return numbers if len(text) and numbers.notna().all() else text
+
+
+def _with_points(column: pd.Series) -> pd.Series:
+    """Cells like 0,25 as 0.25; other cells and columns of numbers as they are."""
+    if pd.api.types.is_numeric_dtype(column):
+        return column
+    return column.astype(str).str.replace(
+        r"^\s*([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)\s*$", r"\1.\2", regex=True
+    )

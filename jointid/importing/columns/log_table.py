@@ -1,0 +1,195 @@
+"""A log as it was written: named columns of numbers, with units where the file says them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.wording import counted, listed, nearest
+
+MAX_LOG_BYTES = 256 << 20
+"""Largest file that is read; at 1 kHz and ten text columns about forty minutes."""
+MAX_VALUES = 1 << 25
+"""Most numbers that all tables of one file may hold (256 MiB)."""
+MAX_COLUMNS = 2000
+"""Most columns of one table."""
+MAX_TABLES = 50
+"""Most tables of one file."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogColumn:
+    """One column of numbers."""
+
+    name: str
+    """As in the file, without its unit; different from the names of all other columns."""
+    values: Floats
+    """Shape (N,), read-only; a missing value is NaN."""
+    unit: str = ""
+    """As in ``jointid.importing.columns.units``; empty when the file does not say."""
+    where: str = ""
+    """Where in the file it stands, for messages."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogTable:
+    """Columns of equal length out of one file.
+
+    Parameters
+    ----------
+    name : str
+        File, and the part of it, for messages.
+    columns : sequence of LogColumn
+        At least two; names that repeat get a number.
+    notes : sequence of str
+        What the reader left out or repaired, as sentences for the user.
+    first_row : int
+        Number of the first row, as the user counts in the file.
+    row_word : str
+        What a row is called: "line" of a text, "row" or "message".
+    source : str
+        The file itself, where a zip archive holds several.
+
+    Raises
+    ------
+    JointIdError
+        When there are too few columns, too many, or their lengths differ.
+    """
+
+    name: str
+    columns: tuple[LogColumn, ...]
+    notes: tuple[str, ...] = ()
+    first_row: int = 1
+    row_word: str = "row"
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        columns = _distinct(self.columns)
+        if len(columns) < 2:
+            raise JointIdError(
+                f"{self.name} has {counted(len(columns), 'column')} of numbers; a log needs at least "
+                f"position and torque. Columns found: {listed(c.name for c in columns)}."
+            )
+        if len(columns) > MAX_COLUMNS:
+            raise JointIdError(
+                f"{self.name} has {len(columns)} columns, more than the limit of {MAX_COLUMNS}: it may "
+                "be transposed. Export one row per sample."
+            )
+        rows = columns[0].values.shape
+        for column in columns:
+            if column.values.shape != rows or column.values.ndim != 1:
+                raise JointIdError(
+                    f"{self.name}: column {column.name} has shape {column.values.shape}, column "
+                    f"{columns[0].name} {rows}: all columns need the same number of rows."
+                )
+        if rows[0] == 0:
+            raise JointIdError(f"{self.name} has columns but no rows: export the log again.")
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "notes", tuple(self.notes))
+
+    @property
+    def rows(self) -> int:
+        """Number of rows N."""
+        return int(self.columns[0].values.size)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(column.name for column in self.columns)
+
+    @property
+    def signature(self) -> str:
+        """Digest of the columns' names and units: logs that share it can share a mapping."""
+        columns = [[column.name, column.unit] for column in self.columns]
+        return hashlib.blake2b(json.dumps(columns).encode(), digest_size=16).hexdigest()
+
+    def column(self, name: str) -> LogColumn:
+        """Return a column by its name.
+
+        Raises
+        ------
+        JointIdError
+            When there is none; the message lists those there are.
+        """
+        for column in self.columns:
+            if column.name == name:
+                return column
+        raise JointIdError(
+            f'{self.name} has no column "{name:.60}".{nearest(name, self.names)} '
+            f"Columns found: {listed(self.names)}."
+        )
+
+    def place(self, row: int) -> str:
+        """Say where a row (0 is the first) stands, for messages."""
+        return f"{self.name}, {self.row_word} {self.first_row + row}"
+
+
+def numbers(values: ArrayLike) -> Floats:
+    """Return a column's values as a read-only float64 array; what is not finite becomes NaN."""
+    array = np.array(values, dtype=np.float64)
+    array[~np.isfinite(array)] = np.nan
+    array.setflags(write=False)
+    return array
+
+
+def require_small(file: str, size: int) -> None:
+    """Refuse a file of more than ``MAX_LOG_BYTES``, or of none."""
+    if size == 0:
+        raise JointIdError(f"{file} is empty (0 bytes): export the log again.")
+    if size > MAX_LOG_BYTES:
+        raise JointIdError(
+            f"{file} has {size / 2**20:.4g} MiB, more than the limit of "
+            f"{MAX_LOG_BYTES / 2**20:.4g} MiB. Cut it into several logs, or log less."
+        )
+
+
+def require_few_values(file: str, values: int) -> None:
+    """Refuse a table of more than ``MAX_VALUES`` numbers."""
+    if values > MAX_VALUES:
+        raise JointIdError(
+            f"{file} holds {millions(values)} numbers, more than the limit of {millions(MAX_VALUES)}. "
+            "Cut it into several logs, or log fewer columns."
+        )
+
+
+def millions(count: int) -> str:
+    """Return a large number for a message: "33.55 million"."""
+    return f"{count / 1e6:.4g} million"
+
+
+def main_tables(tables: Iterable[LogTable]) -> tuple[LogTable, ...]:
+    """Return the first table of each file of an archive; of a plain file that is its first table."""
+    first: dict[str, LogTable] = {}
+    for table in tables:
+        first.setdefault(table.source, table)
+    return tuple(first.values())
+
+
+def most_first(file: str, tables: Iterable[LogTable]) -> tuple[LogTable, ...]:
+    """Order the tables of a file, the one with the most numbers first; at most ``MAX_TABLES``."""
+    found = sorted(tables, key=lambda t: -t.rows * len(t.columns))
+    require_few_values(file, sum(t.rows * len(t.columns) for t in found))
+    return tuple(found[:MAX_TABLES])
+
+
+def _distinct(columns: Sequence[LogColumn]) -> tuple[LogColumn, ...]:
+    """Give every column a name of its own, without control characters."""
+    taken: set[str] = set()
+    distinct = []
+    for number, column in enumerate(columns, start=1):
+        plain = "".join(c for c in column.name if c.isprintable()).strip()[:200]
+        plain = name = plain or f"column {number}"
+        count = 1
+        while name in taken:
+            count += 1
+            name = f"{plain} ({count})"
+        taken.add(name)
+        distinct.append(LogColumn(name, column.values, column.unit, column.where))
+    return tuple(distinct)

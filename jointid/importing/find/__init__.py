@@ -1,0 +1,1 @@
+"""Steady sine segments in long logs."""

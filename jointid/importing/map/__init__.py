@@ -1,0 +1,1 @@
+"""Table columns to motor positions and torques: a guessed mapping that the user corrects."""

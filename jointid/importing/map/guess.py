@@ -1,0 +1,240 @@
+"""What the columns of a log probably are, each guess with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.importing.columns.column_words import (
+    WORDS,
+    NamedColumn,
+    by_number,
+    described,
+    number_in,
+    words_of,
+)
+from jointid.importing.columns.log_table import LogColumn, LogTable
+from jointid.importing.columns.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    TORQUE_SCALES,
+    TORQUE_UNITS,
+)
+from jointid.importing.map.guess_time import guess_time
+from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
+from jointid.importing.map.more_joints import join_by_number, lone_columns
+from jointid.importing.map.reasons import Reason
+from jointid.importing.map.unnamed_columns import pairs_by_shape
+from jointid.importing.map.unwrap import unwrapped
+from jointid.wording import counted
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A mapping to start from."""
+
+    mapping: Mapping
+    reasons: tuple[Reason, ...]
+
+    @property
+    def open_questions(self) -> tuple[Reason, ...]:
+        """What the user should look at before the mapping is used."""
+        return tuple(reason for reason in self.reasons if not reason.sure)
+
+
+def guess_mapping(table: LogTable) -> Guess:
+    """Guess time, positions and torques of a log from names, units and the numbers themselves.
+
+    Parameters
+    ----------
+    table : LogTable
+
+    Returns
+    -------
+    Guess
+        A complete mapping, every entry with a reason. Scales and gear ratios are never in a log:
+        they are 1 until the user gives them, and the reason says so.
+
+    Raises
+    ------
+    JointIdError
+        When there are not even two columns beside the time that could be signals.
+    """
+    reasons: list[Reason] = []
+    time = guess_time(table, reasons)
+    columns = [described(c) for c in table.columns if c.name != time.column]
+    pairs = _pairs(columns, reasons)
+    if not pairs:
+        pairs = pairs_by_shape([c.column for c in columns], reasons)
+    if not pairs:
+        pairs = _first_two(table, columns, reasons)
+    joints = tuple(_joint(number, *pair, reasons) for number, pair in enumerate(pairs, start=1))
+    reasons.append(
+        Reason(
+            "torque hold", "A log does not say whether the torque is held from sample to sample.", False
+        )
+    )
+    return Guess(Mapping(time, joints), tuple(reasons))
+
+
+def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
+    """Position and torque of each joint, joints in the order of their numbers, else of the file."""
+    best: dict[str, dict[str, NamedColumn]] = {}
+    for entry in columns:
+        for role in ("position", "torque"):
+            other = "torque" if role == "position" else "position"
+            if entry.score[role] <= 0 or entry.score[role] < entry.score[other]:
+                continue
+            group = best.setdefault(entry.group, {})
+            if role not in group or entry.score[role] > group[role].score[role]:
+                group[role] = entry
+    complete = {key: group for key, group in best.items() if len(group) == 2}
+    by_their_number = join_by_number(best, complete)
+    keys = (
+        sorted(complete, key=by_number)
+        if all(number_in(k) is not None for k in complete)
+        else [*complete]
+    )
+    pairs = []
+    for number, key in enumerate(keys, start=1):
+        group = complete[key]
+        for role in ("position", "torque"):
+            column = group[role].column
+            clear = group[role].score[role] >= 2 and key not in by_their_number
+            said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
+            reasons.append(
+                Reason(
+                    f"{role} of joint {number}",
+                    f"The name or unit of {said} says {role}."
+                    if clear
+                    else f"{said} is paired by its number alone: check that both are of one joint."
+                    if key in by_their_number
+                    else f"{said} fits best, but neither name nor unit is clear.",
+                    clear,
+                )
+            )
+        pairs.append((group["position"].column, group["torque"].column))
+    reasons += lone_columns(best, [*complete.values()])
+    return pairs
+
+
+def _first_two(
+    table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
+) -> list[tuple[LogColumn, LogColumn]]:
+    """Return something to start from when names say nothing: the clearest, else the first that vary."""
+    varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)] or [
+        *columns
+    ]
+    if len(varying) < 2:
+        raise JointIdError(
+            f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
+            f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
+        )
+    position = max(varying, key=lambda c: c.score["position"])
+    rest = [c for c in varying if c is not position]
+    torque = max(rest, key=lambda c: c.score["torque"])
+    for role, entry in (("position", position), ("torque", torque)):
+        reasons.append(
+            Reason(
+                f"{role} of joint 1",
+                f'No name says which column is the {role}; "{entry.column.name}" is a mere proposal. '
+                "Choose the right one.",
+                False,
+            )
+        )
+    return [(position.column, torque.column)]
+
+
+def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
+    angle, angle_sure, why_angle = _angle_unit(position)
+    moment, moment_sure, why_moment = _torque_unit(torque)
+    reasons.append(Reason(f"unit of position of joint {number}", why_angle, angle_sure))
+    reasons.append(Reason(f"unit of torque of joint {number}", why_moment, moment_sure))
+    sides = []
+    for role, column in (("position", position), ("torque", torque)):
+        side, sure, why = _side(role, column, position, torque)
+        sides.append(side)
+        reasons.append(Reason(f"side of {role} of joint {number}", why, sure))
+    if JOINT in sides:
+        reasons.append(
+            Reason(
+                f"gear ratio of joint {number}",
+                "A log does not say it. Give motor turns over joint turns, negative when they turn "
+                "against each other; 1 is assumed.",
+                False,
+            )
+        )
+    channels = []
+    for role, column, unit, side, scales in (
+        ("position", position, angle, sides[0], POSITION_SCALES),
+        ("torque", torque, moment, sides[1], TORQUE_SCALES),
+    ):
+        meaning = scales.get(unit)
+        if meaning:
+            reasons.append(
+                Reason(
+                    f"scale of {role} of joint {number}",
+                    f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.',
+                    False,
+                )
+            )
+        channels.append(Channel(column.name, unit, 1.0 if meaning else None, side))
+    finite = position.values[np.isfinite(position.values)]
+    turned = unwrapped(finite, channels[0])
+    if turned.jumps.size:
+        reasons.append(
+            Reason(
+                f"turns of position of joint {number}",
+                turned.said(channels[0]),
+                True,
+            )
+        )
+    return JointMapping(channels[0], channels[1])
+
+
+def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
+    if column.unit in ANGLE_UNITS:
+        return column.unit, True, f'The file says "{column.unit}".'
+    values = column.values[np.isfinite(column.values)]
+    whole = bool(np.all(values == np.round(values)))
+    span = float(np.ptp(values)) if values.size else 0.0
+    if whole and span >= 20:
+        return "counts", False, f"Whole numbers over a range of {span:g}: encoder counts."
+    largest = float(np.abs(values).max()) if values.size else 0.0
+    if largest > 20:
+        return "deg", False, f"Values up to {largest:.4g} are taken for degrees."
+    return "rad", False, f"Values up to {largest:.4g} are taken for radians."
+
+
+def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
+    if column.unit in TORQUE_UNITS:
+        return column.unit, True, f'The file says "{column.unit}".'
+    if WORDS["current"] & set(words_of(column.name)):
+        return "A", False, "The name says current; its unit is taken for ampere."
+    return "N·m", False, "The file names no unit; newton metres are assumed."
+
+
+def _side(role: str, column: LogColumn, position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
+    words = words_of(column.name)
+    if WORDS["motor"] & set(words):
+        return MOTOR, True, "The name says motor."
+    if role == "torque":
+        if column.unit in ("A", "mA", "%", "‰") or WORDS["current"] & set(words):
+            return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
+        if "effort" in words:
+            return JOINT, False, "An effort is given at the joint by convention."
+        if WORDS["behind"] & set(words):
+            return JOINT, False, "The name says joint, link or output: behind the gear."
+        return MOTOR, False, "The name says no side; the motor's is assumed."
+    if WORDS["joint"] & set(words):
+        return JOINT, False, "The name says joint or axis."
+    if position.unit == "deg":
+        return JOINT, False, "Degrees are what controllers show for joints."
+    if "effort" in words_of(torque.name):
+        return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
+    if column.unit == "counts":
+        return MOTOR, False, "Counts come from the motor's encoder, as a rule."
+    return MOTOR, False, "The name says no side; the motor's is assumed."

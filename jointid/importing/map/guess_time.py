@@ -1,0 +1,112 @@
+"""Which column of a log is the time, in which unit; its name may excuse a few steps back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.importing.columns.column_words import WORDS, words_of
+from jointid.importing.columns.log_table import LogColumn, LogTable
+from jointid.importing.columns.units import SAMPLES, TIME_UNITS, unit_of
+from jointid.importing.map.mapping import TimeColumn
+from jointid.importing.map.reasons import Reason
+from jointid.wording import counted
+
+_MOST_LATE = 0.02
+"""Share of steps back that a column named as time may have: a buffer written twice, a new turn."""
+
+
+def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
+    """Guess the time column of a log and its unit, or that the rows are numbered.
+
+    Parameters
+    ----------
+    table : LogTable
+    reasons : list of Reason
+        Takes why.
+    """
+    best: tuple[float, LogColumn, int] | None = None
+    for place, column in enumerate(table.columns):
+        values = column.values[np.isfinite(column.values)]
+        late = _late_rows(values[:100_000], named=_says_time(column))
+        if late is None:
+            continue
+        words = words_of(column.name)
+        score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (_time_unit(column) in TIME_UNITS)
+        score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
+        score += 0.5 * (place == 0) + 0.5 * _is_even(values)
+        if score >= 0.5 and (best is None or score > best[0]):
+            best = (score, column, late)
+    if best is None:
+        reasons.append(Reason("time", _no_time(table), False))
+        return TimeColumn("", SAMPLES, 1000.0)
+    score, column, late = best
+    named = score >= 2
+    text = f'"{column.name}" increases' + (" and its name or unit says time." if named else ".")
+    if late:
+        text = (
+            f'The name or unit of "{column.name}" says time, but it steps back {counted(late, "time")}. '
+            "Rows written twice are left out; where it is not clear how rows follow each other, the "
+            "line is named."
+        )
+    reasons.append(Reason("time", text, named and not late))
+    return _with_unit(column, reasons)
+
+
+def _says_time(column: LogColumn) -> bool:
+    return bool(WORDS["time"] & set(words_of(column.name))) or _time_unit(column) in TIME_UNITS
+
+
+def _time_unit(column: LogColumn) -> str:
+    """What the file says, or a name that is nothing but a unit: "ms"."""
+    return column.unit or unit_of(column.name)
+
+
+def _late_rows(values: Floats, *, named: bool) -> int | None:
+    """How often a time steps back; None for what is no time. Only a name excuses steps back."""
+    if values.size < 2:
+        return None
+    steps = np.diff(values)
+    late = int(np.sum(steps < 0))
+    if late == 0:
+        return 0 if values[-1] > values[0] else None
+    rises = int(np.sum(steps > 0))
+    return late if named and late <= _MOST_LATE * rises and 2 * rises >= steps.size else None
+
+
+def _no_time(table: LogTable) -> str:
+    said = [column.name for column in table.columns if _says_time(column)]
+    why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
+    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is a mere assumption."
+
+
+def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
+    unit = _time_unit(column)
+    if unit in TIME_UNITS:
+        reasons.append(Reason("unit of time", f'The file says "{unit}".', True))
+        return TimeColumn(column.name, unit)
+    values = column.values[np.isfinite(column.values)]
+    steps = np.diff(values)
+    step = float(np.median(steps[steps > 0]))
+    counts = step == 1 and bool(np.all(values == np.round(values)))
+    if column.unit == SAMPLES or (counts and not WORDS["time"] & set(words_of(column.name))):
+        reasons.append(
+            Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed.", False)
+        )
+        return TimeColumn(column.name, SAMPLES, 1000.0)
+    # Controllers sample between some 20 Hz and 50 kHz; a step of that size tells the unit.
+    unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
+    sure = unit == "s" and step >= 2e-5
+    reasons.append(
+        Reason(
+            "unit of time",
+            f'Its steps are {step:.3g}, which makes {1 / (step * TIME_UNITS[unit]):.4g} Hz in "{unit}".',
+            sure,
+        )
+    )
+    return TimeColumn(column.name, unit)
+
+
+def _is_even(values: Floats) -> bool:
+    steps = np.diff(values[:100_000])
+    return bool(np.ptp(steps) <= 0.5 * max(float(np.median(steps)), 1e-300))

@@ -1,0 +1,139 @@
+"""From a table and its mapping to angles and torques in SI units, motor side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jointid.arrays import Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import LogTable
+from jointid.importing.map.mapping import Mapping
+from jointid.importing.map.sample_times import sample_times
+from jointid.importing.map.unwrap import unwrapped
+from jointid.wording import counted, listed
+
+
+@dataclass(frozen=True, eq=False)
+class MappedLog:
+    """A log in SI units, motor side: what segments are cut from."""
+
+    time_s: Floats
+    """Strictly increasing, shape (N,), s; the first is 0 unless the log says otherwise."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), N·m."""
+    torque_hold: bool = False
+    torque_delay_s: float = 0.0
+    name: str = ""
+    notes: tuple[str, ...] = ()
+    """What was left out, as sentences for the user."""
+    interval_s: float = field(init=False)
+    """Usual distance between samples (the median), s."""
+
+    def __post_init__(self) -> None:
+        time = finite_array("time_s", self.time_s, ndim=1)
+        theta = finite_array("theta_rad", self.theta_rad, ndim=2, order="F")
+        tau = finite_array("tau_Nm", self.tau_Nm, ndim=2, order="F")
+        if theta.shape != tau.shape or len(theta) != time.size or theta.shape[1] == 0:
+            raise JointIdError(
+                f"time_s, theta_rad and tau_Nm have shapes {time.shape}, {theta.shape} and {tau.shape}: "
+                "expected (N,), (N, n) and (N, n)."
+            )
+        steps = np.diff(time)
+        if time.size < 2 or steps.min() <= 0:
+            raise JointIdError(
+                f"time_s{_fault(time)}: give two times or more, each above the one before."
+            )
+        for name, value in (("time_s", time), ("theta_rad", theta), ("tau_Nm", tau)):
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "interval_s", float(np.median(steps)))
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.theta_rad.shape[1])
+
+    def rows(self, start_s: float, stop_s: float) -> slice:
+        """Rows from ``start_s`` to ``stop_s``, both included."""
+        tolerance = 1e-6 * self.interval_s
+        return slice(
+            int(np.searchsorted(self.time_s, start_s - tolerance)),
+            int(np.searchsorted(self.time_s, stop_s + tolerance, side="right")),
+        )
+
+
+def _fault(time: Floats) -> str:
+    """Where times do not increase."""
+    late = np.flatnonzero(np.diff(time) <= 0)
+    if not late.size:
+        return f" has {counted(time.size, 'value')}"
+    return f" goes from {time[late[0]]:.12g} s to {time[late[0] + 1]:.12g} s at index {late[0] + 1}"
+
+
+def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
+    """Turn the columns of a log into motor angles and torques in SI units.
+
+    Parameters
+    ----------
+    table : LogTable
+    mapping : Mapping
+
+    Returns
+    -------
+    MappedLog
+        θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
+        joint side. Rows that miss a value or are copies are left out, and a note says how many;
+        another says where the log has a gap.
+
+    Raises
+    ------
+    JointIdError
+        When a column is missing, too few rows are complete, or the times do not increase.
+    """
+    names = mapping.columns
+    raw = [table.column(name).values for name in names]
+    time = raw.pop(0) if mapping.time.column else np.arange(table.rows, dtype=float)
+    complete = np.isfinite(time)
+    for column in raw:
+        complete &= np.isfinite(column)
+    kept = int(complete.sum())
+    if kept < 2:
+        empty = [n for n in names if not np.isfinite(table.column(n).values).any()]
+        which = f" Empty columns: {listed(empty)}." if empty else ""
+        raise JointIdError(
+            f"{table.name}: {counted(kept, 'row')} with all of {listed(names)}.{which} Choose other "
+            "columns."
+        )
+    notes = list(table.notes)
+    if kept < table.rows:
+        first = int(np.argmin(complete))
+        missed = table.rows - kept
+        said = "misses a value and was" if missed == 1 else "miss a value and were"
+        notes.append(
+            f"{missed} of {table.rows} rows {said} left out; the first is {table.place(first)}."
+        )
+    rows = np.flatnonzero(complete)
+    times = sample_times(table, mapping.time, rows, time[complete], [column[complete] for column in raw])
+    rows = rows[times.kept]
+    notes += times.notes
+    n = mapping.n
+    theta, tau = np.empty((rows.size, n), order="F"), np.empty((rows.size, n), order="F")
+    for j, joint in enumerate(mapping.joints):
+        position = unwrapped(raw[j][rows], joint.position)
+        if position.jumps.size:
+            first = table.first_row + int(rows[position.jumps[0]])
+            notes.append(position.said(joint.position, f", first at {table.row_word} {first}"))
+        theta[:, j] = position.values * joint.rad_per_unit
+        tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
+    return MappedLog(
+        time_s=times.time_s,
+        theta_rad=theta,
+        tau_Nm=tau,
+        torque_hold=mapping.torque_hold,
+        torque_delay_s=mapping.torque_delay_s,
+        name=table.name,
+        notes=tuple(notes),
+    )

@@ -1,0 +1,246 @@
+"""Which column is what, in which unit, and on which side of the gear."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as MappingType
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from jointid.arrays import finite_array
+from jointid.errors import JointIdError
+from jointid.importing.columns.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    SAMPLES,
+    TIME_UNITS,
+    TORQUE_SCALES,
+    TORQUE_UNITS,
+)
+from jointid.wording import listed, shown
+
+MOTOR, JOINT = "motor", "joint"
+"""The sides of a gear."""
+MAX_JOINTS = 20
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """Where the sample times come from.
+
+    Parameters
+    ----------
+    column : str
+        Name of the column; empty when the rows themselves are the samples (``unit`` "samples").
+    unit : str
+        "s", "ms", "µs", "ns", or "samples": numbers that count samples, at ``rate_hz``.
+    rate_hz : float, optional
+        Samples per second, for "samples" only.
+
+    Raises
+    ------
+    JointIdError
+        When the unit is unknown, or a rate is missing or not positive.
+    """
+
+    column: str = ""
+    unit: str = "s"
+    rate_hz: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_text("time", "column", self.column)
+        _require_one_of("time", "unit", self.unit, (*TIME_UNITS, SAMPLES))
+        if self.unit == SAMPLES:
+            if self.rate_hz is None:
+                raise JointIdError(
+                    "time: sample numbers need a rate. Give rate_hz, samples per second: 1000, for "
+                    "instance."
+                )
+            object.__setattr__(self, "rate_hz", _positive("time: rate_hz (Hz)", self.rate_hz))
+        elif self.rate_hz is not None:
+            raise JointIdError(f'time: rate_hz goes with the unit "samples", not with "{self.unit}".')
+        elif not self.column:
+            raise JointIdError(
+                'time: no column. Choose one, or the unit "samples" with a rate to number the rows.'
+            )
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One column with what makes it an angle or a torque.
+
+    Parameters
+    ----------
+    column : str
+    unit : str
+        Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``.
+    scale : float, optional
+        What the unit needs, see ``POSITION_SCALES`` and ``TORQUE_SCALES``: counts per turn, degrees per
+        volt, torque constant, rated torque, N·m per volt. None for units that need none.
+    side : {"motor", "joint"}
+        Side of the gear on which it was measured; its scale is meant on the same side.
+    sign : {1, -1}
+        -1 turns a channel round that counts the other way.
+    """
+
+    column: str
+    unit: str
+    scale: float | None = None
+    side: str = MOTOR
+    sign: int = 1
+
+
+@dataclass(frozen=True)
+class JointMapping:
+    """Position and torque of one joint.
+
+    Parameters
+    ----------
+    position, torque : Channel
+    gear_ratio : float, default 1.0
+        Motor turns over joint turns; negative when they turn against each other. Used for
+        channels on the joint side only.
+
+    Raises
+    ------
+    JointIdError
+        When a unit, scale, side, sign or the ratio cannot be.
+    """
+
+    position: Channel
+    torque: Channel
+    gear_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        position = _checked_channel("position", self.position, tuple(ANGLE_UNITS), POSITION_SCALES)
+        torque = _checked_channel("torque", self.torque, tuple(TORQUE_UNITS), TORQUE_SCALES)
+        ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
+        if ratio == 0:
+            raise JointIdError("gear_ratio = 0: give motor turns over joint turns, for instance 100.")
+        for name, value in (("position", position), ("torque", torque), ("gear_ratio", ratio)):
+            object.__setattr__(self, name, value)
+
+    @property
+    def rad_per_unit(self) -> float:
+        """Motor angle, rad, for one unit of the position column."""
+        channel = self.position
+        factor = ANGLE_UNITS[channel.unit]
+        if channel.unit == "counts":
+            factor /= channel.scale or 1.0
+        elif channel.scale is not None:
+            factor *= channel.scale
+        return channel.sign * factor * (self.gear_ratio if channel.side == JOINT else 1.0)
+
+    @property
+    def Nm_per_unit(self) -> float:
+        """Motor torque, N·m, for one unit of the torque column."""
+        channel = self.torque
+        factor = TORQUE_UNITS[channel.unit] * (1.0 if channel.scale is None else channel.scale)
+        return channel.sign * factor / (self.gear_ratio if channel.side == JOINT else 1.0)
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """What every column of a log means.
+
+    Parameters
+    ----------
+    time : TimeColumn
+    joints : sequence of JointMapping
+        In the order of the study's joints.
+    torque_hold : bool, default False
+        The torque is held from one sample to the next (zero-order hold).
+    torque_delay_s : float, default 0.0
+        The torque acts this much after its sample, s.
+
+    Raises
+    ------
+    JointIdError
+        When there is no joint, or a column is used twice.
+    """
+
+    time: TimeColumn
+    joints: tuple[JointMapping, ...]
+    torque_hold: bool = False
+    torque_delay_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.time, TimeColumn):
+            raise JointIdError(f"time: expected a TimeColumn, got {shown(self.time)}.")
+        if not isinstance(self.joints, Sequence) or not self.joints:
+            raise JointIdError("The mapping has no joints: choose position and torque of at least one.")
+        if not all(isinstance(joint, JointMapping) for joint in self.joints):
+            raise JointIdError("joints: expected JointMapping values only.")
+        if len(self.joints) > MAX_JOINTS:
+            raise JointIdError(
+                f"{len(self.joints)} joints, more than the limit of {MAX_JOINTS}: leave some out."
+            )
+        if not isinstance(self.torque_hold, bool):
+            raise JointIdError(f"torque_hold = {shown(self.torque_hold)}: expected true or false.")
+        delay = float(finite_array("torque_delay_s (s)", self.torque_delay_s, ndim=0))
+        seen: dict[str, str] = {self.time.column: "time"} if self.time.column else {}
+        for number, joint in enumerate(self.joints, start=1):
+            for what, channel in (("position", joint.position), ("torque", joint.torque)):
+                role = f"{what} of joint {number}"
+                if channel.column in seen:
+                    raise JointIdError(
+                        f'The column "{channel.column:.60}" is both {seen[channel.column]} and {role}: '
+                        "choose another for one of them."
+                    )
+                seen[channel.column] = role
+        object.__setattr__(self, "joints", tuple(self.joints))
+        object.__setattr__(self, "torque_delay_s", delay)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns that are used: time (if any), positions, torques."""
+        time = (self.time.column,) if self.time.column else ()
+        positions = (joint.position.column for joint in self.joints)
+        return (*time, *positions, *(joint.torque.column for joint in self.joints))
+
+
+def _checked_channel(
+    what: str, channel: object, units: Sequence[str], scales: MappingType[str, str]
+) -> Channel:
+    if not isinstance(channel, Channel):
+        raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
+    _require_text(what, "column", channel.column)
+    if not channel.column:
+        raise JointIdError(f"{what}: no column is chosen. Choose one.")
+    where = f"{what} ({channel.column:.60})"
+    _require_one_of(where, "unit", channel.unit, units)
+    _require_one_of(where, "side", channel.side, (MOTOR, JOINT))
+    if not isinstance(channel.sign, int) or isinstance(channel.sign, bool) or abs(channel.sign) != 1:
+        raise JointIdError(f"{where}: sign = {shown(channel.sign)}; expected 1 or -1.")
+    meaning = scales.get(channel.unit)
+    if meaning is None:
+        if channel.scale is not None:
+            raise JointIdError(f'{where}: the unit "{channel.unit}" takes no scale; leave it out.')
+        return channel
+    if channel.scale is None:
+        raise JointIdError(f'{where}: the unit "{channel.unit}" needs a scale: {meaning}.')
+    scale = float(finite_array(f"{where}: {meaning}", channel.scale, ndim=0))
+    if scale == 0:
+        raise JointIdError(f"{where}: {meaning} is 0: give another number.")
+    return Channel(channel.column, channel.unit, scale, channel.side, channel.sign)
+
+
+def _require_text(where: str, key: str, value: object) -> None:
+    if not isinstance(value, str):
+        raise JointIdError(f"{where}: {key} = {shown(value)}; expected text.")
+
+
+def _require_one_of(where: str, key: str, value: object, known: Sequence[str]) -> None:
+    if value not in known:
+        raise JointIdError(f"{where}: {key} = {shown(value)}; expected one of {listed(known)}.")
+
+
+def _positive(name: str, value: float) -> float:
+    number = float(finite_array(name, value, ndim=0))
+    if number <= 0:
+        raise JointIdError(f"{name} = {number:g}: must be positive.")
+    return number

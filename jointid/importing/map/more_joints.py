@@ -1,0 +1,134 @@
+"""Joints beyond those whose columns were found in pairs: what is missing, and what could be theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, MutableMapping, Sequence
+
+from jointid.importing.columns.column_words import NamedColumn, described, number_in
+from jointid.importing.columns.log_table import LogTable
+from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
+from jointid.importing.map.mapping import JOINT, Channel
+from jointid.importing.map.reasons import Reason
+
+_OTHER = {"position": "torque", "torque": "position"}
+_AS_CLEAR = 0.5
+"""A column without a partner counts when its name says this much less than the least clear pair's."""
+
+
+def join_by_number(
+    best: MutableMapping[str, dict[str, NamedColumn]],
+    complete: MutableMapping[str, dict[str, NamedColumn]],
+) -> set[str]:
+    """Pair positions and torques that were left alone, where one of each has the same number.
+
+    Parameters
+    ----------
+    best, complete : mapping of str to mapping of str to NamedColumn
+        All groups, and those with both; what is paired goes over from one to the other.
+
+    Returns
+    -------
+    set of str
+        The new keys of ``complete``.
+    """
+    lone: dict[str, dict[int, list[str]]] = {"position": {}, "torque": {}}
+    for key, group in best.items():
+        number = number_in(key)
+        if len(group) == 1 and number is not None:
+            (role,) = group
+            lone[role].setdefault(number, []).append(key)
+    taken = {number_in(key) for key in complete}
+    joined = set()
+    for number, keys in lone["position"].items():
+        others = lone["torque"].get(number, [])
+        if len(keys) == len(others) == 1 and number not in taken:
+            pair = best.pop(keys[0]) | best.pop(others[0])
+            key = str(number)
+            best[key] = complete[key] = pair
+            joined.add(key)
+    return joined
+
+
+def lone_columns(
+    best: Mapping[str, Mapping[str, NamedColumn]], pairs: Sequence[Mapping[str, NamedColumn]]
+) -> list[Reason]:
+    """Say which positions have no torque beside them, and which torques no position.
+
+    Parameters
+    ----------
+    best : mapping of str to mapping of str to NamedColumn
+        By what names a joint, then by role: the clearest column of each.
+    pairs : sequence of mapping of str to NamedColumn
+        Those that have both.
+    """
+    if not pairs:
+        return []
+    lone = []
+    for group in best.values():
+        for role, entry in group.items():
+            least = min(pair[role].score[role] for pair in pairs) - _AS_CLEAR
+            if len(group) == 1 and entry.score[role] >= least:
+                lone.append((entry.column.name, _OTHER[role]))
+    if not lone:
+        return []
+    said = "; ".join(f'"{name}" has no {missing} beside it' for name, missing in lone)
+    return [
+        Reason(
+            "joints",
+            f"{said}: left out. If the log has both, give more joints and choose the columns.",
+            False,
+        )
+    ]
+
+
+def propose_joint(
+    table: LogTable, number: int, like: tuple[Channel, Channel], used: Collection[str]
+) -> tuple[Channel, Channel, list[Reason]]:
+    """Propose columns for one joint more, of those that nothing else uses.
+
+    Parameters
+    ----------
+    table : LogTable
+    number : int
+        Of the new joint, from 1.
+    like : tuple of Channel
+        Position and torque of the first joint: their sides are taken over, and their units where the
+        file names none.
+    used : collection of str
+        Columns that are time, or belong to other joints.
+
+    Returns
+    -------
+    tuple
+        Position, torque, and why; a channel's column is "" when no column is left. None is sure.
+    """
+    free = [described(column) for column in table.columns if column.name not in used]
+    channels, reasons = [], []
+    for role, first, units, scales in (
+        ("position", like[0], tuple(ANGLE_UNITS), POSITION_SCALES),
+        ("torque", like[1], tuple(TORQUE_UNITS), TORQUE_SCALES),
+    ):
+        end = f"{role} of joint {number}"
+        fit = max(free, key=lambda c, r=role: c.score[r] - c.score[_OTHER[r]], default=None)  # type: ignore[misc]
+        if fit is not None and role == "position" and len(free) == 1:
+            fit = fit if fit.score["position"] >= fit.score["torque"] else None
+        if fit is None:
+            reasons.append(Reason(end, "No column is left for it: choose one, or a joint less.", False))
+        else:
+            free.remove(fit)
+            text = f'"{fit.column.name}" is a mere proposal, of the columns not yet used.'
+            reasons.append(Reason(end, text, False))
+        said = fit.column.unit if fit is not None else ""
+        unit = said if said in units else first.unit
+        why = f'The file says "{said}".' if unit == said else f"As joint 1's, {unit}."
+        reasons.append(Reason(f"unit of {end}", why, unit == said))
+        reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s.", False))
+        if meaning := scales.get(unit):
+            text = f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.'
+            reasons.append(Reason(f"scale of {end}", text, False))
+        scale = 1.0 if unit in scales else None
+        channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
+    if JOINT in (channels[0].side, channels[1].side):
+        text = "A log does not say it. Give motor turns over joint turns; 1 is assumed."
+        reasons.append(Reason(f"gear ratio of joint {number}", text, False))
+    return channels[0], channels[1], reasons

@@ -1,0 +1,86 @@
+"""Columns without names: which are positions and which torques, by their shape and their order."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.importing.columns.log_table import LogColumn
+from jointid.importing.map.mapping import MAX_JOINTS
+from jointid.importing.map.reasons import Reason
+
+_NO_NAME = re.compile(
+    r"(?:column|signal|unnamed|var|ch|channel|data)[ _:]*\d*(?: \(\d+\))?|\d+", re.IGNORECASE
+)
+_CLEAR = 0.05
+"""Two layouts are told apart when roughness differs by this much, as a logarithm per joint."""
+_SAMPLED = 200_000
+
+
+def has_no_name(column: LogColumn) -> bool:
+    """Whether the file says nothing about a column: no unit, and at most a number for a name."""
+    return not column.unit and _NO_NAME.fullmatch(column.name) is not None
+
+
+def pairs_by_shape(
+    columns: Sequence[LogColumn], reasons: list[Reason]
+) -> list[tuple[LogColumn, LogColumn]]:
+    """Pair 2n nameless columns as n positions and n torques.
+
+    A position integrates what a torque does twice: it is the smoother one, and noise is less of it. The
+    order is that of most logs: all positions, then all torques, or joint by joint; either may be first.
+
+    Parameters
+    ----------
+    columns : sequence of LogColumn
+        All but the time.
+    reasons : list of Reason
+        Takes what is said about the proposal; none of it is sure.
+
+    Returns
+    -------
+    list of tuple of LogColumn
+        Position and torque of each joint; empty when the columns are not 2n of this kind.
+    """
+    columns = [c for c in columns if np.nanmax(c.values) > np.nanmin(c.values)]
+    n, odd = divmod(len(columns), 2)
+    if odd or not 0 < n <= MAX_JOINTS or not all(has_no_name(c) for c in columns):
+        return []
+    rough = np.log([_roughness(c.values) for c in columns])
+    blocks = [(k, n + k) for k in range(n)]
+    turns = [(2 * k, 2 * k + 1) for k in range(n)]
+    layouts = [blocks, [(t, q) for q, t in blocks], turns, [(t, q) for q, t in turns]]
+    gains = [float(sum(rough[t] - rough[q] for q, t in layout)) / n for layout in layouts]
+    best = int(np.argmax(gains))
+    if gains[best] < gains[0] + _CLEAR:
+        best = 0  # the usual order
+    for number, (q, t) in enumerate(layouts[best], start=1):
+        for role, column, how in (
+            ("position", columns[q], "smoother"),
+            ("torque", columns[t], "rougher"),
+        ):
+            why = f"it is the {how} one" if gains[best] >= _CLEAR else "of its place"
+            reasons.append(
+                Reason(
+                    f"{role} of joint {number}",
+                    f'No column has a name; "{column.name}" is a mere proposal, because {why}. '
+                    "Check it in the picture.",
+                    False,
+                )
+            )
+    return [(columns[q], columns[t]) for q, t in layouts[best]]
+
+
+def _roughness(values: Floats) -> float:
+    """Size of the second differences over that of the values: large for noise."""
+    finite = values[np.isfinite(values)][:_SAMPLED]
+    if finite.size < 3 or not np.any(finite):
+        return 1.0
+    finite = finite / np.abs(finite).max()  # damaged files hold numbers whose square is none
+    size = float(np.std(finite))
+    if size == 0:
+        return 1.0
+    return max(float(np.std(np.diff(finite, 2))) / size, 1e-300)

@@ -1,0 +1,84 @@
+"""Encoders that know one turn only: their jumps by a turn are taken out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.importing.map.mapping import Channel
+from jointid.wording import counted
+
+_TURN = {"rad": 2 * np.pi, "mrad": 2e3 * np.pi, "deg": 360.0, "rev": 1.0}
+_COUNTERS = tuple(2.0**bits for bits in range(8, 33))
+"""Where counters overflow, whatever the counts per turn are."""
+_LARGEST = 1e12  # no encoder shows more; damaged files do
+_NEARLY = 0.2
+"""A wrap may miss the whole turn by this share of it, for what is moved in one sample."""
+_USUAL = 20.0
+"""... and by no more than so many usual steps of a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unwrapped:
+    """Positions without jumps by a turn."""
+
+    values: Floats
+    jumps: np.ndarray
+    """Index of the first value after each jump that was taken out; empty where there is none."""
+    turn: float
+    """In the column's unit."""
+
+    def said(self, channel: Channel, first: str = "") -> str:
+        """Return a sentence for the user; ``first`` says where it begins."""
+        times = counted(self.jumps.size, "time")
+        return (
+            f'"{channel.column}" shows one turn only and jumps by it {times} ({self.turn:.6g} '
+            f"{channel.unit}){first}: the jumps are taken out."
+        )
+
+
+def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
+    """Take the jumps of a single-turn encoder out of a column of positions.
+
+    Parameters
+    ----------
+    values : ndarray, shape (N,)
+        Finite, in the column's unit.
+    channel : Channel
+        With the unit, and for counts the counts per turn. A jump of nearly a turn between neighbours
+        is a wrap when all values lie within one turn and no step is nearly as large otherwise. Counts
+        may wrap where a counter of 8 to 32 bits overflows as well.
+
+    Returns
+    -------
+    Unwrapped
+    """
+    none = Unwrapped(values, np.zeros(0, dtype=int), 0.0)
+    if values.size < 3 or np.abs(values).max() > _LARGEST:
+        return none
+    steps = np.diff(values)
+    span = float(np.ptp(values))
+    for turn in _turns(channel):
+        if not 0.5 * turn < span <= 1.001 * turn:
+            continue
+        turns = np.round(steps / turn)
+        jumps = np.flatnonzero(turns)
+        if not jumps.size or jumps.size > _NEARLY * steps.size:
+            continue
+        left = np.abs(steps - turns * turn)
+        # A step of the motion itself is far smaller; at rest it is noise, or one count.
+        usual = float(np.quantile(np.delete(left, jumps), 0.9))
+        if left.max() > _NEARLY * turn or left[jumps].max() > max(_USUAL * usual, 1e-3 * turn):
+            continue
+        whole = np.concatenate([[0.0], np.cumsum(turns)])
+        return Unwrapped(values - turn * whole, jumps + 1, turn)
+    return none
+
+
+def _turns(channel: Channel) -> tuple[float, ...]:
+    if channel.unit == "counts":
+        per_turn = abs(channel.scale or 1.0)
+        return ((per_turn,) if per_turn >= 8 else ()) + _COUNTERS
+    return (_TURN[channel.unit],) if channel.unit in _TURN else ()

@@ -1,0 +1,1 @@
+"""Log files of any format to tables of numbers."""

@@ -1,0 +1,140 @@
+"""Zip archives of logs, and of the folders of ROS 2 bags: each file in them is a log of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import TypeAlias
+
+from jointid.errors import JointIdError
+from jointid.files.container_limits import Container
+from jointid.files.containers import open_container
+from jointid.importing.columns.log_table import (
+    MAX_LOG_BYTES,
+    MAX_TABLES,
+    LogTable,
+    require_few_values,
+    require_small,
+)
+from jointid.importing.read.file_types import is_zip
+from jointid.wording import counted, listed
+
+_BAG = "metadata.yaml"
+_STUDY = "study.toml"
+_OFFICE = frozenset(
+    {"[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml", "xl/workbook.bin"}
+)
+_PROSE = frozenset(
+    {".md", ".pdf", ".png", ".jpg", ".jpeg", ".json", ".yaml", ".yml", ".toml", ".m", ".py"}
+)
+"""Endings of what lies beside logs."""
+
+ReadFile: TypeAlias = Callable[[str, bytes], tuple[LogTable, ...]]
+ReadBag: TypeAlias = Callable[[str, Path], tuple[LogTable, ...]]
+
+
+def is_archive(name: str, source: bytes | Path) -> bool:
+    """Whether a file that begins like a zip archive is one of logs rather than a workbook.
+
+    Parameters
+    ----------
+    name : str
+        Its ending decides where the content cannot.
+    source : bytes or Path
+    """
+    with suppress(JointIdError), open_container(source, marker=_BAG) as container:
+        return not _OFFICE.intersection(container.names())
+    return name.lower().endswith(".zip")
+
+
+def read_archive(
+    name: str, source: bytes | Path, read_file: ReadFile, read_bag: ReadBag
+) -> tuple[LogTable, ...]:
+    """Read every log of a zip archive.
+
+    Parameters
+    ----------
+    name : str
+        The archive's, for messages.
+    source : bytes or Path
+    read_file : callable
+        Reads a log from its name and content.
+    read_bag : callable
+        Reads the folder of a ROS 2 bag from its name and path.
+
+    Returns
+    -------
+    tuple of LogTable
+        File by file, in the order of their names; ``source`` says which. What could not be read is
+        said in a note of the first.
+
+    Raises
+    ------
+    JointIdError
+        When it holds no log, or too much.
+    """
+    found: list[LogTable] = []
+    problems: list[str] = []
+    with open_container(source, marker=_BAG) as container:
+        files = container.names()
+        if any(PurePosixPath(file).name == _STUDY for file in files):
+            raise JointIdError(
+                f'{name} holds a study ({_STUDY}), not logs: open it with "Open a study (.zip)", or '
+                "give it to jointid identify."
+            )
+        bags = [str(PurePosixPath(f).parent) for f in files if PurePosixPath(f).name == _BAG]
+        parts = [(bag, [f for f in files if str(PurePosixPath(f).parent) == bag]) for bag in bags]
+        parts += [
+            (f, []) for f in files if str(PurePosixPath(f).parent) not in bags and not _is_prose(f)
+        ]
+        if len(parts) > MAX_TABLES:
+            raise JointIdError(
+                f"{name} holds {len(parts)} files, more than the limit of {MAX_TABLES} logs: split it."
+            )
+        for part, of_bag in sorted(parts):
+            label = name if part in (".", "") else f"{name}/{part}"
+            try:
+                if of_bag:
+                    tables = _bag(container, label, of_bag, read_bag)
+                else:
+                    tables = read_file(label, _content(container, part, label))
+            except JointIdError as error:
+                problems.append(str(error))
+                continue
+            found += [replace(table, source=label) for table in tables]
+            require_few_values(name, sum(table.rows * len(table.columns) for table in found))
+    if not found:
+        said = f" {problems[0]}" if problems else f" Files found: {listed(files)}."
+        raise JointIdError(f"{name} holds no log that can be read.{said}")
+    if problems:
+        left_out = f"{counted(len(problems), 'file')} of {name} could not be read. {problems[0]:.300}"
+        found[0] = replace(found[0], notes=(*found[0].notes, left_out))
+    return tuple(found)
+
+
+def _content(container: Container, file: str, label: str) -> bytes:
+    data = container.read(file, at_most=MAX_LOG_BYTES + 1)
+    require_small(label, len(data))
+    if is_zip(data) and is_archive(label, data):
+        raise JointIdError(f"{label} is a zip archive within an archive: unpack it.")
+    return data
+
+
+def _bag(container: Container, label: str, files: list[str], read_bag: ReadBag) -> tuple[LogTable, ...]:
+    """Lay a bag's files side by side where its reader can open them."""
+    with TemporaryDirectory(prefix="jointid-") as folder:
+        place = Path(folder, "bag")
+        place.mkdir()
+        for file in files:
+            data = container.read(file, at_most=MAX_LOG_BYTES + 1)
+            require_small(f"{label}: {file}", len(data))
+            (place / PurePosixPath(file).name).write_bytes(data)
+        return read_bag(label, place)
+
+
+def _is_prose(file: str) -> bool:
+    path = PurePosixPath(file)
+    return path.suffix.lower() in _PROSE or path.stem.lower() in ("readme", "license", "licence")

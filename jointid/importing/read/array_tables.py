@@ -1,0 +1,112 @@
+"""Arrays with names, as scientific files hold them, sorted into tables of equal length."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jointid.importing.columns.column_words import WORDS, words_of
+from jointid.importing.columns.log_table import (
+    MAX_COLUMNS,
+    LogColumn,
+    LogTable,
+    most_first,
+    numbers,
+    require_few_values,
+)
+from jointid.importing.columns.units import TIME_UNITS, split_unit, unit_of
+
+FEWEST_ROWS = 8
+"""Shorter arrays are settings, not signals."""
+
+
+@dataclass(frozen=True, eq=False)
+class NamedArray:
+    """One array of a file."""
+
+    name: str
+    """Name, for instance with its fields: "log.axis1.position"."""
+    values: Any
+    """Numbers, shape (N,), (1, N), (N, m) or (1, m, N)."""
+    unit: str = ""
+    labels: tuple[str, ...] = ()
+    """Names of the m columns, where the file has them."""
+    group: str = ""
+    """Arrays of different groups are never put into one table, but for a time of a group above."""
+
+
+def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
+    """Put arrays of equal length and group together; each table has at least two columns.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file, for messages.
+    arrays : sequence of NamedArray
+        What is not numeric, too short or has three real dimensions is left out.
+
+    Returns
+    -------
+    tuple of LogTable
+        The largest first; may be empty.
+    """
+    grouped: dict[tuple[str, int], list[LogColumn]] = {}
+    held = 0
+    for array in arrays:
+        table = _as_columns(np.asarray(array.values))
+        if table is None:
+            continue
+        held += table.size
+        require_few_values(file, held)
+        columns = grouped.setdefault((array.group, len(table)), [])
+        for k in range(min(table.shape[1], MAX_COLUMNS)):
+            label = array.labels[k] if k < len(array.labels) else ""
+            name, unit = split_unit(label or array.name)
+            if not label and table.shape[1] > 1:
+                name = f"{name} {k + 1}"
+            columns.append(
+                LogColumn(name, numbers(table[:, k]), unit_of(array.unit) or unit, array.name)
+            )
+    found = []
+    for (group, rows), columns in grouped.items():
+        columns = [*_time_above(grouped, group, rows), *columns]
+        if 2 <= len(columns) <= MAX_COLUMNS:
+            found.append(LogTable(f"{file}: {group}" if group else file, tuple(columns)))
+    return most_first(file, found)
+
+
+def _time_above(
+    grouped: Mapping[tuple[str, int], Sequence[LogColumn]], group: str, rows: int
+) -> list[LogColumn]:
+    """Time of a group that has none of its own: from the groups that it lies in, the nearest first."""
+    place = group
+    while True:
+        times = [c for c in grouped.get((place, rows), ()) if _is_time(c)]
+        if times or not place:
+            return [] if place == group else times[:1]
+        place = place.rpartition("/")[0]
+
+
+def _is_time(column: LogColumn) -> bool:
+    named = WORDS["time"] & set(words_of(column.name)) or column.unit in TIME_UNITS
+    return bool(named) and column.values[-1] > column.values[0]
+
+
+def _as_columns(values: np.ndarray) -> np.ndarray | None:
+    """One row per sample; None for what is no signal."""
+    if values.dtype.kind not in "biuf" or values.size < FEWEST_ROWS:
+        return None
+    if values.ndim == 3 and 1 in values.shape[:2]:
+        values = values.reshape(-1, values.shape[2]).T  # Simulink's frames: (m, 1, N)
+    elif values.ndim > 2 and max(values.shape) == values.size:
+        values = values.reshape(-1)
+    if values.ndim == 1:
+        values = values[:, None]
+    if values.ndim != 2:
+        return None
+    if values.shape[0] < FEWEST_ROWS or (values.shape[1] > MAX_COLUMNS >= values.shape[0]):
+        values = values.T  # a row per signal
+    return values if values.shape[0] >= FEWEST_ROWS else None

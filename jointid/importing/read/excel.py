@@ -1,0 +1,66 @@
+"""Excel workbooks (.xlsx, .xlsm, .xlsb, .xls) and OpenDocument sheets: one table per sheet."""
+
+from __future__ import annotations
+
+import datetime
+import io
+from typing import Any
+
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
+from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.text_tables import read_text_table
+from jointid.wording import listed
+
+
+def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
+    """Read every sheet of a workbook that holds a table of numbers.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    data : bytes
+
+    Raises
+    ------
+    JointIdError
+        When python-calamine is not installed, or no sheet holds a table.
+    """
+    calamine = extra("python_calamine", "python-calamine", "Excel files")
+    workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+    tables: list[LogTable] = []
+    problems: list[str] = []
+    held = 0
+    for name in workbook.sheet_names[:MAX_TABLES]:
+        sheet = workbook.get_sheet_by_name(name)
+        held += sheet.total_height * sheet.total_width
+        require_few_values(file, held)
+        rows = sheet.to_python(skip_empty_area=False)
+        if not any(any(cell != "" for cell in row) for row in rows):
+            continue
+        # As text the sheet goes through the same search for header, units and numbers as a CSV file.
+        text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
+        try:
+            table = read_text_table(f"{file}: {name}", text.encode())
+            tables.append(LogTable(table.name, table.columns, table.notes, table.first_row, "row"))
+        except JointIdError as error:
+            problems.append(str(error))
+    if not tables:
+        reason = problems[0] if problems else f"{file}: all sheets are empty."
+        raise JointIdError(f"{reason} Sheets found: {listed(workbook.sheet_names)}.")
+    return most_first(file, tables)
+
+
+def _cell(cell: Any) -> str:
+    if isinstance(cell, bool):
+        return str(int(cell))
+    if isinstance(cell, float | int):
+        return repr(cell)
+    if isinstance(cell, datetime.datetime):
+        return cell.isoformat(" ")
+    if isinstance(cell, datetime.time):
+        return cell.isoformat()
+    if isinstance(cell, datetime.timedelta):
+        return repr(cell.total_seconds())
+    return " ".join(str(cell).split())

@@ -1,0 +1,290 @@
+"""How a text table is laid out: encoding, separator, decimal mark, header, units, first numbers."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from jointid.errors import JointIdError
+from jointid.importing.columns.units import split_unit, unit_of
+from jointid.importing.read.clock_times import is_clock
+from jointid.importing.read.text_numbers import (
+    explained,
+    is_number,
+    proven_thousands,
+    thousands_in,
+)
+
+BLANKS = " "
+"""The separator of columns that any number of blanks keeps apart."""
+MAX_LINE = 1 << 16
+"""Longest line of a text table, characters."""
+
+_SAMPLED = 1 << 18  # characters of the beginning that are looked at
+_SAMPLED_LINES = 1000
+_PROBED = 1 << 14  # characters of the middle and the end
+_SEPARATORS = (";", "\t", ",", "|", BLANKS)
+_NO_NUMBER = frozenset(
+    {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
+)
+_COMMENT = re.compile(r"^\s*(?:#+|%+|//+|;+(?=\s*[A-Za-z#])|\*+|!+|\"?#)\s*")
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """What there is to know before the numbers are read."""
+
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    """Names of all columns, units taken off; empty strings where the header names none."""
+    units: tuple[str, ...]
+    numeric: tuple[bool, ...]
+    """Whether a column holds numbers."""
+    clock: tuple[bool, ...]
+    """Whether a column holds times of day or dates."""
+    body: int
+    """Offset of the first line of numbers in the text."""
+    first_line: int
+    """Number of that line; the first of the file is 1."""
+    has_header: bool
+    thousands: str = ""
+    """Mark between thousands, where there is one."""
+    notes: tuple[str, ...] = ()
+
+
+def decoded(file: str, data: bytes) -> str:
+    """Return the text of a file: UTF-8, UTF-16 or UTF-32 by mark or by their zero bytes, else Latin-1.
+
+    Raises
+    ------
+    JointIdError
+        When it is no text.
+    """
+    head = data[:4096]
+    encoding = next((e for mark, e in _MARKS if data.startswith(mark)), "")
+    if not encoding and b"\0" in head:
+        zeros = [head[k::2].count(0) / max(1, len(head[k::2])) for k in (0, 1)]
+        encoding = "utf-16-le" if zeros[1] > 0.3 > zeros[0] else ""
+        encoding = "utf-16-be" if zeros[0] > 0.3 > zeros[1] else encoding
+        if not encoding:
+            raise JointIdError(
+                f"{file} is neither text nor a file of a kind that is known here. Known: CSV and other "
+                "text tables, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bags (.db3, .mcap)."
+            )
+    try:
+        text = data.decode(encoding or "utf-8")
+    except UnicodeDecodeError as error:
+        if encoding and not encoding.startswith("utf-8"):
+            raise JointIdError(
+                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: "
+                "the file is damaged. Export it again."
+            ) from error
+        # What Windows programs of western Europe write; Latin-1 never fails.
+        text = data.decode("cp1252", errors="ignore") if _is_cp1252(data) else data.decode("latin-1")
+    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    if not text.strip():
+        raise JointIdError(f"{file} holds only blank lines: export the log again.")
+    return text
+
+
+def find_layout(file: str, text: str) -> TextLayout:
+    """Find the reading of a text that makes most of it numbers.
+
+    Raises
+    ------
+    JointIdError
+        When no separator makes a table of at least two columns of numbers.
+    """
+    lines = _head_lines(file, text)
+    probes = _probe_lines(text)
+    best: tuple[float, float] = (0.0, 0.0)
+    found: tuple[str, str, str, int, int] | None = None
+    head = "\n".join(lines)
+    for separator in _SEPARATORS:
+        if separator != BLANKS and not any(separator in line for line in lines):
+            continue
+        cells = [split_line(line, separator) for line in lines]
+        probed = [split_line(line, separator) for line in probes]
+        readings = [(d, t) for d in (".", ",") for t in ("", *thousands_in(head, d, separator))]
+        for decimal, thousands in readings:
+            body = _body(cells, decimal, thousands)
+            if body is None:
+                continue
+            first, width = body
+            rows = [row for row in (*cells[first:], *probed) if row]
+            table = [row for row in rows if len(row) == width]
+            numbers = sum(is_number(cell, decimal, thousands) for row in table for cell in row)
+            written = sum(bool(cell) for row in table for cell in row)
+            score = (round(len(table) / len(rows) * numbers / max(written, 1), 3), numbers / len(table))
+            if separator == BLANKS and found is not None and found[2].isspace():
+                score = (score[0], 0.0)  # a blank between thousands parts no columns
+            if score > best:
+                best, found = score, (separator, decimal, thousands, first, width)
+    if found is None:
+        raise JointIdError(
+            f"{file} is not a table of numbers: expected columns separated by commas, semicolons, tabs "
+            f"or blanks, at least two of them numbers. First line: {_first(lines)[:80]!r}."
+        )
+    separator, decimal, thousands, first, width = found
+    thousands = thousands or proven_thousands(text, decimal, separator)
+    layout = _described(lines, separator, decimal, thousands, first, width)
+    rows = [row for row in (split_line(line, separator) for line in (*lines[first:], *probes)) if row]
+    said = [
+        cell
+        for row in rows
+        for cell, numeric in zip(row, layout.numeric, strict=False)
+        if numeric and is_number(cell, decimal, thousands)
+    ]
+    note = explained(file, said, decimal, thousands)
+    return replace(layout, notes=(note,) if note else ())
+
+
+def split_line(line: str, separator: str) -> list[str]:
+    """Cells of one line, without blanks and quotes around them; a blank line has none."""
+    if not line.strip():
+        return []
+    if separator == BLANKS:
+        return line.split()
+    if '"' in line:
+        try:
+            return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+        except csv.Error:
+            pass
+    return [cell.strip() for cell in line.split(separator)]
+
+
+def is_missing(cell: str) -> bool:
+    """Whether a cell says that there is no value."""
+    return cell.lower() in _NO_NUMBER
+
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+def _is_cp1252(data: bytes) -> bool:
+    """Whether bytes that are control characters in Latin-1 occur: then Windows wrote them."""
+    return any(bytes([byte]) in data for byte in (0x80, 0x85, 0x91, 0x92, 0x93, 0x94, 0x96, 0x97))
+
+
+def _head_lines(file: str, text: str) -> list[str]:
+    head = text[:_SAMPLED]
+    lines = head.split("\n")
+    if len(text) > _SAMPLED:
+        if len(lines) == 1:
+            raise JointIdError(
+                f"{file}: the first line is longer than {_SAMPLED} characters. Export one row per "
+                "sample, each on a line of its own."
+            )
+        lines.pop()  # it may be cut
+    return lines[:_SAMPLED_LINES]
+
+
+def _probe_lines(text: str) -> list[str]:
+    if len(text) < 2 * _SAMPLED:
+        return []
+    middle = text[len(text) // 2 :][:_PROBED].split("\n")[1:-1]
+    end = text[-_PROBED:].split("\n")[1:-1]
+    return middle + end
+
+
+def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int, int] | None:
+    """First line of the numbers, and how many cells each line has."""
+    counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
+    widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 2)
+    if not widths:
+        return None
+    width = max(widths, key=lambda w: (widths[w], w))
+    fits = [len(row) == width and count >= 2 for row, count in zip(cells, counts, strict=True)]
+    written = [bool(row) for row in cells]
+    for first, fit in enumerate(fits):
+        if fit:
+            following = [f for f, w in zip(fits[first : first + 6], written[first:], strict=False) if w]
+            if sum(following) >= min(len(following), 5):
+                return first, width
+    return fits.index(True), width
+
+
+def _described(
+    lines: Sequence[str], separator: str, decimal: str, thousands: str, first: int, width: int
+) -> TextLayout:
+    rows = [row for row in (split_line(line, separator) for line in lines[first:]) if len(row) == width]
+    numeric, clock = [], []
+    for column in zip(*rows, strict=True):
+        said = [cell for cell in column if not is_missing(cell)]
+        right = sum(is_number(cell, decimal, thousands) for cell in said)
+        numeric.append(2 * right > len(said))
+        clock.append(bool(said) and all(is_clock(cell) for cell in said[:20]))
+    header, units = _header(lines[:first], separator, decimal, width)
+    split = [split_unit(name) for name in header] if header else [("", "")] * width
+    said_units = [own or unit_of(below) for (_, own), below in zip(split, units, strict=True)]
+    return TextLayout(
+        separator=separator,
+        decimal=decimal,
+        names=tuple(bare for bare, _ in split),
+        units=tuple(said_units),
+        numeric=tuple(numeric),
+        clock=tuple(clock),
+        body=sum(len(line) + 1 for line in lines[:first]),
+        first_line=first + 1,
+        has_header=header is not None,
+        thousands=thousands,
+    )
+
+
+def _header(
+    above: Sequence[str], separator: str, decimal: str, width: int
+) -> tuple[list[str] | None, list[str]]:
+    """Names, and the units that a row of their own gives, from the lines above the numbers."""
+    units = [""] * width
+    written = [line for line in above if line.strip()]
+    for line in reversed(written[-4:]):
+        cells = _header_cells(line, separator, width)
+        if cells is None or sum(is_number(cell, decimal) for cell in cells) > width / 2:
+            break
+        said = [cell for cell in cells if cell]
+        if said and all(unit_of(cell) or cell in ("-", "[-]", "[]", "1") for cell in said):
+            if line is not written[0]:
+                units = cells
+                continue
+            return cells, units
+        if len(said) > 2 and len(set(said)) == 1:  # a row of types: float;float;float
+            continue
+        return cells, units
+    return None, units
+
+
+def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
+    """Cells of a header line, filled up or cut where only empty ones are too many; else None."""
+    for candidate in (line, _COMMENT.sub("", line)):
+        if separator == BLANKS:
+            choices = [
+                re.split(r"\t+|\s{2,}", candidate.strip()),
+                re.sub(r"\s+(?=[\[(])", "", candidate).split(),
+                [cell.strip() for cell in re.split(r"[,;|]", candidate)],
+            ]
+        else:
+            choices = [split_line(candidate, separator)]
+        for cells in choices:
+            while len(cells) > width and not cells[-1]:
+                cells = cells[:-1]
+            if len(cells) == width - 1 and width > 2:
+                cells = [*cells, ""]  # every line of numbers ends with a separator
+            if len(cells) == width:
+                cells[0] = _COMMENT.sub("", cells[0])
+                return cells
+    return None
+
+
+def _first(lines: Sequence[str]) -> str:
+    return next((line for line in lines if line.strip()), "")

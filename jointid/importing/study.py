@@ -1,0 +1,203 @@
+"""From segments of logs to the records of a study."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import cast
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.segment import Segment
+from jointid.importing.find.segments import common_frequencies
+from jointid.importing.map.mapped_log import MappedLog
+from jointid.joints import Elasticity, Inertia
+from jointid.records import SineRecord
+from jointid.rounding import significant
+from jointid.study import Study
+from jointid.wording import counted, shown
+
+
+def segment_records(
+    log: MappedLog, segments: Sequence[Segment], *, pose: str | None = None
+) -> tuple[SineRecord, ...]:
+    """Cut the records out of a log: one per segment, or one per line of a multisine segment.
+
+    Parameters
+    ----------
+    log : MappedLog
+    segments : sequence of Segment
+    pose : str, optional
+        In which all of them were measured.
+
+    Returns
+    -------
+    tuple of SineRecord
+        On the clock of the log. In a record of a multisine's line the other lines have been taken out
+        by least squares, so that its phasor is that line's alone; the noise stays.
+
+    Raises
+    ------
+    JointIdError
+        When a segment holds too little of the log for its frequency.
+    """
+    records = []
+    for number, segment in enumerate(segments, start=1):
+        part = log.rows(segment.start_s, segment.stop_s)
+        time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
+        place = f"{significant(segment.start_s)} to {significant(segment.stop_s)} s"
+        for line in segment.lines_hz:
+            label = f"{log.name}: {place}".removeprefix(": ")
+            others = [other for other in segment.lines_hz if other != line]
+            if others:
+                label += f", {significant(line)} Hz"
+            try:
+                shares = _others(time, np.column_stack([theta, tau]), line, others)
+                records.append(
+                    SineRecord(
+                        frequency_hz=line,
+                        time_s=time,
+                        theta_rad=theta - shares[:, : log.n],
+                        tau_Nm=tau - shares[:, log.n :],
+                        torque_hold=log.torque_hold,
+                        torque_delay_s=log.torque_delay_s,
+                        pose=pose,
+                        label=label,
+                    )
+                )
+            except JointIdError as error:
+                raise JointIdError(f"Segment {number} ({place}): {error}") from error
+    return tuple(records)
+
+
+def study_from_logs(
+    logs: MappedLog | Sequence[MappedLog],
+    segments: Sequence[Segment] | Sequence[Sequence[Segment]],
+    inertia: Inertia,
+    *,
+    nominal: Elasticity | None = None,
+    poses: Mapping[str, Inertia] | None = None,
+    pose_of: Sequence[str | None] | None = None,
+    name: str = "",
+    description: str = "",
+    robot: str = "",
+    date: datetime.date | None = None,
+) -> Study:
+    """Make a study of the segments of one or many logs.
+
+    Parameters
+    ----------
+    logs : MappedLog or sequence of MappedLog
+        All with the joints of ``inertia``.
+    segments : sequence of Segment, or one such sequence for each log
+    inertia : Inertia
+        Motor side.
+    nominal : Elasticity, optional
+    poses : mapping of str to Inertia, optional
+        Inertia of each named pose.
+    pose_of : sequence of str or None, optional
+        Pose of each log; None, and by default, the one that ``inertia`` holds for.
+    name, description : str, optional
+        By default from the logs; see ``study_name``.
+    robot : str, optional
+        Which robot it is, and
+    date : datetime.date, optional
+        when it was measured: what a fleet's drift goes by.
+
+    Raises
+    ------
+    JointIdError
+        When there is no segment, or joints disagree.
+    """
+    if isinstance(logs, MappedLog):
+        logs, segments = [logs], cast(Sequence[Sequence[Segment]], [segments])
+    each = [list(part) for part in cast(Sequence[Sequence[Segment]], segments)]
+    if len(each) != len(logs):
+        raise JointIdError(
+            f"{counted(len(logs), 'log')}, but segments of {len(each)}: give those of each log."
+        )
+    if not any(each):
+        raise JointIdError(
+            "No sine segments were found or chosen: the method needs steady sines of a few periods. "
+            "Mark one by its start and stop, or check the time and position columns."
+        )
+    pose_of = pose_of or [None] * len(logs)
+    if len(pose_of) != len(logs):
+        raise JointIdError(
+            f"{counted(len(logs), 'log')}, but {counted(len(pose_of), 'pose')}: give one for each log."
+        )
+    for log in logs:
+        if log.n != inertia.n:
+            raise JointIdError(
+                f"{log.name or 'The log'} has {counted(log.n, 'joint')}, the inertia {inertia.n}: "
+                "they must agree."
+            )
+    # Frequencies of all logs together, so that runs of one set point in two logs belong together.
+    flat = common_frequencies([segment for part in each for segment in part])
+    records: list[SineRecord] = []
+    done = 0
+    for log, part, pose in zip(logs, each, pose_of, strict=True):
+        records += segment_records(log, flat[done : done + len(part)], pose=pose)
+        done += len(part)
+    sources = ", ".join(log.name for log in logs[:5] if log.name)
+    return Study(
+        records=tuple(records),
+        inertia=inertia,
+        nominal=nominal,
+        name=name or study_name([log.name for log in logs]),
+        origin="measured",
+        description=description
+        or f"Imported: {counted(len(flat), 'sine segment')} of {sources or 'a log'}.",
+        poses=poses or {},
+        robot=robot,
+        date=date,
+    )
+
+
+def date_in(text: str) -> datetime.date | None:
+    """Read a date as people type it; None where nothing is written.
+
+    Raises
+    ------
+    JointIdError
+        When it is no date.
+    """
+    if not text.strip():
+        return None
+    try:
+        return datetime.date.fromisoformat(text.strip())
+    except ValueError:
+        raise JointIdError(
+            f"The date {shown(text)} is none: write year, month and day as in 2026-11-20."
+        ) from None
+
+
+def study_name(logs: Sequence[str]) -> str:
+    """Name a study after its logs: "cell 3", "cell 3 and 2 more", and after an archive that holds all.
+
+    Parameters
+    ----------
+    logs : sequence of str
+        What they are called: "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
+    """
+    paths = [PurePosixPath(log.partition(": ")[0].replace("\\", "/")) for log in logs if log]
+    archives = {path.parts[0] if len(path.parts) > 1 else "" for path in paths}
+    if len(archives) == 1 and any(archives):
+        paths = [PurePosixPath(*archives)]
+    files = list(dict.fromkeys(paths))
+    if not files:
+        return ""
+    stem = files[0].stem.replace("_", " ")
+    return stem if len(files) == 1 else f"{stem} and {len(files) - 1} more"
+
+
+def _others(time: np.ndarray, signals: np.ndarray, line: float, others: Sequence[float]) -> np.ndarray:
+    """What the other lines contribute to each signal, shape (N, 2n)."""
+    if not others:
+        return np.zeros_like(signals)
+    fit = fit_lines(time, signals, [line, *others], free=False)
+    waves = np.exp(2j * np.pi * np.outer(time - fit.middle_s, others))
+    return np.asarray((waves @ fit.phasors[1:]).imag)

@@ -1,0 +1,1 @@
+"""From records to phasors, equations (2)-(4): the sine fit, its noise, long records, sensor steps."""

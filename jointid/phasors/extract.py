@@ -1,0 +1,297 @@
+"""From records to phasors, equations (2)-(4): one complex number per signal, with its noise.
+
+Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a derivative is a factor iω.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.phasors.fitted_sine import SineFit
+from jointid.phasors.sensor_steps import may_have_steps, step_variance
+from jointid.phasors.sine_fit import fit_sines
+from jointid.records import SineRecord
+from jointid.wording import counted
+
+MANY_HARMONICS = 31
+"""Harmonics of Coulomb friction fall as 1/h; so many resolve a stick of a thirtieth of a period."""
+
+
+@dataclass(frozen=True, eq=False)
+class Phasors:
+    """Fourier coefficients of r records of n joints, with what they say about each record's quality."""
+
+    omega: Floats
+    """Excitation frequencies, shape (r,), rad/s."""
+    q: Complexes
+    """Motor angles, shape (r, n), rad."""
+    tau: Complexes
+    """Motor torques as they act, corrected for hold and delay, shape (r, n), N·m."""
+    covariance: Complexes
+    """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n), the leakage of harmonics over a
+    broken period included; a diagonal entry is the variance of a complex number, twice that of its
+    real part."""
+    freedom: Floats
+    """Degrees of freedom of each covariance, shape (r,); few periods make few."""
+    duration_s: Floats
+    """How long each record is, shape (r,), s; noise variances fall as its inverse."""
+    harmonics: Complexes
+    """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without the leakage
+    of harmonics over a broken period. Zero where the samples cannot tell."""
+    harmonic_covariance: Complexes
+    """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
+    drift: Floats
+    """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
+    settling: Floats
+    """How far z of the first quarter of a record is from z of its second half, relative to z,
+    shape (r, 2n); NaN when there are too few periods to tell."""
+    settling_noise: Floats
+    """Standard error of ``settling``, shape (r, 2n)."""
+    frequency_found_hz: Floats
+    """The frequency that the motor angle has, from the drift of its phase, shape (r,), Hz."""
+    labels: tuple[str, ...]
+    """Name of each record, for messages and plots."""
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.q.shape[1])
+
+    @property
+    def z(self) -> Complexes:
+        """Motor angles and torques side by side, shape (r, 2n)."""
+        return np.hstack([self.q, self.tau])
+
+    @property
+    def standard_deviation(self) -> Floats:
+        """Root of the variance of each complex number in z, shape (r, 2n)."""
+        return np.asarray(np.sqrt(np.abs(np.einsum("rjj->rj", self.covariance))))
+
+    @property
+    def signal_to_noise(self) -> Floats:
+        """Amplitude over standard deviation of each number in z, shape (r, 2n); inf without noise."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.abs(self.z) / self.standard_deviation)
+
+    @property
+    def total_harmonic_distortion(self) -> Floats:
+        """Amplitude of the harmonics above the first over that of the first, (r, 2n); NaN if unknown."""
+        if self.harmonics.shape[1] == 1:
+            return np.full(self.z.shape, np.nan)
+        overtones = np.linalg.norm(self.harmonics[:, 1:], axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(overtones / np.abs(self.harmonics[:, 0]))
+
+    def by_frequency(self) -> list[tuple[float, np.ndarray]]:
+        """Angular frequencies in ascending order, each with the indices of its records."""
+        order = np.argsort(self.omega, kind="stable")
+        ordered = self.omega[order]
+        gaps = np.flatnonzero(np.diff(ordered) > 1e-9 * ordered[:-1]) + 1
+        return [(float(self.omega[group[0]]), group) for group in np.split(order, gaps)]
+
+    def series(self) -> list[np.ndarray]:
+        """Indices of the first record of every frequency, then of the second ones, and so on."""
+        groups = [group for _, group in self.by_frequency()]
+        most = max(group.size for group in groups)
+        return [np.array([g[k] for g in groups if g.size > k]) for k in range(most)]
+
+    def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
+        """Return the phasors of some records only, by index or boolean mask."""
+        index = np.arange(self.omega.size)[np.asarray(records)]
+        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "labels"}
+        return Phasors(**arrays, labels=tuple(self.labels[i] for i in index))
+
+
+def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = None) -> Phasors:
+    """Fit sine, cosine, offset and drift to every signal; equation (2) is the case of whole periods.
+
+    Parameters
+    ----------
+    records : sequence of SineRecord
+        Of the same joints. The window need not span whole periods.
+    harmonics : int, optional
+        Highest harmonic to fit as well, in a second fit with the fundamental. By default 3, and
+        ``MANY_HARMONICS`` when these stand out of the noise: then friction is to be seen in them.
+
+    Returns
+    -------
+    Phasors
+        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), a delayed one by e^{-iωδ}, each
+        harmonic at its own frequency.
+
+    Raises
+    ------
+    JointIdError
+        When there is no record, the records differ in their number of joints, or one is too short.
+    """
+    records = _checked(records)
+    if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
+        raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
+    fits = fit_sines(records, harmonics or 3)
+    if harmonics is None and _distorted(records, fits):
+        fits = fit_sines(records, MANY_HARMONICS)
+    n, count = records[0].n, len(fits[0].harmonics)
+    omega = np.array([record.omega for record in records])
+    timing = np.ones((len(records), count, 2 * n), complex)
+    timing[:, :, n:] = _torque_timing(records, omega[:, None] * np.arange(1, count + 1))[:, :, None]
+    z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
+    covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
+    covariance += _rounding(fits)
+    # The sensors are the same in all records: a look at a few tells whether they have steps.
+    stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
+    for record in np.flatnonzero(stepped | _visible(fits)).tolist():
+        covariance[record] += step_variance(records[record], fits[record])
+    covariance *= timing[..., :, None] * timing[..., None, :].conj()
+    # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
+    leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
+    plain = covariance[:, 0] + leakage[:, :, None] * leakage[:, None].conj()
+    local = _local(fits)
+    settling, noise = _settling(fits, *local)
+    return Phasors(
+        omega=omega,
+        q=z[:, :n],
+        tau=z[:, n:],
+        covariance=plain,
+        freedom=np.array([float(fit.freedom) for fit in fits]),
+        duration_s=np.array([record.periods / record.frequency_hz for record in records]),
+        harmonics=np.array([fit.harmonics for fit in fits]) * timing,
+        harmonic_covariance=covariance,
+        drift=np.array([fit.drift[:n] for fit in fits]),
+        settling=settling,
+        settling_noise=noise,
+        frequency_found_hz=_frequency_found(records, fits, *local),
+        labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
+    )
+
+
+def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
+    if isinstance(records, SineRecord):
+        return (records,)
+    if not isinstance(records, Iterable):
+        raise JointIdError(f"records: expected a list of SineRecord, got {records!r:.80}.")
+    records = tuple(records)
+    if not all(isinstance(record, SineRecord) for record in records):
+        raise JointIdError(f"records: expected SineRecord values only, got {records!r:.80}.")
+    if not records:
+        raise JointIdError("There are no records to extract phasors from: give at least one.")
+    for number, record in enumerate(records, start=1):
+        if record.n != records[0].n:
+            raise JointIdError(
+                f"{record.label or f'record {number}'} has {counted(record.n, 'joint')}, the first "
+                f"record {records[0].n}: records that are analysed together must have the same joints."
+            )
+    return records
+
+
+def _rounding(fits: Sequence[SineFit]) -> Floats:
+    """Variance that floating-point numbers of this size leave, diagonal (r, 1, 2n, 2n)."""
+    size = np.abs([fit.offset for fit in fits]) + np.abs([fit.fundamental for fit in fits])
+    return np.asarray(((1e-14 * size) ** 2)[:, None, :, None] * np.eye(size.shape[1]))
+
+
+def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
+    """Whether a record has harmonics that its sensors' steps do not explain either."""
+    for record in np.flatnonzero(_visible(fits)).tolist():
+        fit = fits[record]
+        steps = step_variance(records[record], fit)
+        if _visible([replace(fit, covariance=fit.covariance + steps)])[0]:
+            return True
+    return False
+
+
+def _visible(fits: Sequence[SineFit]) -> np.ndarray:
+    """Whether a harmonic stands six standard errors out of noise, and 1e-6 of its signal, (r,)."""
+    power = np.abs([fit.harmonics for fit in fits]) ** 2
+    noise = np.abs(np.einsum("rhjj->rhj", np.array([fit.covariance for fit in fits])))
+    visible = (power > 1e-12 * power[:, :1]) & (power > 36 * noise)
+    return np.asarray(visible[:, 1:].any(axis=(1, 2)))
+
+
+def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
+    """Acting torque over sampled torque, shape (r, H): a hold of T lags by T/2 and attenuates."""
+    delay = np.array([record.torque_delay_s for record in records])
+    hold = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
+    held = np.sinc(omega * hold[:, None] / (2 * np.pi))  # numpy's sinc(x) is sin(πx)/(πx)
+    return np.asarray(held * np.exp(-1j * omega * (delay + hold / 2)[:, None]))
+
+
+def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
+    """Local phasor of each block minus that of its record (r, K, 2n), zero beyond a record's blocks;
+    the blocks' numbers (K,), and how many each record has (r, 1)."""
+    count = np.array([[len(fit.deviations)] for fit in fits])
+    local = np.zeros((len(fits), int(count.max()), fits[0].deviations.shape[1]), complex)
+    for row, fit in zip(local, fits, strict=True):
+        row[: len(fit.deviations)] = fit.deviations
+    local *= count[:, :, None]
+    return local, np.arange(local.shape[1]), count
+
+
+def _settling(
+    fits: Sequence[SineFit], local: Complexes, block: np.ndarray, count: np.ndarray
+) -> tuple[Floats, Floats]:
+    """Change of the local phasor from the first quarter of the blocks to the second half."""
+    early = (block < count // 4)[..., None]
+    late = ((block >= count // 2) & (block < count))[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        n_early, n_late = early.sum(axis=1), late.sum(axis=1)
+        first, second = (local * early).sum(axis=1) / n_early, (local * late).sum(axis=1) / n_late
+        variance = (np.abs((local - second[:, None]) * late) ** 2).sum(axis=1) / (n_late - 1)
+        amplitude = np.abs([fit.fundamental for fit in fits])
+        change = np.abs(first - second) / amplitude
+        noise = np.sqrt(variance * (1 / n_early + 1 / n_late)) / amplitude
+    enough = count >= 4
+    return np.where(enough, change, np.nan), np.where(enough, noise, np.nan)
+
+
+def _frequency_found(
+    records: Sequence[SineRecord],
+    fits: Sequence[SineFit],
+    local: Complexes,
+    block: np.ndarray,
+    count: np.ndarray,
+) -> Floats:
+    """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
+    n, rows = records[0].n, np.arange(len(records))
+    strength = np.abs([fit.harmonics[:, :n] for fit in fits])
+    order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
+    phasor = np.array([fit.fundamental[j] for fit, j in zip(fits, largest, strict=True)])
+    offset = np.abs([fit.offset[j] for fit, j in zip(fits, largest, strict=True)])
+    local = local[rows, :, largest]
+    scatter = np.sqrt((np.abs(local) ** 2).sum(axis=1) / count[:, 0])
+    place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
+    stated = np.array([record.frequency_hz for record in records])
+    span = np.array([record.periods for record in records]) / stated
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
+    found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
+    moves = strength.max(axis=(1, 2)) > 1e-12 * offset
+    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor)) | (count[:, 0] < 3)
+    for row in np.flatnonzero(moves & suspicious).tolist():
+        record, fit, joint = records[row], fits[row], int(largest[row])
+        if order[row] > 0 or scatter[row] > 0.5 * abs(phasor[row]) or _unlike(record, fit, joint):
+            found[row] = _spectral_peak_hz(record, joint)
+    return np.where(moves, found, stated)
+
+
+def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:
+    """Whether a motor angle of few periods is far from the sine that was fitted to it."""
+    left = record.theta_rad[record.start :, joint]
+    left = left - fit.at(record.time_s[record.start :], record.omega)[:, joint]
+    return bool(left.std() > 0.3 * abs(fit.fundamental[joint]))
+
+
+def _spectral_peak_hz(record: SineRecord, joint: int) -> float:
+    """Largest line of the spectrum of a motor angle, for a record that contradicts its frequency."""
+    signal = record.theta_rad[record.start :, joint]
+    ends = np.linspace(signal[0], signal[-1], signal.size)
+    spectrum = np.abs(np.fft.rfft((signal - ends) * np.hanning(signal.size)))
+    peak = int(np.argmax(spectrum[1:-1])) + 1
+    left, centre, right = np.log(np.maximum(spectrum[peak - 1 : peak + 2], 1e-300))
+    curvature = left - 2 * centre + right
+    shift = 0.0 if curvature == 0 else 0.5 * (left - right) / curvature
+    return float((peak + shift) / (signal.size * record.interval_s))

@@ -1,0 +1,103 @@
+"""Least-squares fit of a sine with its harmonics, an offset and a drift to every channel of a record.
+
+Uniform records take the two-level transform (``uniform_fit``), which runs at the speed of memory;
+jittered or very short ones normal equations at their own sample times (``direct_fit``); records larger
+than memory are fitted in parts (``long_records``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+from jointid.errors import JointIdError
+from jointid.phasors.direct_fit import fit_directly
+from jointid.phasors.fitted_sine import SineFit, Window
+from jointid.phasors.long_records import LongRecord, joined
+from jointid.phasors.uniform_fit import fit_side_by_side
+from jointid.records import SineRecord
+from jointid.small_matrices import one_thread
+
+FEWEST_BLOCKS = 8
+"""With fewer blocks the residual, taken as white, tells the noise better than their scatter."""
+
+FEWEST_SAMPLES = 8
+"""Four unknowns per signal, and as many again to tell the noise."""
+
+_BLOCK_SAMPLES = 1024  # shorter blocks leave the matrix product bound by overhead, not by memory
+_NEGLIGIBLE_PHASE = 1e-6  # rad; jitter below it cannot be seen in a phasor
+
+
+def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit]:
+    """Fit every record; uniform ones by the two-level transform, jittered or very short ones directly.
+
+    Parameters
+    ----------
+    records : sequence of SineRecord
+    harmonics : int, default 1
+        Highest harmonic in the fit. Those at or above 0.45 of the sample rate, or more than a quarter
+        of the samples can tell, are left out.
+
+    Returns
+    -------
+    list of SineFit
+        In the order of ``records``.
+
+    Raises
+    ------
+    JointIdError
+        When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
+    """
+    fits: dict[int, SineFit] = {}
+    alike: dict[tuple[int, int, int], dict[int, Window]] = {}
+    for number, record in enumerate(records):
+        if isinstance(record, LongRecord):
+            fits[number] = _fit_in_parts(record, harmonics)
+            continue
+        window = _window(record, harmonics)
+        if is_uniform(record) and window.blocks >= FEWEST_BLOCKS:
+            # Side by side they are padded to the longest: within a factor of two that is little.
+            likeness = (record.n, window.orders, window.blocks.bit_length())
+            alike.setdefault(likeness, {})[number] = window
+        else:
+            enough = window.blocks >= FEWEST_BLOCKS
+            fits[number] = fit_directly(window, harmonics, by_scatter=enough)
+    with one_thread():
+        for windows in alike.values():
+            fitted = fit_side_by_side(tuple(windows.values()), harmonics)
+            fits.update(zip(windows, fitted, strict=True))
+    return [fits[number] for number in range(len(fits))]
+
+
+def is_uniform(record: SineRecord) -> bool:
+    """Whether the jitter is too small to be seen in the record's phasors."""
+    return record.jitter_s * record.omega < _NEGLIGIBLE_PHASE
+
+
+def _fit_in_parts(record: LongRecord, harmonics: int) -> SineFit:
+    parts = [(fit_sines([part], harmonics)[0], part.samples) for part in record.parts()]
+    return joined([fit for fit, _ in parts], [samples for _, samples in parts])
+
+
+def _window(record: SineRecord, harmonics: int) -> Window:
+    samples = record.samples
+    if samples < FEWEST_SAMPLES:
+        raise JointIdError(
+            f"{record.label or 'A record'} has {samples} usable samples; a sine with offset and drift "
+            f"needs {FEWEST_SAMPLES}. Sample faster, or record longer."
+        )
+    orders, block = _layout(samples, 1 / (record.frequency_hz * record.interval_s), harmonics)
+    return Window(record, orders, block, samples // block)
+
+
+@lru_cache(maxsize=1024)
+def _layout(samples: int, period: float, harmonics: int) -> tuple[int, int]:
+    """Highest harmonic, and samples per block: a few periods that nearly are whole samples."""
+    orders = max(1, int(min(0.45 * period, samples / 8 - 1, harmonics)))
+    if samples < 2 * period:  # within little more than a period, harmonics and drift look alike
+        orders = 1
+    most = max(1, int(samples / period / (2 * FEWEST_BLOCKS)))
+    least = min(most, math.ceil(_BLOCK_SAMPLES / period))
+    lengths = [period * count for count in range(least, min(most, least + 7) + 1)]
+    return orders, min((abs(length - round(length)), round(length)) for length in lengths)[1]

@@ -1,1 +1,0 @@
-"""Work in processes of their own: they can be ended, and leave this one's interpreter free."""

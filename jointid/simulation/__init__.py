@@ -1,0 +1,1 @@
+"""The simulated robot: a closed-loop sine experiment with known K and D."""

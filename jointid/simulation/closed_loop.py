@@ -1,0 +1,150 @@
+"""Sine experiments on the simulated robot: elastic joints, equation (1), under joint control → records.
+
+Between two events (a control sample, a change of the delayed torque) the motor torque is constant and
+the linear dynamics advance exactly, by a matrix exponential. All records advance together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.records import SineRecord
+from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction, per_joint
+from jointid.simulation.robot import Reference, Robot
+
+_LARGEST_LOG_BYTES = 2e9
+
+
+def simulate_records(
+    inertia: Inertia,
+    elasticity: Elasticity,
+    frequencies_hz: ArrayLike,
+    *,
+    excitation: Excitation | None = None,
+    controller: Controller | None = None,
+    friction: MotorFriction | None = None,
+    measurement: Measurement | None = None,
+    pose: str | None = None,
+    declare_timing: bool = True,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[SineRecord, ...]:
+    """Run sine experiments on the simulated robot and return their logs.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        The robot, n joints, equation (1).
+    frequencies_hz : array_like, shape (f,)
+        Excitation frequencies, Hz, below half the sample rate.
+    excitation : Excitation, optional
+        What the joints are asked to do; by default n records per frequency in which all joints move.
+    controller : Controller, optional
+        The joint control.
+    friction : MotorFriction, optional
+        By default there is none.
+    measurement : Measurement, optional
+        By default the log is exact.
+    pose : str, optional
+        Name that the records carry.
+    declare_timing : bool
+        Whether the records tell that the torque was held and how long it was delayed. False leaves
+        them as from a logger that does not know.
+    seed : int
+        Of the noise: the same seed gives identical arrays.
+    progress : callable, optional
+        Called about 64 times with the fraction done, up to 1.0. What it raises ends the run.
+
+    Returns
+    -------
+    tuple of SineRecord
+        R records for each frequency, frequency by frequency, as "3.00 Hz, record 1".
+
+    Raises
+    ------
+    JointIdError
+        When settings do not fit the robot, the closed loop is unstable, or a joint with a superposed
+        constant velocity would reverse.
+    """
+    excitation, controller = excitation or Excitation(), controller or Controller()
+    friction, measurement = friction or MotorFriction(), measurement or Measurement()
+    frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise JointIdError(f"seed = {seed!r}: expected a whole number that is not negative.")
+    robot = Robot(inertia, elasticity, controller, friction)
+    weights = excitation.weights(robot.n)
+    A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights
+    reference = Reference(
+        omega=np.repeat(2 * np.pi * frequencies, len(weights)),
+        A=A.reshape(-1, robot.n).T,
+        velocity=per_joint("constant_velocity_rad_s", excitation.constant_velocity_rad_s, robot.n),
+    )
+    samples = _record_lengths(excitation, controller, reference.omega / (2 * np.pi))
+    settle = excitation.settle_s
+    if settle is None:
+        settle = robot.settling_time_s() if np.any(robot.coulomb > 0) else 0.0
+    before = int(np.ceil(settle / robot.T - 1e-9))
+    _require_memory(before + int(samples.max()), reference.A.size)
+
+    theta, tau = robot.run(reference, before, int(samples.max()), measurement, seed, progress)
+    time = np.arange(samples.max()) * robot.T
+    return tuple(
+        SineRecord(
+            frequency_hz=float(reference.omega[r] / (2 * np.pi)),
+            time_s=time[:length],
+            theta_rad=theta[before : before + length, :, r],
+            tau_Nm=tau[before : before + length, :, r],
+            torque_hold=declare_timing,
+            torque_delay_s=controller.torque_delay_s if declare_timing else 0.0,
+            pose=pose,
+            label=f"{reference.omega[r] / (2 * np.pi):.2f} Hz, record {r % len(weights) + 1}",
+        )
+        for r, length in enumerate(samples)
+    )
+
+
+def _frequencies(values: ArrayLike, sample_rate_hz: float) -> Floats:
+    frequencies = finite_array("frequencies_hz", np.atleast_1d(values), ndim=1)
+    if frequencies.size == 0:
+        raise JointIdError("frequencies_hz is empty: give at least one excitation frequency in Hz.")
+    wrong = (frequencies <= 0) | (frequencies >= sample_rate_hz / 2)
+    if wrong.any():
+        raise JointIdError(
+            f"frequencies_hz contains {frequencies[wrong][0]:g} Hz: must be positive and below half "
+            f"the sample rate of {sample_rate_hz:g} Hz."
+        )
+    return frequencies
+
+
+def _record_lengths(excitation: Excitation, controller: Controller, frequency: Floats) -> np.ndarray:
+    """Samples of each record."""
+    if excitation.periods is not None:
+        if excitation.periods < 1:
+            raise JointIdError(f"periods = {excitation.periods:g}: a record needs at least one period.")
+        duration = excitation.periods / frequency
+    else:
+        duration = np.full(frequency.shape, excitation.duration_s)
+    samples = np.ceil(duration * controller.sample_rate_hz - 1e-6).astype(int)
+    if np.any(samples * frequency < controller.sample_rate_hz):
+        slowest = float(frequency.min())
+        raise JointIdError(
+            f"duration_s = {excitation.duration_s:g} s is less than one period of {slowest:g} Hz "
+            f"({1 / slowest:.4g} s). Record longer, or set periods."
+        )
+    return samples
+
+
+def _require_memory(samples: int, channels: int) -> None:
+    needed = 2 * 8.0 * samples * channels
+    if needed > _LARGEST_LOG_BYTES:
+        raise JointIdError(
+            f"The log would hold {samples} samples of {channels} joints and records, "
+            f"{needed / 1e9:.1f} GB; at most {_LARGEST_LOG_BYTES / 1e9:g} GB. "
+            "Shorten the records, or simulate fewer at a time."
+        )

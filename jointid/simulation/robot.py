@@ -1,0 +1,218 @@
+"""The simulated robot: arm, motors and sampled joint control, exact between the samples.
+
+It stands in the horizontal plane: no gravity, and small motions, so no velocity coupling.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction, per_joint
+from jointid.simulation.motor_motion import Stretch, constant_torque, plant, step_with_friction
+from jointid.wording import counted
+
+_CHUNKS = 64
+_SETTLED = 1e-5
+
+
+class Reference(NamedTuple):
+    """r(t) = Im(A e^{iωt}) + vt of n joints in R records."""
+
+    omega: Floats  # (R,)
+    A: Complexes  # (n, R)
+    velocity: Floats  # (n,)
+
+    def at(self, time: Floats) -> tuple[Floats, Floats]:
+        """Position and acceleration, each (N, n, R)."""
+        sine = np.imag(self.A * np.exp(1j * np.multiply.outer(time, self.omega))[:, None, :])
+        return sine + np.multiply.outer(time, self.velocity)[:, :, None], -(self.omega**2) * sine
+
+
+class Robot:
+    """Arm, motors and joint control; sampled, exact between the samples."""
+
+    def __init__(
+        self, inertia: Inertia, elasticity: Elasticity, controller: Controller, friction: MotorFriction
+    ) -> None:
+        if inertia.n != elasticity.n:
+            raise JointIdError(
+                f"The inertia has {counted(inertia.n, 'joint')}, the elasticity {elasticity.n}: "
+                "they must agree."
+            )
+        n = self.n = inertia.n
+        self.T = 1 / controller.sample_rate_hz
+        self.inertia, self.elasticity = inertia, elasticity
+        self.coulomb = per_joint("coulomb", friction.coulomb, n)[:, None]
+        self.viscous = per_joint("viscous", friction.viscous, n)
+        self.kp, self.kv = _gains(controller, inertia)
+        self.feedforward = controller.feedforward * (np.diag(inertia.M) + inertia.M2)
+        whole = int(controller.torque_delay_s / self.T + 1e-9)
+        share = max(controller.torque_delay_s / self.T - whole, 0.0)
+        self.delay = whole  # in samples; the older torque acts for a share of the sample longer
+        self.A, self.B = plant(inertia, elasticity, self.viscous)
+        longest = friction.step_s if np.any(self.coulomb > 0) else self.T
+        self.stretches: list[Stretch] = []
+        for part, older in [(share, True), (1 - share, False)]:
+            if part > 1e-9:
+                steps = int(np.ceil(part * self.T / longest - 1e-9))
+                self.stretches += [constant_torque(self.A, self.B, part * self.T / steps, older)] * steps
+        self.closed, self.drive = self._closed_loop()
+        self._require_stable()
+
+    def settling_time_s(self) -> float:
+        """Time in which the slowest mode of the closed loop decays to 1e-5, s."""
+        slowest = np.abs(np.linalg.eigvals(self.closed)).max()
+        return float(np.log(_SETTLED) / np.log(slowest) * self.T)
+
+    def run(
+        self,
+        reference: Reference,
+        before: int,
+        samples: int,
+        measurement: Measurement,
+        seed: int,
+        progress: Callable[[float], None] | None,
+    ) -> tuple[Floats, Floats]:
+        """Log ``before`` samples ahead of t = 0 and ``samples`` after it: θ and τ, (N, n, R)."""
+        n, shape = self.n, (before + samples, self.n, reference.omega.size)
+        theta, tau = np.empty(shape), np.empty(shape)
+        Z, y_before, torques = self._steady_state(reference, -before)
+        position_noise, torque_noise = (
+            (np.random.default_rng(s), per_joint(name, std, n)[:, None])
+            for s, name, std in zip(
+                np.random.SeedSequence(seed).spawn(2),
+                ("position_noise_rad", "torque_noise_Nm"),
+                (measurement.position_noise_rad, measurement.torque_noise_Nm),
+                strict=True,
+            )
+        )
+        count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
+        proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
+        rubs = bool(np.any(self.coulomb > 0))
+        bounds = np.unique(np.linspace(0, shape[0], _CHUNKS + 1).astype(int))
+        for first, last in pairwise(bounds.tolist()):
+            wanted = self._feed(reference, np.arange(first, last) - before)
+            disturbed = _noise(position_noise, wanted.shape)
+            for k in range(last - first):
+                y = Z[:n] + disturbed[k] if disturbed is not None else Z[:n].copy()
+                if count:
+                    y = np.rint(y / count) * count
+                torque = wanted[k] - proportional * y + difference * y_before
+                theta[first + k], tau[first + k] = y, torque
+                y_before = y
+                torques.append(torque)
+                for stretch in self.stretches:
+                    Z[4 * n :] = torques[0 if stretch.older else 1]
+                    if rubs:
+                        step_with_friction(Z, stretch, self.coulomb)
+                    else:
+                        Z[: 4 * n] = stretch.EG @ Z
+            seen = _noise(torque_noise, wanted.shape)
+            if seen is not None:
+                tau[first:last] += seen
+            if progress is not None:
+                progress(float(last / shape[0]))
+        return theta, tau
+
+    def _feed(self, reference: Reference, k: np.ndarray) -> Floats:
+        """The part of the commanded torque that does not depend on the encoder, (N, n, R)."""
+        position, acceleration = reference.at(k * self.T)
+        past, _ = reference.at((k - 1) * self.T)
+        kp, kv = self.kp[:, None], self.kv[:, None]
+        control = kp * position + kv * (position - past) / self.T
+        return np.asarray(control + self.feedforward @ acceleration)
+
+    def _closed_loop(self) -> tuple[Floats, Floats]:
+        """The linear closed loop, exactly: s ← closed s + drive w with s = x, y before, torques before.
+
+        w is the part of the torque that comes from the reference.
+        """
+        n, delay = self.n, self.delay
+        size = 5 * n + (delay + 1) * n
+        plant = np.eye(4 * n, size + n)  # x after the sample from s and the new torque
+        for EG, _, older in self.stretches:
+            E, G = EG[:, : 4 * n], EG[:, 4 * n :]
+            plant = E @ plant
+            # Torque columns run from the newest of s to the oldest; the new one stands behind s.
+            age = delay + older
+            column = size if age == 0 else 5 * n + (age - 1) * n
+            plant[:, column : column + n] += G
+        torque = np.zeros((n, size))
+        torque[:, :n] = -np.diag(self.kp + self.kv / self.T)
+        torque[:, 4 * n : 5 * n] = np.diag(self.kv / self.T)
+        closed, drive = np.zeros((size, size)), np.zeros((size, n))
+        closed[: 4 * n] = plant[:, :size] + plant[:, size:] @ torque
+        drive[: 4 * n] = plant[:, size:]
+        closed[4 * n : 5 * n, :n] = np.eye(n)
+        closed[5 * n : 6 * n] = torque
+        drive[5 * n : 6 * n] = np.eye(n)
+        closed[6 * n :, 5 * n : -n] = np.eye(delay * n)
+        return closed, drive
+
+    def _require_stable(self) -> None:
+        largest = float(np.abs(np.linalg.eigvals(self.closed)).max())
+        if largest >= 1 - 1e-12:
+            raise JointIdError(
+                f"The closed loop is unstable: the largest eigenvalue of the sampled loop has magnitude "
+                f"{largest:.6f} and must stay below 1. Lower bandwidth_hz or the gains, shorten "
+                f"torque_delay_s, or raise sample_rate_hz ({1 / self.T:g} Hz)."
+            )
+
+    def _steady_state(self, reference: Reference, k: int) -> tuple[Floats, Floats, deque[Floats]]:
+        """State, encoder position before and torques before sample k, as if it had run for ever.
+
+        Coulomb friction enters only where a constant velocity fixes its sign.
+        """
+        n, (omega, A, velocity) = self.n, reference
+        z = np.exp(1j * omega * self.T)
+        w = (self.kp[:, None] + (self.kv / self.T)[:, None] * (1 - 1 / z)) * A
+        w -= omega**2 * (self.feedforward @ A)
+        loop = z[:, None, None] * np.eye(len(self.closed)) - self.closed
+        S = np.linalg.solve(loop, (self.drive @ w).T[:, :, None])[:, :, 0].T
+        _require_one_direction(velocity, np.abs(omega * S[:n]))
+        state = np.imag(S * z**k)
+        # At constant velocity motor and arm travel together and the controller balances friction.
+        load = self.coulomb[:, 0] * np.sign(velocity) + self.viscous * velocity
+        lag = load / self.kp
+        now = velocity * k * self.T - lag
+        drift = [now, now, velocity, velocity, now - velocity * self.T, *[load] * (self.delay + 1)]
+        state += np.concatenate(drift)[:, None]
+        history = [state[start : start + n] for start in range(5 * n, len(state), n)]
+        Z = np.vstack([state[: 4 * n], np.zeros_like(A.real)])
+        return Z, state[4 * n : 5 * n], deque(reversed(history), maxlen=self.delay + 2)
+
+
+def _gains(controller: Controller, inertia: Inertia) -> tuple[Floats, Floats]:
+    """Gains kp (n,) in N·m/rad and kv (n,) in N·m·s/rad."""
+    n, J = inertia.n, inertia.M + np.diag(inertia.M2)
+    omega = 2 * np.pi * per_joint("bandwidth_hz", controller.bandwidth_hz, n)
+    zeta = per_joint("damping_ratio", controller.damping_ratio, n)
+    kp, kv = J * omega**2, 2 * zeta * J * omega
+    if controller.position_gain is not None:
+        kp = per_joint("position_gain", controller.position_gain, n)
+    if controller.velocity_gain is not None:
+        kv = per_joint("velocity_gain", controller.velocity_gain, n)
+    return kp, kv
+
+
+def _noise(source: tuple[np.random.Generator, Floats], shape: tuple[int, ...]) -> Floats | None:
+    generator, std = source
+    return std * generator.standard_normal(shape) if np.any(std > 0) else None
+
+
+def _require_one_direction(velocity: Floats, amplitude: Floats) -> None:
+    reverses = (velocity != 0) & (np.abs(velocity) <= amplitude.max(axis=1))
+    if reverses.any():
+        j = int(np.argmax(reverses))
+        raise JointIdError(
+            f"constant_velocity_rad_s of joint {j + 1} is {velocity[j]:g} rad/s, but its sine reaches "
+            f"{amplitude[j].max():.3g} rad/s: the joint would reverse. Superpose more, or move less."
+        )

@@ -1,0 +1,150 @@
+"""Cuts, computed once for each study and settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future
+from typing import TypeVar
+
+import streamlit as st
+
+from jointid import Analysis, Elasticity, JointIdError
+from jointid.arrays import Floats
+from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promise
+from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
+from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
+from jointid.cut.tracking import TrackingRun, track
+from jointid.ui.cut.settings import CutSettings, usual
+from jointid.ui.shared.background import Kept, awaited
+
+Found = TypeVar("Found")
+MapKey = tuple[str, str, CutSettings, str]
+OFFSETS = (0.01, 0.03, 0.10)
+"""Errors of K̂ whose cost is said in figures."""
+_MOST_MAPS = 60
+
+
+def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
+    """Cut before and after, with the path error that the identification promises.
+
+    Another nominal controller cuts anew before, another zone both; what stays the same is kept.
+    """
+    robot = cut_robot(analysis, settings.drive)
+    assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
+    before = _before(digest, method, settings, robot, assumed)
+    promise = _promise(digest, method, settings.after, robot)
+    awaited("Cutting", before, promise)
+    return with_promise(robot, settings.toolpath, assumed, before.result(), promise.result())
+
+
+def pairs(
+    digest: str, method: str, settings: CutSettings, outcome: Outcome
+) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
+    """Cuts before and after with the corner zones of Figure 7, or why there are none.
+
+    All are cut by the robots that cut its largest zone, so that the figure stays as it is while the
+    zone of ``settings`` changes, but where the two are the same.
+    """
+    robot, own = outcome.robot, settings.zone_m
+    others = [settings.with_zone(zone) for zone in ZONES_M if zone != own]
+    befores = {there.zone_m: _before(digest, method, there, robot, outcome.assumed) for there in others}
+    largest = _promise(digest, method, settings.with_zone(ZONES_M[-1]).after, robot)
+    awaited("Cutting", *befores.values(), largest)
+    afters = {}
+    if largest.exception() is None:
+        edge = largest.result().edge
+        small = [there for there in others if there.zone_m != ZONES_M[-1]]
+        afters = {there.zone_m: _after(digest, method, there.after, robot, edge) for there in small}
+    awaited("Cutting", *afters.values())
+    found: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
+    for zone in ZONES_M:
+        try:
+            if zone == own:
+                runs = outcome.before, outcome.after
+            else:
+                after = afters[zone].result() if zone in afters else largest.result().after
+                runs = befores[zone].result(), after
+            found.append((zone, runs))
+        except JointIdError as error:
+            found.append((zone, str(error)))
+    return found
+
+
+@st.cache_resource(show_spinner=False)
+def _cuts() -> Kept:
+    return Kept(600)
+
+
+def _before(
+    digest: str, method: str, settings: CutSettings, robot: CutRobot, assumed: Elasticity | None
+) -> Future[TrackingRun]:
+    key = ("before", digest, method, settings)
+    return _begin(key, settings, track, robot.arm, robot.elasticity, assumed)
+
+
+def _promise(digest: str, method: str, settings: CutSettings, robot: CutRobot) -> Future[Promise]:
+    return _begin(("promise", digest, method, settings), settings, promised, robot)
+
+
+def _after(
+    digest: str, method: str, settings: CutSettings, robot: CutRobot, edge: Elasticity
+) -> Future[TrackingRun]:
+    key = ("after", digest, method, settings, *edge.K.tolist(), *edge.D.tolist())
+    return _begin(key, settings, track, robot.arm, edge, robot.elasticity)
+
+
+def offset_costs(
+    digest: str, method: str, settings: CutSettings, robot: CutRobot
+) -> Future[tuple[Floats, Floats]]:
+    """Begin to cut with exact K̂, then with each of ``OFFSETS`` in both joints alike, both signs."""
+    ratios = [1.0, *(1 + sign * offset for offset in OFFSETS for sign in (-1, 1))]
+    key = ("offsets", digest, method, settings)
+    return _begin(key, settings, errors_of_mismatch, robot.arm, robot.elasticity, ratios)
+
+
+def _begin(
+    key: Hashable, settings: CutSettings, compute: Callable[..., Found], who: object, *springs: object
+) -> Future[Found]:
+    """Begin a computation about a cut; settings that allow none come out of its ``result()``."""
+    try:
+        path, servo = settings.toolpath, settings.servo
+    except JointIdError as error:
+        refused: Future[Found] = Future()
+        refused.set_exception(error)
+        return refused
+    options = {"servo": servo, "friction": settings.friction}
+    return _cuts().begin(key, compute, who, path, *springs, **options)
+
+
+def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
+    """What the identification changes on the paper's path; its cuts are shared with the page about them.
+
+    None where no cut applies.
+
+    Raises
+    ------
+    JointIdError
+        As in :func:`jointid.cut.outcome.study_outcome`.
+    """
+    robot = cut_robot(analysis)
+    if robot.rule == "demonstration":
+        return None
+    return outcome(digest, method, usual(robot), analysis)
+
+
+@st.cache_resource(show_spinner=False)
+def _maps() -> dict[MapKey, ToleranceMap]:
+    return {}
+
+
+def kept_map(key: MapKey) -> ToleranceMap | None:
+    """Return a tolerance map that was computed before."""
+    return _maps().get(key)
+
+
+def keep_map(key: MapKey, tolerance: ToleranceMap) -> None:
+    """Keep a tolerance map; a function that shows progress cannot be cached by itself."""
+    maps = _maps()
+    maps[key] = tolerance
+    while len(maps) > _MOST_MAPS:
+        maps.pop(next(iter(maps)), None)

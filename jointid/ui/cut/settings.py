@@ -1,0 +1,286 @@
+"""What a person may change about the cut, and what the paper says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import streamlit as st
+
+from jointid import Elasticity, JointIdError
+from jointid.arrays import Floats
+from jointid.cut.arm import Drive
+from jointid.cut.outcome import EVERYDAY_SERVO
+from jointid.cut.rectangle import rectangle
+from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
+from jointid.cut.servo import Servo
+from jointid.cut.toolpath import Toolpath
+from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
+from jointid.wording import counted
+
+NOMINAL: dict[str, Assumption] = {
+    "Study's own": "study",
+    "Rigid": "rigid",
+    "0.4 K": "soft",
+    "3 K": "stiff",
+    "Custom": "custom",
+}
+"""Choices of the nominal controller, as a person reads them."""
+
+_BEGUN = "cut_custom_begun"
+"""The study for which the fields of the custom controller were filled."""
+_ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
+"""Figure 7's path at its largest zone; sides and speed are the paper's."""
+_FRICTION = ("As this study found", "None", "Custom")
+_DRIVES: dict[str, Drive | None] = {
+    "As this study": None,
+    "Parallelogram": "parallelogram",
+    "Serial": "serial",
+}
+_HINT = (
+    "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
+    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times that. The paper does "
+    "not say what its non-optimal parameters were; these are our choice."
+)
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """Everything that decides how the cut comes out, besides the study; a key for caches."""
+
+    assumption: Assumption
+    custom_K: tuple[float, ...]
+    custom_D: tuple[float, ...]
+    zone_m: float
+    width_m: float
+    height_m: float
+    speed_m_s: float
+    rate_hz: float
+    delay_samples: int
+    encoder_bits: int
+    friction: CutFriction | None
+    """Friction at the motors; None without."""
+    compensated: bool
+    drive: Drive
+
+    @property
+    def custom(self) -> Elasticity | None:
+        """The custom nominal values, in the study's units."""
+        return Elasticity(self.custom_K, self.custom_D) if self.assumption == "custom" else None
+
+    @property
+    def toolpath(self) -> Toolpath:
+        """The wanted path."""
+        return rectangle(
+            width_m=self.width_m,
+            height_m=self.height_m,
+            speed_m_s=self.speed_m_s,
+            zone_m=self.zone_m,
+            centre_m=CUTTING_POINT_M,
+        )
+
+    @property
+    def servo(self) -> Servo:
+        """Settings of the joint controllers."""
+        return Servo(
+            sample_rate_hz=self.rate_hz,
+            delay_samples=self.delay_samples,
+            encoder_bits=self.encoder_bits or None,
+            differentiated_velocity=self.encoder_bits > 0,
+            friction_compensation=self.friction if self.compensated else None,
+        )
+
+    @property
+    def after(self) -> CutSettings:
+        """What of it decides the cut after the identification: all but the nominal controller."""
+        return replace(self, assumption="rigid", custom_K=(), custom_D=())
+
+    def with_zone(self, zone_m: float) -> CutSettings:
+        """The same cut with another corner zone."""
+        return replace(self, zone_m=zone_m)
+
+
+def usual(robot: CutRobot) -> CutSettings:
+    """Settings of which nothing was changed: the paper's path, and the servo that a study comes with."""
+    return CutSettings(
+        assumption="study" if robot.nominal else "rigid",
+        custom_K=(),
+        custom_D=(),
+        zone_m=1e-3 * _ZONE_MM,
+        width_m=1e-3 * _SIDES_MM[0],
+        height_m=1e-3 * _SIDES_MM[1],
+        speed_m_s=1e-3 * _SPEED_MM_S,
+        rate_hz=EVERYDAY_SERVO.sample_rate_hz,
+        delay_samples=EVERYDAY_SERVO.delay_samples,
+        encoder_bits=EVERYDAY_SERVO.encoder_bits or 0,
+        friction=robot.friction,
+        compensated=False,
+        drive=robot.arm.drive,
+    )
+
+
+def ask(robot: CutRobot, digest: str) -> CutSettings:
+    """Draw the controls and return what was chosen.
+
+    Parameters
+    ----------
+    robot : CutRobot
+        The robot of the study as it comes, with the drive that suits its inertias.
+    digest : str
+        Of the study: what was typed for one robot says nothing of another.
+
+    Raises
+    ------
+    JointIdError
+        When what was typed is not a number.
+    """
+    left, right = st.columns([3, 2])
+    with left:
+        names = [name for name, value in NOMINAL.items() if value != "study" or robot.nominal]
+        chosen = st.segmented_control(
+            "Nominal controller",
+            names,
+            default=names[0],
+            required=True,
+            key="cut_nominal",
+            bind="query-params",
+            help=_HINT,
+        )
+    assumption = NOMINAL[chosen or names[0]]
+    with right:
+        zone = st.slider(
+            "Corner zone (mm)",
+            0.5,
+            14.0,
+            _ZONE_MM,
+            0.5,
+            format="%g",
+            key="cut_zone",
+            bind="query-params",
+            help="How far before a corner the tool begins to turn: the corner is rounded, so that it "
+            "can be passed without stopping.",
+        )
+    K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
+    with st.expander("Path, controller and drive"):
+        one, two, three = st.columns(3)
+        with one:
+            st.markdown("**Path**")
+            width = _number("Width (mm)", _SIDES_MM[0], (2.0, 150.0), "width")
+            height = _number("Height (mm)", _SIDES_MM[1], (2.0, 150.0), "height")
+            speed = _number("Speed (mm/s)", _SPEED_MM_S, (10.0, 1000.0), "speed")
+        with two:
+            st.markdown("**Controller**")
+            rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
+            delay = _whole(
+                "Delay (samples)",
+                EVERYDAY_SERVO.delay_samples,
+                (0, 5),
+                "delay",
+                "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
+            )
+            bits = _whole(
+                "Encoder (bits per turn), 0: ideal",
+                EVERYDAY_SERVO.encoder_bits or 0,
+                (0, 24),
+                "bits",
+                "With an encoder, the velocity is the difference of two positions.",
+            )
+        with three:
+            st.markdown("**Robot**")
+            source = st.selectbox(
+                "Friction at the motors",
+                _FRICTION,
+                key="cut_friction",
+                bind="query-params",
+                help="Coulomb friction is constant, against the motion; a motor at rest sticks.",
+            )
+            coulomb = "0.5, 0.25"
+            if source == "Custom":
+                coulomb = st.text_input(
+                    "Coulomb friction (N·m)", coulomb, key="cut_coulomb", bind="query-params"
+                )
+            drive = st.selectbox(
+                "Drive",
+                list(_DRIVES),
+                key="cut_drive",
+                bind="query-params",
+                help="Parallelogram: both motors sit on the base. Serial: motor 2 sits on link 1.",
+            )
+            compensated = st.checkbox(
+                "The servo compensates friction",
+                key="cut_compensated",
+                bind="query-params",
+                help="It then knows the friction exactly, before and after.",
+            )
+    friction = {"As this study found": robot.friction, "None": None}.get(source)
+    if source == "Custom":
+        friction = CutFriction(numbers_in("Coulomb friction", coulomb, count=2), (0.0, 0.0))
+    custom = assumption == "custom"
+    return CutSettings(
+        assumption=assumption,
+        custom_K=_one_per_joint("Nominal K", K) if custom else (),
+        custom_D=_one_per_joint("Nominal D", D) if custom else (),
+        zone_m=1e-3 * zone,
+        width_m=1e-3 * width,
+        height_m=1e-3 * height,
+        speed_m_s=1e-3 * speed,
+        rate_hz=rate,
+        delay_samples=int(delay),
+        encoder_bits=int(bits) if bits >= 4 else 0,
+        friction=friction,
+        compensated=compensated,
+        drive=_DRIVES[drive] or robot.arm.drive,
+    )
+
+
+def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
+    """Ask for nominal K and D in the study's units; they begin as its nominal or identified values."""
+    start = robot.of_the_study(robot.nominal or robot.elasticity)
+    values = numbers_out(_rounded(start.K)), numbers_out(_rounded(start.D))
+    changed = st.session_state.get(_BEGUN, digest) != digest
+    st.session_state[_BEGUN] = digest
+    whose = "the example arm" if robot.rule == "demonstration" else "this study's robot"
+    texts = []
+    for column, text, key, label in zip(
+        st.columns(2),
+        values,
+        ("cut_K", "cut_D"),
+        (f"Nominal K1, K2 of {whose} (N·m/rad)", f"Nominal D1, D2 of {whose} (N·m·s/rad)"),
+        strict=True,
+    ):
+        if changed:
+            st.session_state[key] = text
+        elif key not in st.session_state:
+            st.session_state[key] = st.query_params.get(key, text)
+        texts.append(column.text_input(label, key=key, bind="query-params"))
+    return texts[0], texts[1]
+
+
+def _rounded(values: Floats) -> list[float]:
+    """Values with five digits, as a person would type them."""
+    return [float(f"{value:.5g}") for value in values]
+
+
+def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
+    values = numbers_in(name, text)
+    if len(values) != 2:
+        raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
+    return values
+
+
+def nominal_name(assumption: Assumption) -> str:
+    """What the controller before the identification is called in a figure."""
+    return {
+        "study": "nominal",
+        "rigid": "nominal (rigid)",
+        "soft": "nominal (0.4 K)",
+        "stiff": "nominal (3 K)",
+        "custom": "nominal (custom)",
+    }[assumption]
+
+
+def _number(label: str, value: float, limits: tuple[float, float], key: str) -> float:
+    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params")
+
+
+def _whole(label: str, value: int, limits: tuple[int, int], key: str, hint: str) -> int:
+    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params", help=hint)

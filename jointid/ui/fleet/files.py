@@ -1,0 +1,248 @@
+"""The fleet that is open: tables of results, and studies analysed here; kept at the page's address."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from hashlib import blake2b
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.background.child_process import Limits
+from jointid.files.store import PARTS, Store
+from jointid.fleet.content import content_digest, packed
+from jointid.fleet.jobs import Job
+from jointid.fleet.local import Local
+from jointid.fleet.reading import read_apart
+from jointid.fleet.row import Row
+from jointid.fleet.table import to_parquet
+from jointid.ui.shared.messages import show_error, show_warning
+from jointid.ui.shared.workspace import keep_part, place_for, sample_paths, store, workspace
+from jointid.wording import counted
+
+_UPLOADER = "fleet_uploader"
+_OPEN = "fleet_open"
+_KEPT = "fleet_kept"
+_PART = "fleet"
+_LIMITS = Limits(time_s=120.0, memory_bytes=2 << 30)
+_MOST_WORKERS = 2
+"""Of a server's cores, one person's page takes two at most."""
+_LONG_S = 5.0
+"""After which what is left is said."""
+
+
+@dataclass
+class OpenFleet:
+    """What this session has open."""
+
+    rows: dict[str, Row] = field(default_factory=dict)
+    """By digest of the study's files, or by what else tells rows apart."""
+    todo: dict[str, tuple[str, bytes]] = field(default_factory=dict)
+    """Studies that have no row yet: name and zip, by digest."""
+    studies: dict[str, bytes] = field(default_factory=dict)
+    """Zips of the studies that were dropped here, by digest."""
+    problems: list[str] = field(default_factory=list)
+    stopped: bool = False
+    saved: str = ""
+    """Digest of the table that the store holds; empty when it holds another, or none."""
+    unkept: bool = False
+    """Whether the store could not take the rows."""
+    columns: dict[str, list[str]] = field(default_factory=dict)
+    """The table of all studies as text, once it was made."""
+
+    def add(self, key: str, row: Row) -> None:
+        """Add a row, or put it in place of an earlier one."""
+        self.rows[key] = row
+        self.saved, self.unkept, self.columns = "", False, {}
+
+
+def open_fleet() -> OpenFleet:
+    """Ask for files, analyse studies among them, and return what is open."""
+    fleet = _current()
+    _restore(fleet)
+    st.file_uploader(
+        "results.parquet as jointid batch writes it, or several studies (.zip)",
+        type=["parquet", "zip"],
+        accept_multiple_files=True,
+        help="Studies dropped here are analysed with the estimator auto.",
+        key=_UPLOADER,
+        on_change=_take,
+    )
+    for problem in fleet.problems:
+        show_error(problem)
+    _analyse(fleet)
+    _keep(fleet)
+    if fleet.rows or fleet.todo:
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        left.caption(_where(fleet))
+        right.button("Close this fleet", on_click=_close, width="stretch")
+    return fleet
+
+
+def show_samples_button() -> None:
+    """Offer the sample studies as a small fleet."""
+    if sample_paths():
+        st.button("Show the sample studies as a fleet", key="fleet_samples", on_click=_take_samples)
+
+
+def _current() -> OpenFleet:
+    fleet: OpenFleet = st.session_state.setdefault(_OPEN, OpenFleet())
+    return fleet
+
+
+def _take() -> None:
+    """Take up what was dropped; the uploader forgets it when the page is left."""
+    fleet = _current()
+    fleet.problems, fleet.stopped = [], False
+    for file in st.session_state.get(_UPLOADER) or []:
+        data = file.getvalue()
+        if file.name.lower().endswith(".zip"):
+            _add(fleet, file.name, data)
+            continue
+        try:
+            for row in _read(blake2b(data, digest_size=16).hexdigest(), data):
+                fleet.add(f"{row.content} {row.study}", row)
+        except JointIdError as error:
+            fleet.problems.append(f"{file.name}: {error}")
+
+
+def _take_samples() -> None:
+    fleet = _current()
+    fleet.stopped = False
+    for name, path in sample_paths().items():
+        _add(fleet, name, packed(path))
+
+
+def _add(fleet: OpenFleet, name: str, data: bytes) -> None:
+    digest = content_digest(data)
+    fleet.studies[digest] = data
+    if not any(row.content == digest for row in fleet.rows.values()):
+        fleet.todo[digest] = (name, data)
+
+
+@st.cache_resource(max_entries=8, show_spinner="Reading the results")
+def _read(digest: str, _data: bytes) -> tuple[Row, ...]:
+    return read_apart(_data)
+
+
+def _analyse(fleet: OpenFleet) -> None:
+    """Analyse what has no row yet; every row counts at once, so that a stop loses none."""
+    if not fleet.todo:
+        return
+    if fleet.stopped:
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        left.info(f"{counted(len(fleet.todo), 'study')} not analysed yet.")
+        right.button("Go on", on_click=_go_on, width="stretch")
+        return
+    jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
+    total, count, failed, began = len(jobs), 0, 0, time.monotonic()
+    bar, stop = st.progress(0.0), st.empty()
+    stop.button("Stop", key="fleet_stop", on_click=_stop, help="What has its row keeps it.")
+    workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
+
+    def tell() -> None:
+        """Say how far it is; Streamlit raises here when Stop was clicked or the page is left."""
+        bar.progress(count / total, _how_far(count, total, failed, time.monotonic() - began))
+
+    tell()
+    try:
+        with closing(Local(workers, _LIMITS, waiting=tell).run(jobs)) as finished:
+            for done in finished:
+                assert done.row is not None
+                count += 1
+                fleet.add(done.job.content, done.row)
+                del fleet.todo[done.job.content]
+                failed += not done.row.is_good
+                tell()
+    except JointIdError as error:
+        fleet.stopped = True
+        show_error(error)
+    bar.empty()
+    stop.empty()
+
+
+def _how_far(count: int, total: int, failed: int, elapsed_s: float) -> str:
+    text = f"Analysing {counted(total, 'study')}"
+    if count:
+        text = f"{count} of {total} analysed, {failed} failed"
+    if elapsed_s < _LONG_S:
+        return text
+    left = f"about {elapsed_s * (total - count) / count:.0f} s left" if count else ""
+    return f"{text}; {left or f'{elapsed_s:.0f} s so far'}"
+
+
+def _stop() -> None:
+    _current().stopped = True
+
+
+def _go_on() -> None:
+    _current().stopped = False
+
+
+def _close() -> None:
+    st.session_state[_OPEN] = OpenFleet()
+    st.session_state[_KEPT] = True
+    try:
+        if (place := place_for(_PART)) is not None:
+            for entry in store().entries(place):
+                store().delete(place, entry.id)
+    except JointIdError as error:
+        st.session_state["store_problem"] = str(error)
+
+
+# --- kept at the address
+
+
+def _can_keep() -> bool:
+    return workspace() is not None or _PART in PARTS
+
+
+def _keep(fleet: OpenFleet) -> None:
+    """Write the rows to the store when they have changed; studies are kept when they are opened."""
+    rows = list(fleet.rows.values())
+    if not rows or fleet.todo or fleet.saved or fleet.unkept or not _can_keep():
+        return
+    data = to_parquet(rows)
+    digest = blake2b(data, digest_size=16).hexdigest()
+    try:
+        keep_part(_PART, lambda to, place: _write(to, place, digest, data))
+    except JointIdError as error:
+        fleet.unkept = True
+        show_warning(f"These results are open in this session only. {error}")
+    else:
+        fleet.saved = digest
+
+
+def _write(to: Store, place: str, digest: str, data: bytes) -> None:
+    to.put(place, "results.parquet", digest, data)
+    for entry in to.entries(place):
+        if entry.digest != digest:
+            to.delete(place, entry.id)
+
+
+def _restore(fleet: OpenFleet) -> None:
+    """Bring back, once per session, what was open at this address."""
+    if st.session_state.get(_KEPT):
+        return
+    st.session_state[_KEPT] = True
+    try:
+        if fleet.rows or (place := place_for(_PART)) is None:
+            return
+        for entry in store().entries(place)[:1]:
+            for row in _read(entry.digest, store().read(place, entry.id)):
+                fleet.add(f"{row.content} {row.study}", row)
+            fleet.saved = entry.digest
+    except JointIdError as error:
+        fleet.problems.append(f"The fleet that was open at this address cannot be shown. {error}")
+
+
+def _where(fleet: OpenFleet) -> str:
+    rows: Sequence[Row] = tuple(fleet.rows.values())
+    text = f"{counted(len(rows), 'study')} open."
+    if fleet.saved:
+        return f"{text} The results are kept at this page's address until they are closed."
+    return f"{text} The results are open in this session only; save them below."

@@ -1,0 +1,133 @@
+"""The pieces of the fleet's page: how many studies, how they are spread, what stands out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import streamlit as st
+
+from jointid.figures.fleet import distribution
+from jointid.fleet.row import Row
+from jointid.fleet.spread import LEAST, OUTSTANDING, Spread, fleet_spread
+from jointid.rounding import significant, with_error
+from jointid.ui.fleet.studies import SIGNS, label
+from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.wording import counted
+
+_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+_QUANTITIES = {"K": "Stiffness", "D": "Damping"}
+_VERDICTS = ("good", "warning", "problem")
+
+
+def show_headline(rows: Sequence[Row]) -> None:
+    """How many studies, of how many robots, and how they came out."""
+    good = [row for row in rows if row.is_good]
+    robots = {row.robot for row in good if row.robot}
+    parts = [counted(len(rows), "study")]
+    if robots:
+        parts.append(counted(len(robots), "robot"))
+    parts += [
+        f"{count} {level}" for level in _VERDICTS if (count := sum(r.verdict == level for r in good))
+    ]
+    if failed := len(rows) - len(good):
+        parts.append(f"{failed} failed")
+    st.markdown(" &nbsp;·&nbsp; ".join(parts))
+
+
+def choose(rows: Sequence[Row]) -> tuple[int, bool]:
+    """Ask which joint, and what studies are compared with; returns the joint from 1."""
+    joints = max((row.joints for row in rows), default=0)
+    left, right = st.columns(2)
+    with left:
+        joint = st.segmented_control(
+            "Joint",
+            range(1, joints + 1),
+            default=1,
+            required=True,
+            format_func=lambda j: f"Joint {j}",
+            key="fleet_joint",
+            bind="query-params",
+        )
+    choices = ["the fleet", "the same robot"]
+    with right:
+        against = st.segmented_control(
+            "Every study is compared with",
+            choices,
+            default=choices[0],
+            required=True,
+            key="fleet_against",
+            bind="query-params",
+            help="Where robots differ by design, compare each with its own studies.",
+        )
+    return min(int(joint or 1), joints), against == choices[1]
+
+
+def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
+    """Stiffness and damping side by side, with their median and spread in words."""
+    for spread, place in zip(spreads, side_by_side(len(spreads)), strict=True):
+        with place:
+            quantity, unit = spread.name[0], _UNITS[spread.name[0]]
+            st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)} {unit}")
+            plot(
+                distribution(spread, dark=dark),
+                f"How many studies have which {spread.name}",
+                key=f"fleet_{quantity}",
+            )
+    st.caption(
+        "Solid line: median. Dotted lines: the robust spread to either side, 1.48 times the median "
+        "distance from the median. Crosses stand out; arrows lie beyond the figure."
+    )
+
+
+def _in_words(spread: Spread) -> str:
+    if np.isfinite(spread.spread):
+        share = 100 * spread.spread / abs(spread.median) if spread.median else float("nan")
+        text = with_error(spread.median, spread.spread)
+        return f"median {text} ({significant(share, 2)} %)"
+    return f"median {significant(spread.median, 3)}; {LEAST} studies or more tell a spread, in"
+
+
+def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
+    """Which values stand out, and by which rule."""
+    st.subheader("What stands out", anchor=False)
+    whose = "its robot's studies" if within_robot else "the fleet"
+    st.caption(
+        f"A value stands out when it lies more than {OUTSTANDING:g} times as far from the median of "
+        f"{whose} as is expected: z = distance / √(s² + e²), with s the robust spread there (1.48 times "
+        "the median distance from the median) and e the value's own standard error. A study that knows "
+        f"little does not stand out; fewer than {LEAST} studies tell no spread."
+    )
+    found = []
+    for spread in spreads:
+        for k in np.flatnonzero(spread.outstanding):
+            row = spread.rows[k]
+            value = with_error(float(spread.value[k]), float(spread.error[k]))
+            found.append(
+                (
+                    -abs(float(spread.z[k])),
+                    {
+                        "Study": label(row),
+                        "Robot": row.robot,
+                        "Date": row.date,
+                        "Value": f"{spread.name} = {value}",
+                        "Median": significant(float(spread.centre[k]), 4),
+                        "z": f"{spread.z[k]:+.1f}".replace("-", "−"),
+                        "Verdict": SIGNS[row.verdict],
+                    },
+                )
+            )
+    if not any(len(spread.rows) >= LEAST for spread in spreads):
+        st.info(f"With fewer than {LEAST} studies nothing can be said to stand out.")
+        return
+    if not found:
+        st.success("Nothing stands out for this joint.")
+        return
+    found.sort(key=lambda pair: pair[0])
+    columns = {name: [entry[name] for _, entry in found] for name in found[0][1]}
+    table(columns, height=300)
+
+
+def spreads_of(rows: Sequence[Row], joint: int, *, within_robot: bool) -> list[Spread]:
+    """Spread of K and D of one joint."""
+    return [fleet_spread(rows, quantity, joint, within_robot=within_robot) for quantity in "KD"]

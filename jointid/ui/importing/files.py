@@ -1,0 +1,170 @@
+"""Dropped logs, read once; they stay with the session when the page is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from hashlib import blake2b
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.importing import LogTable, read_log
+from jointid.importing.columns.log_table import MAX_LOG_BYTES
+from jointid.importing.map.joined_logs import joined_table, proposed_tables
+from jointid.importing.map.simultaneous_logs import recorded_at_once
+from jointid.markdown_escape import markdown_escape
+from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
+from jointid.ui.shared.messages import show_error, show_info, show_note
+from jointid.wording import listed
+
+_UPLOADER = "log_file"
+_FILES = "dropped_logs"
+_HELD = "held_logs"
+
+
+@dataclass(frozen=True, eq=False)
+class Dropped:
+    """A file as it was dropped."""
+
+    name: str
+    data: bytes
+    digest: str
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One table of a file."""
+
+    key: str
+    """For caches: digest of the file's bytes, and which table of it."""
+    table: LogTable
+
+
+def drop_logs(forget: Callable[[], None]) -> list[Log]:
+    """Ask for files, read them, say what could not be read, and ask which tables to use.
+
+    Parameters
+    ----------
+    forget : callable
+        Clears what was entered for logs that are closed.
+    """
+    st.file_uploader(
+        "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS bags, or a .zip of them",
+        accept_multiple_files=True,
+        max_upload_size=MAX_LOG_BYTES >> 20,
+        key=_UPLOADER,
+        on_change=_take,
+        args=(forget,),
+    )
+    files = dropped()
+    if not st.session_state.get(_UPLOADER):
+        hold(files)
+    if held := st.session_state.get(_HELD):
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        size = sum(len(file.data) for file in files) / 2**20
+        show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
+        right.button("Close these logs", on_click=_close, args=(forget,))
+    first, all_logs = [], {}
+    watch = Watch("Read on", len(files))
+    for file in files:
+        try:
+            tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))
+        except StoppedError:
+            break
+        except JointIdError as error:
+            show_error(error)
+            continue
+        logs = [Log(f"{file.digest} {k}", table) for k, table in enumerate(tables)]
+        main = _proposed(file.digest, tables)
+        first += [log.key for log in logs if log.table in main]
+        all_logs.update({log.key: log for log in logs})
+    if len(all_logs) < 2:
+        return list(all_logs.values())
+    chosen = st.multiselect(
+        "Tables to use",
+        list(all_logs),
+        default=list(dict.fromkeys(first)),
+        format_func=lambda key: all_logs[key].table.name,
+        key="import tables " + _short(all_logs),
+        persist_state="session",
+        help="A file may hold several tables; the one with the most numbers is proposed.",
+    )
+    return _joined([all_logs[key] for key in chosen])
+
+
+def dropped() -> list[Dropped]:
+    """Return the files that are open in this session."""
+    files: list[Dropped] = st.session_state.get(_FILES, [])
+    return files
+
+
+def hold(files: list[Dropped]) -> None:
+    """Have these files open, whatever the uploader holds: it forgets them when the page is left."""
+    st.session_state[_HELD] = st.session_state[_FILES] = files
+
+
+def _joined(logs: list[Log]) -> list[Log]:
+    """Join logs that look like joints recorded at once, unless they are to stay runs."""
+    keys = tuple(log.key for log in logs)
+    result = dict(zip(keys, logs, strict=True))
+    for group in _at_once(keys, [log.table for log in logs]):
+        parts = [logs[index] for index in group]
+        names = listed(log.table.name for log in parts)
+        show_info(
+            f"{names} have the same times and the same columns: they look like joints recorded at once."
+        )
+        together = st.checkbox(
+            markdown_escape(f"Join {names}: a joint each"),
+            value=True,
+            key="import join " + _short(log.key for log in parts),
+            persist_state="session",
+            help="Without it they are taken as runs of one and the same joint.",
+        )
+        if together:
+            key = "joined " + " ".join(log.key for log in parts)
+            result[parts[0].key] = Log(key, _join(key, [log.table for log in parts]))
+            for log in parts[1:]:
+                del result[log.key]
+    return list(result.values())
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _proposed(key: str, _tables: tuple[LogTable, ...]) -> tuple[LogTable, ...]:
+    return proposed_tables(_tables)
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _at_once(keys: tuple[str, ...], _tables: list[LogTable]) -> tuple[tuple[int, ...], ...]:
+    return recorded_at_once(_tables)
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def _join(key: str, _tables: list[LogTable]) -> LogTable:
+    return joined_table(_tables)
+
+
+def _take(forget: Callable[[], None]) -> None:
+    """Add what was uploaded to what was open before, or take away again what was uploaded."""
+    files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
+    for file in st.session_state.get(_UPLOADER) or []:
+        data = file.getvalue()
+        digest = blake2b(data, digest_size=16).hexdigest()
+        files[digest] = Dropped(file.name, data, digest)
+    if not files and dropped():
+        forget()
+    st.session_state[_FILES] = list(files.values())
+
+
+def _close(forget: Callable[[], None]) -> None:
+    forget()
+    held = {file.digest for file in st.session_state.pop(_HELD, [])}
+    st.session_state[_FILES] = [file for file in dropped() if file.digest not in held]
+
+
+def _short(keys: Iterable[str]) -> str:
+    return blake2b("".join(keys).encode(), digest_size=8).hexdigest()
+
+
+def _reading(file: Dropped) -> Callable[[Progress], tuple[LogTable, ...]]:
+    return lambda _: read_log(file.data, file.name)

@@ -1,0 +1,233 @@
+"""The inertias as the user has them, numbers, TOML or the arm's links; as the motors feel them after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid import Elasticity, Inertia, JointIdError, PlanarArm
+from jointid.arrays import Floats
+from jointid.importing.robot_inertia import (
+    INERTIA_UNITS,
+    KnownRobot,
+    motor_side,
+    robot_from_toml,
+    rotor_at_motor,
+)
+from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
+from jointid.wording import counted
+
+_SOURCES = ("Numbers", "TOML", "Links of the arm")
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
+_MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237}
+_ANGLES = {"deg": np.pi / 180, "rad": 1.0}
+_MOTOR, _JOINT = "motor side", "joint side"
+_UPLOADS = "import_toml_uploads"
+_GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
+_HELP = (
+    "The method takes the rigid-body inertias as known, seen from the motors: divided by both gear "
+    "ratios. K and D are as right as they are. What is given on the joint side is divided by the gear "
+    "ratios of the mapping."
+)
+
+
+def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
+    """Ask for the inertias of a robot; None as long as some are missing.
+
+    Raises
+    ------
+    JointIdError
+        When what was entered is no inertia.
+    """
+    source = st.segmented_control(
+        "Inertias from",
+        _SOURCES,
+        default=_SOURCES[0],
+        required=True,
+        key="import inertia source",
+        persist_state="session",
+    )
+    ask: Mapping[str, Callable[[Sequence[float]], KnownRobot | None]] = {
+        _SOURCES[0]: _by_numbers,
+        _SOURCES[1]: _by_toml,
+        _SOURCES[2]: _by_links,
+    }
+    return ask[source or _SOURCES[0]](gear_ratios)
+
+
+def inertias_given() -> bool:
+    """Whether inertias were entered, in any of the ways."""
+    return any(str(st.session_state.get(key) or "").strip() for key in _GIVEN)
+
+
+def ask_nominal(joints: int) -> Elasticity | None:
+    """Ask for the K and D that the controller assumes; None when they are left empty.
+
+    Raises
+    ------
+    JointIdError
+        When one of them is missing or is no stiffness or damping.
+    """
+    left, right = st.columns(2)
+    help_ = "What the controller assumes today: the app compares it with what is found."
+    K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
+    D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
+    if not K.strip() and not D.strip():
+        return None
+    for name, text in (("K", K), ("D", D)):
+        if not text.strip():
+            raise JointIdError(f"Nominal {name} is missing: give K and D of every joint, or neither.")
+    nominal = Elasticity(numbers_in("Nominal K", K), numbers_in("Nominal D", D))
+    if nominal.n != joints:
+        raise JointIdError(
+            f"Nominal K and D are those of {counted(nominal.n, 'joint')}, the mapping has {joints}: "
+            "give one of each per joint."
+        )
+    return nominal
+
+
+def show_inertia(robot: KnownRobot) -> None:
+    """Show the inertias as the method takes them."""
+    rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
+    text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
+    st.markdown(f"As the method takes them, motor side: ${text}$")
+    if (nominal := robot.nominal) is not None:
+        st.caption(
+            f"Nominal K = {numbers_out(nominal.K.tolist())} N·m/rad, "
+            f"D = {numbers_out(nominal.D.tolist())} N·m·s/rad."
+        )
+    if robot.poses:
+        show_note(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
+
+
+def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:
+    n = len(ratios)
+    M, M_unit, M_side = _row(
+        "Rotor inertias M, one per joint", "M", ", ".join(["0.0025", "0.0010", "0.0008"][:n])
+    )
+    M2, M2_unit, M2_side = _row(
+        "Arm inertia M2, rows separated by ;",
+        "M2",
+        "0.0041" if n == 1 else "0.0041, 0.0004; 0.0004, 0.0019",
+    )
+    sides = _MOTOR not in (M_side, M2_side) or M_side != M2_side
+    if sides:
+        st.caption(f"Gear ratios of the mapping above: {numbers_out(ratios)}.")
+    if not M.strip() or not M2.strip():
+        return None
+    rotor = np.array(numbers_in("Rotor inertias M", M)) * INERTIA_UNITS[M_unit]
+    arm = np.array(matrix_in("Arm inertia M2", M2)) * INERTIA_UNITS[M2_unit]
+    if M_side == _JOINT:
+        rotor = rotor_at_motor(rotor, ratios)
+    if M2_side == _JOINT:
+        arm = motor_side(arm, ratios)
+    return KnownRobot(Inertia(rotor, arm))
+
+
+def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
+    left, right = st.columns([3, 2])
+    with right:
+        number = st.session_state.get(_UPLOADS, 0)
+        st.file_uploader(
+            "TOML file (.toml)",
+            ["toml"],
+            max_upload_size=1,
+            key=f"import_toml_file {number}",
+            on_change=_take_toml,
+        )
+    text = left.text_area(
+        "TOML with M and M2, motor side, kg·m²",
+        key="import toml",
+        placeholder="[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
+        height=150,
+        persist_state="session",
+        help="As in a study's study.toml; the whole file will do, with its poses.",
+    )
+    return robot_from_toml(text) if text.strip() else None
+
+
+def _take_toml() -> None:
+    number = st.session_state.get(_UPLOADS, 0)
+    file = st.session_state.get(f"import_toml_file {number}")
+    if file is not None:
+        # What is no text shows as such: the reading of it says what is wrong.
+        st.session_state["import toml"] = file.getvalue()[: 1 << 20].decode("utf-8-sig", "replace")
+        st.session_state[_UPLOADS] = number + 1
+
+
+def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
+    one, two, three, four = st.columns(4)
+    drive = _select(one, "Motor 2 turns", ["link 2 (parallelogram)", "joint 2 (serial)"], "drive")
+    length = _select(two, "Unit of lengths", _LENGTHS, "length unit")
+    mass = _select(three, "Unit of masses", _MASSES, "mass unit")
+    unit = _select(four, "Unit of inertias", INERTIA_UNITS, "link unit")
+    one, two, three, four = st.columns(4)
+    lengths = _text(one, f"Link lengths ({length})", "length", "0.705, 0.755")
+    masses = _text(two, f"Link masses ({mass})", "mass", "45, 70")
+    centres = _text(three, f"Centres of mass from the joints ({length})", "centre", "0.30, 0.30")
+    inertias = _text(four, f"Link inertias about them ({unit})", "link", "2.2, 9.0")
+    one, two, three, four = st.columns(4)
+    rotors = _text(one, f"Rotor inertias ({unit})", "rotor", "0.0025, 0.0010")
+    side = _select(two, "Rotor inertias on the", [_MOTOR, _JOINT], "rotor side")
+    angle = _select(three, "Unit of the joint angles", _ANGLES, "angle unit")
+    pose = _text(four, f"Joint angles of the logs' pose ({angle})", "pose", "-32, 44")
+    st.caption(
+        "Two links in a horizontal plane, the tool counted with link 2. Gear ratios of the mapping "
+        f"above: {numbers_out(ratios)}."
+    )
+    given = (lengths, masses, centres, inertias, rotors, pose)
+    if not all(text.strip() for text in given):
+        return None
+    if len(ratios) != 2:
+        raise JointIdError(
+            f"The arm of links has 2 joints, the mapping {len(ratios)}: give the inertias as numbers or "
+            "as TOML."
+        )
+
+    def pair(name: str, text: str, factor: float) -> Floats:
+        return factor * np.array(numbers_in(name, text))
+
+    rotor = pair("Rotor inertias", rotors, INERTIA_UNITS[unit])
+    arm = PlanarArm(
+        length_m=pair("Link lengths", lengths, _LENGTHS[length]),
+        mass_kg=pair("Link masses", masses, _MASSES[mass]),
+        centre_m=pair("Centres of mass", centres, _LENGTHS[length]),
+        inertia_kgm2=pair("Link inertias", inertias, INERTIA_UNITS[unit]),
+        gear_ratio=np.array(ratios, float),
+        rotor_inertia_kgm2=rotor_at_motor(rotor, ratios) if side == _JOINT else rotor,
+        drive="serial" if "serial" in drive else "parallelogram",
+    )
+    return KnownRobot(arm.inertia(pair("Joint angles", pose, _ANGLES[angle])))
+
+
+def _row(label: str, name: str, example: str) -> tuple[str, str, str]:
+    one, two, three = st.columns([4, 1.5, 1.5])
+    text = _text(one, label, name, example, _HELP)
+    unit = _select(two, f"Unit of {name}", INERTIA_UNITS, f"{name} unit")
+    return text, unit, _select(three, f"{name} is given on the", [_MOTOR, _JOINT], f"{name} side")
+
+
+def _text(place: DeltaGenerator, label: str, name: str, example: str, help_: str | None = None) -> str:
+    return place.text_input(
+        label, key=f"import {name}", placeholder=example, persist_state="session", help=help_
+    )
+
+
+def _select(
+    place: DeltaGenerator, label: str, options: Sequence[str] | Mapping[str, float], name: str
+) -> str:
+    return place.selectbox(label, list(options), key=f"import {name}", persist_state="session")
+
+
+def _matrix(values: Floats) -> str:
+    rows = " \\\\ ".join(" & ".join(_number(value) for value in row) for row in values)
+    return f"\\begin{{pmatrix}} {rows} \\end{{pmatrix}}"
+
+
+def _number(value: float) -> str:
+    mantissa, _, power = f"{value:.5g}".partition("e")
+    return f"{mantissa} \\cdot 10^{{{int(power)}}}" if power else mantissa

@@ -1,0 +1,215 @@
+"""The mapping step: what each column is, guessed, with reasons, and every entry to be corrected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.files.store import Store
+from jointid.importing import (
+    Guess,
+    LogTable,
+    MappedLog,
+    Mapping,
+    apply_mapping,
+    guess_mapping,
+    mapping_from_json,
+    mapping_to_json,
+)
+from jointid.ui.importing.checks import Checks
+from jointid.ui.importing.entries import Entries
+from jointid.ui.importing.inertia import inertias_given
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.workspace import keep_part, place_for, store
+from jointid.wording import listed
+
+_SAVED = "import_mappings"
+_BASE = "import_base"
+_FIRST = "import_first_log"
+_KNOWN = "import_known_mappings"
+_VERSION = "import version"
+_PART = "mappings"
+_MOST_KNOWN = 50
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def guessed(key: str, _table: LogTable) -> Guess:
+    """Guess once per log."""
+    return guess_mapping(_table)
+
+
+def mapping_of(key: str, table: LogTable) -> Mapping:
+    """Return the mapping that the session has for these columns, or the guess."""
+    saved: dict[str, Mapping] = st.session_state.get(_SAVED, {})
+    return saved.get(table.signature) or _known(table.signature) or guessed(key, table).mapping
+
+
+def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
+    """Return time, positions and torques as far as they are known, for the first picture."""
+    try:
+        mapping = mapping_of(key, table)
+    except JointIdError:
+        return ()
+    pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
+    time = (mapping.time.column,) if mapping.time.column else ()
+    return (*time, *(name for pair in pairs for name in pair)) if time else ()
+
+
+@st.cache_resource(max_entries=32, show_spinner=False)
+def mapped(key: str, mapping_json: str, _table: LogTable, _mapping: Mapping) -> MappedLog:
+    """Return angles and torques of a log."""
+    return apply_mapping(_table, _mapping)
+
+
+def remember(table: LogTable, mapping: Mapping) -> None:
+    """Offer this mapping again for logs with the same columns."""
+    st.session_state.setdefault(_SAVED, {})[table.signature] = mapping
+
+
+def keep_mapping(table: LogTable, mapping: Mapping) -> None:
+    """Offer a mapping that a study was made with in later sessions of this workspace, too."""
+    known = st.session_state.setdefault(_KNOWN, {})
+    if known.get(table.signature) == mapping:
+        return
+    known[table.signature] = mapping
+
+    def write(to: Store, place: str) -> None:
+        data = mapping_to_json(mapping).encode()
+        to.put(place, f"The mapping of {table.name}", table.signature, data)
+        for entry in to.entries(place)[_MOST_KNOWN:]:
+            to.delete(place, entry.id)
+
+    try:
+        keep_part(_PART, write)
+    except JointIdError as error:
+        st.session_state["store_problem"] = f"The mapping is known in this session only. {error}"
+
+
+def _known(signature: str) -> Mapping | None:
+    """Return the mapping that this workspace had for these columns, read once per session."""
+    known: dict[str, Mapping | None] = st.session_state.setdefault(_KNOWN, {})
+    place = place_for(_PART)
+    if place is not None and signature not in known:
+        known[signature] = None
+        try:
+            found = [entry for entry in store().entries(place) if entry.digest == signature]
+            if found:
+                known[signature] = mapping_from_json(store().read(place, found[0].id))
+        except JointIdError as error:
+            st.session_state["store_problem"] = f"The mapping used before is not known any more. {error}"
+    return known.get(signature)
+
+
+def mappings_to_json() -> dict[str, Any]:
+    """Return what this session knows of its mappings as values that JSON can hold."""
+    parts: dict[str, Any] = {
+        key: {k: mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
+        for key in (_SAVED, _BASE)
+    }
+    return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}
+
+
+def mappings_from_json(values: dict[str, Any]) -> None:
+    """Take up what ``mappings_to_json`` returned.
+
+    Raises
+    ------
+    JointIdError, KeyError, TypeError, AttributeError
+        When it is something else.
+    """
+    for key in (_SAVED, _BASE):
+        st.session_state[key] = {k: mapping_from_json(text) for k, text in values[key].items()}
+    st.session_state[_FIRST] = dict(values[_FIRST])
+
+
+def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str, bool]:
+    """Draw every entry of the mapping.
+
+    Returns
+    -------
+    mapping : Mapping
+        What the entries say.
+    not_confirmed : str
+        What of it was assumed, as a line.
+    clear : bool
+        Whether it was clear from the start which column is what.
+
+    Raises
+    ------
+    JointIdError
+        When nothing can be guessed, or the entries are no mapping.
+    """
+    guess = guessed(key, table)
+    bases: dict[str, Mapping] = st.session_state.setdefault(_BASE, {})
+    guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
+    if table.signature not in bases:
+        known = _known(table.signature)
+        bases[table.signature] = known or guess.mapping
+        if known is not None:
+            guessed_from[table.signature] = ""
+    base = bases[table.signature]
+    version = st.session_state.get(_VERSION, 0)
+    entries = Entries(table, guess, base, f"{table.signature} {version}")
+    if guessed_from.setdefault(table.signature, key) != key:
+        left, right = st.columns([4, 1], vertical_alignment="center")
+        needed = "" if inertias_given() else " Inertias are not: give those of this robot below."
+        left.info(f"The mapping that was used for these columns before is used again.{needed}")
+        if right.button("Guess afresh", key="guess_afresh"):
+            guessed_from[table.signature] = key
+            _start_from(table, guess.mapping)
+            st.rerun()
+    mapping = entries.ask()
+    return mapping, _not_confirmed(entries.checks), entries.folded
+
+
+def _not_confirmed(checks: Checks) -> str:
+    parts = [f"Assumed and not confirmed: {', '.join(checks.assumed)}."] if checks.assumed else []
+    if checks.unsure:
+        parts.append(f"Still marked To check: {listed(checks.unsure, at_most=6)}.")
+    return " ".join(parts)
+
+
+def of_mapping(key: str) -> bool:
+    """Whether a key of the session is that of an entry of a mapping."""
+    return any(f" {signature} " in key for signature in st.session_state.get(_BASE, {}))
+
+
+def offer_again() -> None:
+    """Say of every mapping, from now on, that it was used before."""
+    st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
+
+
+def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
+    """Save the mapping as JSON, or take one from a file."""
+    with st.expander("Keep these entries as a file, or take them from a file"):
+        left, right = st.columns(2)
+        if mapping is not None:
+            left.download_button(
+                "Save the mapping (.json)",
+                mapping_to_json(mapping),
+                "mapping.json",
+                "application/json",
+                on_click="ignore",
+            )
+        version = st.session_state.get(_VERSION, 0)
+        file = right.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
+        if file is not None:
+            try:
+                taken = mapping_from_json(file.getvalue())
+                for name in taken.columns:
+                    table.column(name)
+            except JointIdError as error:
+                show_error(f"{file.name} was not taken: {error}")
+            else:
+                _start_from(table, taken)
+                st.rerun()
+
+
+def _start_from(table: LogTable, mapping: Mapping) -> None:
+    st.session_state.setdefault(_BASE, {})[table.signature] = mapping
+    version = st.session_state.get(_VERSION, 0)
+    for key in [k for k in st.session_state if str(k).endswith(f" {table.signature} {version}")]:
+        del st.session_state[key]
+    st.session_state[_VERSION] = st.session_state.get(_VERSION, 0) + 1

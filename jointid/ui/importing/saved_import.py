@@ -1,0 +1,206 @@
+"""The import in progress, kept at this workspace's address: logs, entries and corrected runs.
+
+Files and a small JSON lie in the store as long as the logs are open: a refresh, a closed tab or a killed
+server loses neither. The JSON holds what was entered, never results.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from hashlib import blake2b
+from typing import Any
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.files.store import Store
+from jointid.ui.importing.files import Dropped, dropped, hold
+from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
+from jointid.ui.importing.rows import forget_rows, rows_from_json, rows_to_json
+from jointid.ui.shared.messages import show_warning
+from jointid.ui.shared.workspace import keep_part, place_for, store
+
+_PART = "import"
+_DRAFT = "entries"
+_ENTRY = "import "
+"""How the keys of all entries of the page begin; those of buttons and tables do not."""
+_WRITTEN = "kept_import"
+_MADE = "import_made"
+_PROBLEM = "import_problem"
+_LOST = "import_lost"
+_SHARE = 4
+"""An import takes at most the store's size over this, so that it does not push studies out."""
+
+
+@contextmanager
+def kept_import() -> Iterator[None]:
+    """Bring back what was open at this address, once per session; keep what the page leaves open."""
+    if _WRITTEN not in st.session_state:
+        st.session_state[_WRITTEN] = ""
+        _restore()
+    try:
+        yield
+    finally:  # also when the page stops halfway, or is run again
+        keep_import()
+
+
+def keep_import() -> None:
+    """Write what is open to the store, when anything of it has changed."""
+    files = dropped()
+    text = json.dumps(_snapshot(files)) if files else ""
+    digest = blake2b(text.encode(), digest_size=16).hexdigest() if text else ""
+    if digest == st.session_state[_WRITTEN]:
+        return
+    st.session_state[_WRITTEN] = digest
+    try:
+        if not files:
+            _empty()
+        else:
+            keep_part(_PART, lambda to, place: _write(to, place, files, text.encode()))
+    except JointIdError as error:
+        st.session_state[_PROBLEM] = f"The logs are open in this session only. {error}"
+    else:
+        st.session_state.pop(_PROBLEM, None)
+
+
+def say_what_is_kept() -> None:
+    """Say what of the import could not be kept, or is not what it was."""
+    if problem := st.session_state.get(_PROBLEM):
+        show_warning(problem)
+    for problem in st.session_state.get(_LOST, []):
+        show_warning(problem)
+    place = place_for(_PART)
+    if place is None:
+        return
+    if dropped() and not st.session_state.get(_PROBLEM):
+        st.caption(
+            "A study was made of these logs: the study is kept. The logs and entries stay open in this "
+            "session only, until they are closed; with another change they are kept again."
+            if st.session_state.get(_MADE) == st.session_state[_WRITTEN]
+            else "Logs and entries are kept at this page's address until they are closed or opened as a "
+            "study."
+        )
+    with suppress(JointIdError):
+        for note in store().notes(place):
+            left, right = st.columns([4, 1], vertical_alignment="center")
+            show_warning(note.text, left)
+            right.button("Noted", key=f"noted_{note.id}", on_click=_dismiss, args=(place, note.id))
+
+
+def _dismiss(place: str, note: str) -> None:
+    with suppress(JointIdError):
+        store().dismiss(place, note)
+    st.session_state.pop(_LOST, None)
+
+
+def forget_import() -> None:
+    """Take what is open out of the store; the session has it until it is closed or ends."""
+    keep_import()
+    try:
+        _empty()
+        st.session_state[_MADE] = st.session_state[_WRITTEN]
+    except JointIdError as error:
+        st.session_state["store_problem"] = str(error)
+
+
+def clear_entries() -> None:
+    """Forget what was entered for the robot and the runs of logs that are closed; mappings stay."""
+    for key in [key for key in st.session_state if str(key).startswith(_ENTRY)]:
+        if not of_mapping(str(key)):
+            del st.session_state[key]
+    forget_rows()
+    offer_again()
+
+
+def _write(to: Store, place: str, files: list[Dropped], text: bytes) -> None:
+    size = sum(len(file.data) for file in files)
+    if size * _SHARE > to.limit_bytes:
+        raise JointIdError(
+            f"They take {size / 2**20:.4g} MiB, and the store keeps up to "
+            f"{to.limit_bytes / _SHARE / 2**20:.4g} MiB of logs: open them as a study, or in parts."
+        )
+    there = {entry.digest for entry in to.entries(place)}
+    for file in files:
+        if file.digest not in there:
+            to.put(place, file.name, file.digest, file.data)
+    to.put(place, "What was entered for the import", _DRAFT, text)
+    wanted = {_DRAFT, *(file.digest for file in files)}
+    for entry in to.entries(place):
+        if entry.digest not in wanted:
+            to.delete(place, entry.id)
+
+
+def _empty() -> None:
+    place = place_for(_PART)
+    if place is not None:
+        for entry in store().entries(place):
+            store().delete(place, entry.id)
+
+
+def _snapshot(files: list[Dropped]) -> dict[str, Any]:
+    entries = {
+        key: value
+        for key, value in st.session_state.items()
+        if isinstance(key, str) and key.startswith(_ENTRY) and _is_plain(value)
+    }
+    return {
+        "format": 1,
+        "files": [[file.name, file.digest] for file in files],
+        "entries": dict(sorted(entries.items())),
+        "mappings": mappings_to_json(),
+        "rows": rows_to_json(),
+    }
+
+
+def _is_plain(value: object) -> bool:
+    if isinstance(value, list):
+        return all(isinstance(item, str) for item in value)
+    return isinstance(value, str | int | float)
+
+
+def _restore() -> None:
+    """Fill the session from the store; what cannot be used is said, the rest is opened."""
+    place = place_for(_PART)
+    if place is None or dropped():
+        return
+    try:
+        entries = {entry.digest: entry for entry in reversed(store().entries(place))}
+    except JointIdError as error:
+        st.session_state["store_problem"] = str(error)
+        return
+    draft = entries.pop(_DRAFT, None)
+    names: list[tuple[str, str]] = [(entry.name, entry.digest) for entry in entries.values()]
+    if draft is not None:
+        try:
+            values = json.loads(store().read(place, draft.id))
+            if values["format"] != 1:
+                raise ValueError(values["format"])
+            names = [(str(name), str(digest)) for name, digest in values["files"]]
+            _take_up(values)
+        except JointIdError as error:
+            st.session_state["store_problem"] = str(error)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            store().set_aside(place, draft.id, "its content is not what this version writes")
+    files, lost = [], []
+    for name, digest in names:
+        try:
+            if digest not in entries:
+                raise JointIdError("It is not in the store any more.")
+            files.append(Dropped(name, store().read(place, entries[digest].id), digest))
+        except JointIdError as error:
+            lost.append(f"{name} is not open any more: drop it again. {error}")
+    hold(files)
+    st.session_state[_LOST] = lost
+    if files:
+        text = json.dumps(_snapshot(files))
+        st.session_state[_WRITTEN] = blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def _take_up(values: dict[str, Any]) -> None:
+    mappings_from_json(values["mappings"])
+    rows_from_json(values["rows"])
+    for key, value in values["entries"].items():
+        if key.startswith(_ENTRY) and _is_plain(value):
+            st.session_state[key] = value

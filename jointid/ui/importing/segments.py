@@ -1,0 +1,262 @@
+"""The sine runs of the logs as a table that can be corrected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from hashlib import blake2b
+from typing import Any
+
+import numpy as np
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.importing import MappedLog, Segment, find_segments, measure_segment
+from jointid.rounding import significant
+from jointid.ui.importing.rows import SHOWN, Row, last_rows
+from jointid.ui.importing.watched_work import Watch
+from jointid.ui.shared.messages import show_info
+from jointid.wording import counted
+
+_USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
+_SETTLED = "import_segments_settled"
+
+
+def found_in(watch: Watch, key: str, mapping_json: str, log: MappedLog) -> tuple[Segment, ...]:
+    """Find the segments of a log.
+
+    Raises
+    ------
+    JointIdError
+        When it holds too many, or the search was stopped.
+    """
+    label = f"Looking for steady sines in {log.name}"
+    return watch.do(f"sines {key} {mapping_json}", label, lambda tell: find_segments(log, progress=tell))
+
+
+@st.cache_resource(max_entries=256, show_spinner=False)
+def _measured(
+    key: str, mapping_json: str, start: float, stop: float, hertz: float | None, _log: MappedLog
+) -> Segment:
+    return measure_segment(_log, start, stop, hertz)
+
+
+def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, str]) -> list[Row]:
+    """Show all segments of all logs in one table; what was typed outlives the page and other logs.
+
+    Parameters
+    ----------
+    found : mapping of str to sequence of Segment
+        By the key of the log.
+    names : mapping of str to str
+        What each log is called.
+    """
+    key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
+    last = last_rows()
+    if key not in st.session_state or st.session_state.get(SHOWN, ("",))[0] != key:
+        rows = [
+            row for log, part in found.items() for row in last.get(_one(log, part), _rows(log, part))
+        ]
+        st.session_state[SHOWN] = (key, rows)
+    rows = st.session_state[SHOWN][1]
+    labels = _labels(names)
+    summary = st.empty()
+    with st.expander("Correct the runs: leave some out, shift or add one", expanded=not rows):
+        _table(rows, labels, key)
+        st.caption(
+            "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
+            "a frequency it is estimated, of several lines at once each of them."
+        )
+    for log, part in found.items():
+        for note in getattr(part, "notes", ()):
+            show_info(f"{names[log]}: {note}")
+    edited = apply_edits(rows, st.session_state.get(key, {}), {v: k for k, v in labels.items()})
+    for log, part in found.items():
+        last[_one(log, part)] = [row for row in edited if row.log == log]
+    used = sum(row.use for row in edited)
+    summary.markdown(f"{counted(len(edited), 'run')}, {used} used")
+    return edited
+
+
+def apply_edits(rows: Sequence[Row], edits: Mapping[str, Any], logs: Mapping[str, str]) -> list[Row]:
+    """Return the rows as the user left them.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+        As they were shown.
+    edits : mapping
+        What ``st.data_editor`` keeps in the session: edited_rows, added_rows, deleted_rows.
+    logs : mapping of str to str
+        Key of a log by its label; a new row without one belongs to the first.
+    """
+    gone = set(edits.get("deleted_rows", ()))
+    changed = {int(k): v for k, v in edits.get("edited_rows", {}).items()}
+    left = [_changed(row, changed.get(k, {}), logs) for k, row in enumerate(rows) if k not in gone]
+    first = next(iter(logs.values()))
+    return left + [_changed(Row(first), cells, logs) for cells in edits.get("added_rows", ())]
+
+
+def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
+    """Return the segment that a row means, measured again where it was corrected; None when unfinished.
+
+    Raises
+    ------
+    JointIdError
+        When it is no segment of the log.
+    """
+    if row.found is not None:
+        return row.found
+    if row.start_s is None or row.stop_s is None:
+        return None
+    if row.frequency_hz is not None and row.frequency_hz <= 0:
+        raise JointIdError(
+            f"{significant(row.start_s)} to {significant(row.stop_s)} s: a frequency of "
+            f"{row.frequency_hz:g} Hz. Give a positive one, or none to have it estimated."
+        )
+    return _measured(row.log, mapping_json, row.start_s, row.stop_s, row.frequency_hz, log)
+
+
+def chosen_segments(
+    rows: Sequence[Row], logs: Mapping[str, MappedLog], mapping_json: Mapping[str, str]
+) -> tuple[dict[str, list[Segment]], dict[str, list[Segment]], list[str]]:
+    """Return the segments to use and those left out, by log in order of time, and what is wrong."""
+    kept: dict[str, list[Segment]] = {key: [] for key in logs}
+    dropped: dict[str, list[Segment]] = {key: [] for key in logs}
+    problems = []
+    for row in rows:
+        try:
+            segment = segment_of(row, logs[row.log], mapping_json[row.log])
+        except JointIdError as error:
+            if row.use:
+                problems.append(str(error))
+            continue
+        if segment is not None:
+            (kept if row.use else dropped)[row.log].append(segment)
+    for part in (*kept.values(), *dropped.values()):
+        part.sort(key=lambda segment: segment.start_s)
+    return kept, dropped, problems
+
+
+def settle(
+    rows: Sequence[Row],
+    found: Mapping[str, Sequence[Segment]],
+    logs: Mapping[str, MappedLog],
+    mapping_json: Mapping[str, str],
+) -> bool:
+    """Put corrected rows back with what was measured of them; whether the table has to be drawn anew.
+
+    Nothing happens while a row is unfinished: a table that is drawn anew takes the cursor away.
+    """
+    if all(row.found for row in rows) or any(None in (row.start_s, row.stop_s) for row in rows):
+        return False
+    last = last_rows()
+    for key, part in found.items():
+        settled = []
+        for row in rows:
+            if row.log == key and (s := segment_of(row, logs[key], mapping_json[key])) is not None:
+                settled.append(Row(key, s.start_s, s.stop_s, s.frequency_hz, row.use, s))
+        last[_one(key, part)] = sorted(settled, key=lambda row: row.start_s or 0.0)
+    st.session_state[_SETTLED] = st.session_state.get(_SETTLED, 0) + 1
+    return True
+
+
+def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row:
+    if not cells:
+        return row
+    use = cells.get(_USE, row.use)
+    values = {
+        "start_s": cells.get(_START, row.start_s),
+        "stop_s": cells.get(_STOP, row.stop_s),
+        "frequency_hz": cells.get(_HERTZ, row.frequency_hz),
+    }
+    if row.found is not None and row.found.is_multisine and {_START, _STOP} & set(cells):
+        # One number cannot state several lines: they are looked for again in the new times.
+        values["frequency_hz"] = cells.get(_HERTZ)
+    log = logs.get(cells.get(_LOG, ""), row.log)
+    same = not {_START, _STOP, _HERTZ, _LOG} & set(cells)
+    return replace(row, log=log, use=bool(use), found=row.found if same else None, **values)
+
+
+def _rows(log: str, segments: Sequence[Segment]) -> list[Row]:
+    return [Row(log, s.start_s, s.stop_s, s.frequency_hz, found=s) for s in segments]
+
+
+def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
+    column = st.column_config
+    number = column.NumberColumn
+    columns: dict[str, Any] = {_USE: np.array([row.use for row in rows], bool)}
+    settings: dict[str, Any] = {
+        _USE: column.CheckboxColumn(default=True, width="small"),
+        _START: number(format="%.3f", required=True),
+        _STOP: number(format="%.3f", required=True),
+        _HERTZ: number(format="%.5g", help="Leave it empty to have it estimated."),
+    }
+    if len(labels) > 1:
+        columns[_LOG] = [labels[row.log] for row in rows]
+        options = list(labels.values())
+        settings[_LOG] = column.SelectboxColumn(options=options, default=options[0], required=True)
+    for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
+        columns[name] = np.array([_tidy(getattr(row, attribute), attribute) for row in rows], float)
+    columns["Periods"] = [_periods(row) for row in rows]
+    for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
+        columns[name] = [_percent(getattr(row.found, share, math.nan)) for row in rows]
+        settings[name] = column.TextColumn(
+            help="Share of the signal that the sine explains, in the joint that it explains best."
+        )
+    if any(row.found is not None and row.found.is_multisine for row in rows):
+        columns["Lines (Hz)"] = [
+            ", ".join(significant(f) for f in row.found.lines_hz) if row.found else "" for row in rows
+        ]
+    st.data_editor(
+        columns,
+        column_config=settings,
+        disabled=["Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
+        num_rows="dynamic",
+        hide_index=True,
+        height=min(36 + 35 * (len(rows) + 1), 430),
+        key=key,
+    )
+
+
+def _periods(row: Row) -> str:
+    if row.start_s is None or row.stop_s is None or row.frequency_hz is None:
+        return ""
+    return f"{(row.stop_s - row.start_s) * row.frequency_hz:.1f}"
+
+
+def _percent(share: float) -> str:
+    return "" if math.isnan(share) else f"{100 * share:.2f} %"
+
+
+def _tidy(value: float | None, attribute: str) -> float:
+    """Return a number as it is typed: times to the microsecond, frequencies to seven digits."""
+    if value is None:
+        return math.nan
+    return float(f"{value:.7g}") if attribute == "frequency_hz" else round(value, 6)
+
+
+def _labels(names: Mapping[str, str]) -> dict[str, str]:
+    """Names that differ: two logs may be called the same."""
+    labels: dict[str, str] = {}
+    for key, name in names.items():
+        label, count = name, 1
+        while label in labels.values():
+            count += 1
+            label = f"{name} ({count})"
+        labels[key] = label
+    return labels
+
+
+def _one(log: str, segments: Sequence[Segment]) -> str:
+    return _digest({log: segments})
+
+
+def _digest(found: Mapping[str, Sequence[Segment]]) -> str:
+    """What tells two tables apart, rounded: another gear ratio changes the last bits only."""
+    rows = [
+        (log, [f"{s.start_s:.6g} {s.stop_s:.6g} {s.frequency_hz:.4g}" for s in part])
+        for log, part in found.items()
+    ]
+    return blake2b(repr(rows).encode(), digest_size=12).hexdigest()

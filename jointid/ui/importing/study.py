@@ -1,0 +1,157 @@
+"""What a log does not say: inertias, poses and a name; then the study."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.importing import Segment
+from jointid.importing.robot_inertia import KnownRobot
+from jointid.importing.study import date_in, study_name
+from jointid.markdown_escape import markdown_escape
+from jointid.rounding import plain
+from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
+from jointid.ui.shared.messages import show_error
+from jointid.wording import counted
+
+T = TypeVar("T")
+
+ROBOT = "the-robot"
+"""Where the page asks for the inertias."""
+_NO_POSE = "as in [inertia]"
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """What was entered."""
+
+    name: str
+    known: KnownRobot
+    pose_of: tuple[str | None, ...]
+    """Pose of each log; None: that of ``known.inertia``."""
+    robot: str = ""
+    date: datetime.date | None = None
+
+
+def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
+    """Say in a line how far the import is, and what comes next.
+
+    Parameters
+    ----------
+    runs : mapping of str to sequence of Segment
+        Those to be used, by log.
+    to_check : bool
+        Whether something of the mapping is open.
+    """
+    hertz = [segment.frequency_hz for part in runs.values() for segment in part]
+    if not hertz:
+        st.markdown("**Next:** mark a steady sine run in the table of runs, or choose other columns.")
+        return
+    low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
+    band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
+    look = "look at what is marked To check, then " if to_check else ""
+    goal = "open it as a study" if inertias_given() else "give the inertias"
+    st.markdown(
+        f"{counted(len(hertz), 'steady sine run')} of {band} found. **Next:** {look}[{goal}](#{ROBOT})."
+    )
+
+
+def ask_robot(
+    gear_ratios: Sequence[float], logs: Sequence[str], not_confirmed: str = ""
+) -> Robot | None:
+    """Ask for name and inertias, show what they come to; None until the study is to be opened.
+
+    Parameters
+    ----------
+    gear_ratios : sequence of float
+        One per joint.
+    logs : sequence of str
+        What they are called.
+    not_confirmed : str, optional
+        What of the mapping was assumed; it is said at the button.
+    """
+    joints = len(gear_ratios)
+    problems: list[str] = []
+    known = _said(problems, lambda: ask_inertia(gear_ratios))
+    if known is not None and known.inertia.n != joints:
+        problems.append(
+            f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has {joints}: "
+            "make them agree."
+        )
+    with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
+        nominal = _said(problems, lambda: ask_nominal(joints))
+        robot, date = _ask_which()
+    day = _said(problems, lambda: date_in(date))
+    if nominal is not None and known is not None:
+        known = replace(known, nominal=nominal)
+    problem = " ".join(problems)
+    poses = _ask_poses(known, logs)
+    left, right = st.columns([3, 1], vertical_alignment="bottom")
+    name = left.text_input(
+        "Name of the study",
+        key="import name",
+        placeholder=(known.name if known else "") or study_name(logs),
+        persist_state="session",
+    )
+    # The button stands above what changes its height, so that it never moves away under a click.
+    wanted = right.button("Open as study", type="primary", width="stretch")
+    if not_confirmed:
+        st.caption(f":orange-badge[To check] {markdown_escape(not_confirmed)}")
+    if wanted and known is None:
+        problem = problem or (
+            "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
+            "found without them."
+        )
+    if problem:
+        show_error(problem)
+    elif known is None:
+        st.caption("M and M2 are shown here as the method takes them, as soon as they are entered.")
+    else:
+        show_inertia(known)
+    if not wanted or problem or known is None:
+        return None
+    return Robot(name.strip() or known.name or study_name(logs), known, poses, robot.strip(), day)
+
+
+def _said(problems: list[str], ask: Callable[[], T]) -> T | None:
+    """What is asked for; where it cannot be used, its problem is noted and the page goes on."""
+    try:
+        return ask()
+    except JointIdError as error:
+        problems.append(str(error))
+        return None
+
+
+def _ask_which() -> tuple[str, str]:
+    """Which robot it is, and when it was measured."""
+    left, right = st.columns(2)
+    texts = [
+        place.text_input(label, key=f"import {key}", placeholder=example, persist_state="session")
+        for place, label, key, example in (
+            (left, "Robot (optional)", "robot", "cell 7, robot A"),
+            (right, "Date of the measurement (optional)", "date", "2026-11-20"),
+        )
+    ]
+    return texts[0], texts[1]
+
+
+def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | None, ...]:
+    """Ask which pose each log was measured in, when there are poses."""
+    if known is None or not known.poses:
+        return (None,) * len(logs)
+    options = [_NO_POSE, *known.poses]
+    chosen = []
+    places = st.columns(min(len(logs), 3))
+    for number, log in enumerate(logs):
+        key = f"import pose of {log} {number}"
+        if st.session_state.get(key, _NO_POSE) not in options:
+            del st.session_state[key]
+        place = places[number % len(places)]
+        label = markdown_escape(f"Pose of {log}")
+        chosen.append(place.selectbox(label, options, key=key, persist_state="session"))
+    return tuple(None if pose == _NO_POSE else pose for pose in chosen)

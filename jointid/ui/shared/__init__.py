@@ -1,0 +1,1 @@
+"""What every page uses: page frame, sidebar, workspace, charts, Markdown escaping."""

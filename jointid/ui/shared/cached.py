@@ -1,0 +1,42 @@
+"""Results, computed once, keyed on the study's digest: by itself streamlit only samples large arrays."""
+
+from __future__ import annotations
+
+import inspect
+
+import streamlit as st
+
+from jointid import Analysis, Phasors, Study, analyse, extract_phasors
+from jointid.arrays import Floats
+from jointid.estimation.elasticity import METHODS
+from jointid.phasors.sine_fit import fit_sines
+from jointid.ui.shared.background import aside
+
+DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
+"""The estimator that ``analyse`` takes when nobody chooses."""
+
+ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these records")} | METHODS
+"""Estimators with what each is, the default first."""
+
+
+MOST_ANALYSES = 64
+"""Twenty persons with a study each and three estimators; the studies themselves are kept elsewhere."""
+
+
+@st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines, identifying the springs")
+def analysis(digest: str, method: str, _study: Study) -> Analysis:
+    """Run the whole method."""
+    return aside(analyse, _study, method=method)
+
+
+@st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines")
+def phasors(digest: str, _study: Study) -> Phasors:
+    """Run the first step alone: it succeeds for records that tell nothing of the springs."""
+    return extract_phasors(_study.records)
+
+
+@st.cache_resource(max_entries=256, show_spinner=False)
+def fitted_sine(digest: str, record: int, _study: Study) -> Floats:
+    """Return the fitted fundamental with offset and drift at a record's times, (N, 2n)."""
+    chosen = _study.records[record]
+    return fit_sines([chosen])[0].at(chosen.time_s, chosen.omega)

@@ -1,0 +1,125 @@
+"""How every page begins: open_page() sets it up, shows the sidebar and says which study is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import streamlit as st
+
+from jointid import Analysis, JointIdError, Phasors, Study
+from jointid.figures.style import colours
+from jointid.ui.shared import cached
+from jointid.ui.shared.charts import is_dark
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
+from jointid.ui.shared.refused_file import show_refused
+from jointid.ui.shared.sidebar import choose_study
+from jointid.ui.shared.workspace import open_study
+
+_ICON = Path(__file__).with_name("icon.svg")
+# Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit has neither of itself.
+_STYLE = """
+[data-testid="stCode"] code span { color: inherit !important; }
+:is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
+  outline: 2px solid %s !important; outline-offset: 1px; }
+"""
+_ON_PRIMARY = """
+[data-testid^="stBaseButton-primary"], [data-testid^="stBaseButton-primary"] p { color: #10212C; }
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """What a page is about."""
+
+    key: str
+    """The study's name in the list."""
+    study: Study
+    digest: str
+    """Key for caches of results of this study."""
+    method: str
+    """The estimator chosen for the whole study."""
+    dark: bool
+    """Whether the theme is dark."""
+
+    def analysis(self) -> Analysis:
+        """Return the whole method's result, or say why there is none and end the page."""
+        try:
+            return cached.analysis(self.digest, self.method, self.study)
+        except JointIdError as error:
+            _say_why(error)
+            st.stop()
+
+    def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
+        """Return a figure of this study and estimator; it is drawn when nobody had it drawn before.
+
+        Parameters
+        ----------
+        what : str
+            Tells this figure from all others of the study: its kind and all that it depends on.
+        draw : callable
+        """
+        return _figure(self.digest, self.method, self.dark, what, draw)
+
+    def phasors(self) -> Phasors:
+        """Return the phasors, or say why there are none and end the page."""
+        try:
+            return cached.phasors(self.digest, self.study)
+        except JointIdError as error:
+            _say_why(error)
+            st.stop()
+
+
+@st.cache_resource(max_entries=400, show_spinner=False)
+def _figure(digest: str, method: str, dark: bool, what: str, _draw: Callable[[], Any]) -> Any:
+    return _draw()
+
+
+def start(title: str) -> None:
+    """Set up a page that needs no study, with its sidebar."""
+    _set_up(title)
+    choose_study()
+    show_refused()
+
+
+def _set_up(title: str) -> None:
+    st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
+    dark = is_dark()
+    style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
+    st.html(f"<style>{style}</style>")
+
+
+def open_page(title: str) -> Page:
+    """Begin a page about the chosen study; without one, say how to get one and end.
+
+    Parameters
+    ----------
+    title : str
+        For the browser's tab; the page writes its own heading.
+    """
+    _set_up(title)
+    choice = choose_study()
+    show_refused()
+    if choice is None:
+        st.title("No study yet")
+        st.write("There are no sample studies beside the app. Open a .zip at the side, or make records:")
+        st.page_link(SIMULATE.path, label=SIMULATE.name)
+        st.page_link(IMPORT.path, label=IMPORT.name)
+        st.stop()
+    key, method = choice
+    try:
+        opened = open_study(key)
+    except JointIdError as error:
+        st.title(title)
+        show_error(error)
+        st.stop()
+    return Page(key, opened.study, opened.digest, method, is_dark())
+
+
+def _say_why(error: JointIdError) -> None:
+    show_error(error)
+    st.write("The records themselves can still be looked at:")
+    st.page_link(RECORDS.path, label=RECORDS.name)

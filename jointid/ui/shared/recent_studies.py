@@ -1,0 +1,78 @@
+"""The studies kept at this address: open, rename, delete, and what the store has to say."""
+
+from __future__ import annotations
+
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.files.store import Entry
+from jointid.markdown_escape import markdown_escape
+from jointid.ui.shared import workspace
+from jointid.ui.shared.messages import show_warning
+
+_MOST_SHOWN = 20
+_NEARLY_FULL = 0.8
+
+
+def show_recent() -> None:
+    """List the workspace's studies, with the notes and problems of the store."""
+    if problem := st.session_state.pop("store_problem", None):
+        show_warning(problem)
+    for note in workspace.notes():
+        show_warning(note.text)
+        st.button("Noted", key=f"noted_{note.id}", on_click=workspace.dismiss, args=(note.id,))
+    kept = workspace.recent()
+    if not kept:
+        return
+    with st.expander(f"Recent studies ({len(kept)})"):
+        for name, entry in list(kept.items())[:_MOST_SHOWN]:
+            _row(name, entry)
+        _say_where(kept)
+
+
+def _row(name: str, entry: Entry) -> None:
+    with st.container(horizontal=True, vertical_alignment="center", gap="small"):
+        st.button(
+            markdown_escape(name),
+            key=f"open_{entry.id}",
+            type="tertiary",
+            width="stretch",
+            on_click=_open,
+            args=(entry.id,),
+        )
+        with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
+            key = f"name_{entry.id}"
+            st.text_input("Name", entry.name, key=key, on_change=_rename, args=(entry.id, key))
+            st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")
+            st.button("Delete", key=f"delete_{entry.id}", on_click=workspace.delete, args=(entry.id,))
+
+
+def _open(entry: str) -> None:
+    st.session_state["chosen"] = entry
+
+
+def _rename(entry: str, key: str) -> None:
+    workspace.rename(entry, st.session_state[key])
+
+
+def _say_where(kept: dict[str, Entry]) -> None:
+    store = workspace.store()
+    try:
+        used = _used(str(store.folder))
+    except JointIdError:
+        return
+    here, all_of_it, limit = (
+        f"{size / 2**20:.1f}"
+        for size in (sum(entry.size_bytes for entry in kept.values()), used, store.limit_bytes)
+    )
+    st.caption(
+        "Kept at this page's address: bookmark it. Who has the address sees these studies. "
+        f"They take {here} MiB; the store on this computer holds {all_of_it} of {limit} MiB."
+    )
+    if used > _NEARLY_FULL * store.limit_bytes:
+        st.warning("The store is nearly full: studies that were not opened for longest will be dropped.")
+
+
+@st.cache_data(ttl=10, show_spinner=False)
+def _used(folder: str) -> int:
+    return workspace.store().size_bytes()

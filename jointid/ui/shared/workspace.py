@@ -1,0 +1,262 @@
+"""The studies that can be chosen: samples on disk, and those kept in the workspace of this address.
+
+Only inputs live here, never results. The address says ?w=<workspace>, from the first study that is kept:
+who has the address has the studies, and nobody else. They outlive the session, the tab and the server.
+What the store cannot take stays in this session, and that is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import streamlit as st
+
+from jointid import JointIdError, Study
+from jointid.files.digest import study_digest
+from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
+from jointid.files.study_files import PeekedTable, load_study, pack_study, peek_study
+
+SAMPLES = Path(__file__).parents[3] / "sample_data"
+_FIRST_SAMPLE = "paper"
+_MOST_OPENED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A study ready to be shown."""
+
+    key: str
+    """Its name in the list of studies."""
+    digest: str
+    study: Study
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A file that could not be opened as a study; its tables can still be looked at."""
+
+    file: str
+    message: str
+    tables: tuple[PeekedTable, ...]
+    """The beginning of each table in it."""
+
+
+def refuse(file: str, error: JointIdError, data: bytes) -> None:
+    """Remember a file that could not be opened, with the beginning of its tables."""
+    try:
+        tables = peek_study(data)
+    except JointIdError:
+        tables = ()
+    st.session_state["refused"] = Refused(file, str(error), tables)
+
+
+def sample_paths() -> dict[str, Path]:
+    """Return the sample studies by key, the paper's first."""
+    found: dict[str, Path] = {}
+    for path in sorted(SAMPLES.iterdir()) if SAMPLES.is_dir() else []:
+        if path.suffix == ".zip" or (path / "study.toml").is_file():
+            found.setdefault(path.stem.replace("_", " "), path)
+    return dict(sorted(found.items(), key=lambda item: item[0] != _FIRST_SAMPLE))
+
+
+def store() -> Store:
+    """Return the store of this computer's user."""
+    return Store(user_folder())
+
+
+def workspace() -> str | None:
+    """Return the workspace of this session, at first from the address; None before anything is kept.
+
+    The address is set again: links between pages drop it.
+    """
+    found: str | None = st.session_state.get("workspace") or st.query_params.get("w")
+    if found is None:
+        return None
+    if not store().known(found):
+        st.session_state.pop("workspace", None)
+        st.query_params.pop("w", None)
+        st.session_state["store_problem"] = (
+            "There is no workspace at this address (?w=…) on this computer: nothing was kept under it, "
+            "or its folder was removed."
+        )
+        return None
+    st.session_state["workspace"] = found
+    say_in_address("w", found)
+    return found
+
+
+def say_in_address(name: str, value: str) -> None:
+    """Set a parameter of the address, where links between pages have dropped it.
+
+    Every setting is a message to the browser, and a place where the next click ends this run.
+    """
+    if st.query_params.get(name) != value:
+        st.query_params[name] = value
+
+
+def recent() -> dict[str, Entry]:
+    """Return the studies kept in this workspace by the name shown, newest first."""
+    place = workspace()
+    if place is None:
+        return {}
+    try:
+        entries = store().entries(place)
+    except JointIdError as error:
+        st.session_state["store_problem"] = str(error)
+        return {}
+    found: dict[str, Entry] = {}
+    taken = {*sample_paths(), *_in_session()}
+    for entry in reversed(entries):
+        found[_free(entry.name, {*taken, *found})] = entry
+    return dict(reversed(found.items()))
+
+
+def notes() -> tuple[Note, ...]:
+    """Return what became of studies of this workspace that are gone."""
+    place = workspace()
+    try:
+        return () if place is None else store().notes(place)
+    except JointIdError:
+        return ()
+
+
+def names_by_address() -> dict[str, str]:
+    """Return what can be chosen: the name shown, by what stands for it in the address (?study=...)."""
+    session = {name: name for name in reversed(_in_session())}
+    samples = {name: name for name in sample_paths()}
+    return session | {entry.id: name for name, entry in recent().items()} | samples
+
+
+def place_for(part: str) -> str | None:
+    """Return where a part of this workspace is kept, see ``store``; None without a workspace."""
+    place = workspace()
+    return None if place is None else part_of(place, part)
+
+
+def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
+    """Write to a part of this workspace; a session without one has one from then on.
+
+    Raises
+    ------
+    JointIdError
+        When the store cannot take it.
+    """
+    place = workspace() or _new_workspace()
+    write(store(), part_of(place, part))
+    st.session_state["workspace"] = place
+    say_in_address("w", place)
+
+
+def _new_workspace() -> str:
+    """Return the workspace that this session is to have; a run that was ended halfway has named it."""
+    place: str = st.session_state.setdefault("workspace_to_be", new_workspace())
+    return place
+
+
+def keep(study: Study, name: str) -> None:
+    """Keep a study in this workspace; the next run of the page shows it."""
+    digest = study_digest(study)
+    place = workspace() or _new_workspace()
+    try:
+        data = pack_study(study, record_format="parquet")
+        st.session_state["chosen"] = store().put(place, name, digest, data).id
+        st.session_state["workspace"] = place
+    except JointIdError as error:
+        st.session_state["store_problem"] = f"{name} is open in this session only. {error}"
+        _keep_in_session(study, name, digest)
+    st.session_state.pop("refused", None)
+
+
+def rename(entry: str, name: str) -> None:
+    """Give a kept study another name."""
+    if place := workspace():
+        try:
+            store().rename(place, entry, name)
+        except JointIdError as error:
+            st.session_state["store_problem"] = str(error)
+
+
+def delete(entry: str) -> None:
+    """Remove a kept study for good."""
+    if place := workspace():
+        try:
+            store().delete(place, entry)
+        except JointIdError as error:
+            st.session_state["store_problem"] = str(error)
+        if st.session_state.get("chosen") == entry:
+            st.session_state["chosen"] = next(iter(sample_paths()), None)
+
+
+def dismiss(note: str) -> None:
+    """Remove a note that was read."""
+    if place := workspace():
+        try:
+            store().dismiss(place, note)
+        except JointIdError as error:
+            st.session_state["store_problem"] = str(error)
+
+
+def open_study(key: str) -> Opened:
+    """Return a study of the list.
+
+    Raises
+    ------
+    JointIdError
+        When a sample or a kept copy cannot be read.
+    """
+    if key in _in_session():
+        return _in_session()[key]
+    place = workspace()
+    if place is not None and (entry := recent().get(key)):
+        store().touch(place, entry)
+        digest, study = _load_kept(str(store().folder), entry.id, entry.checksum, place, entry.digest)
+        return Opened(key, digest, study)
+    path = sample_paths()[key]
+    stamp = (path / "study.toml" if path.is_dir() else path).stat()
+    return _load_sample(key, str(path), stamp.st_mtime_ns, stamp.st_size)
+
+
+@st.cache_resource(max_entries=8, show_spinner="Reading the sample study")
+def _load_sample(key: str, path: str, changed_ns: int, size: int) -> Opened:
+    study = load_study(path)
+    return Opened(key, study_digest(study), study)
+
+
+@st.cache_resource(max_entries=32, show_spinner="Reading the kept study")
+def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str) -> tuple[str, Study]:
+    """Read a study from the store; the entry's id is as random as the workspace's."""
+    study = load_study(store().read(_place, entry))
+    if study_digest(study) != _digest:
+        store().set_aside(_place, entry, "its content is not what was kept")
+        raise JointIdError(
+            "The kept copy of this study is damaged and was set aside: open its file again."
+        )
+    return _digest, study
+
+
+def _in_session() -> dict[str, Opened]:
+    """What the store could not take, oldest first."""
+    opened: dict[str, Opened] = st.session_state.setdefault("opened", {})
+    return opened
+
+
+def _keep_in_session(study: Study, name: str, digest: str) -> None:
+    opened = _in_session()
+    taken = {*sample_paths(), *(key for key, other in opened.items() if other.digest != digest)}
+    key = _free(name, taken)
+    opened.pop(key, None)
+    opened[key] = Opened(key, digest, study)
+    while len(opened) > _MOST_OPENED:
+        del opened[next(iter(opened))]
+    st.session_state["chosen"] = key
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """Return the name, or the first of "name (2)", "name (3)" that is free."""
+    free, number = name, 1
+    while free in taken:
+        number += 1
+        free = f"{name} ({number})"
+    return free

@@ -1,0 +1,78 @@
+"""Tables of what the records and their phasors say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid import Phasors, SineRecord
+from jointid.rounding import significant, with_error
+from jointid.ui.shared.charts import Table
+
+_ROUNDING_S = 1e-9
+"""Uneven time steps below a nanosecond are the rounding of the times themselves."""
+
+
+def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
+    """One row per record: quality of the joint that moves most, and of the clock."""
+    n = phasors.n
+    rows, mover = np.arange(len(records)), np.argmax(np.abs(phasors.q), axis=1)
+    ratio, distortion = phasors.signal_to_noise, phasors.total_harmonic_distortion
+    return {
+        "Record": [r.label or f"record {i}" for i, r in enumerate(records, start=1)],
+        "Hz": [r.frequency_hz for r in records],
+        "Periods": [round(r.periods, 1) for r in records],
+        "Samples": [r.samples for r in records],
+        "S/N θ": [_figure(x) for x in ratio[rows, mover]],
+        "S/N τ": [_figure(x) for x in ratio[rows, n + mover]],
+        "Dist. θ (%)": [_figure(100 * x) for x in distortion[rows, mover]],
+        "Dist. τ (%)": [_figure(100 * x) for x in distortion[rows, n + mover]],
+        "Settl. (%)": [_figure(100 * x) for x in phasors.settling[rows, mover]],
+        "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
+        "Jitter (ms)": [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records],
+    }
+
+
+def phasor_table(phasors: Phasors) -> Table:
+    """One row per record: amplitude and phase of every signal, with ± one standard error."""
+    n = phasors.n
+    z, error = phasors.z, phasors.standard_deviation / np.sqrt(2)  # half of the variance lies along z
+    columns: dict[str, list[object]] = {
+        "Record": list(phasors.labels),
+        "Hz": [significant(f, 5) for f in phasors.omega / (2 * np.pi)],
+    }
+    for k in range(2 * n):
+        # In mrad an angle and its error have fewer zeros, so that a narrow column holds both.
+        name, unit, times = (f"θm{k + 1}", "mrad", 1e3) if k < n else (f"τm{k - n + 1}", "N·m", 1.0)
+        size = np.abs(z[:, k])
+        columns[f"|{name}| ({unit})"] = [
+            with_error(times * a, times * e) for a, e in zip(size, error[:, k], strict=True)
+        ]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.degrees(np.where(size > 0, error[:, k] / size, np.inf))
+        angle = np.degrees(np.angle(z[:, k]))
+        columns[f"∠{name} (°)"] = [
+            with_error(a, e) if e < 60 else "–" for a, e in zip(angle, turn, strict=True)
+        ]
+    return columns
+
+
+def phasor_columns(phasors: Phasors) -> Table:
+    """The phasors for a file: a (sine) and b (cosine) part of every signal, their standard error."""
+    n = phasors.n
+    columns: dict[str, list[object]] = {
+        "record": list(phasors.labels),
+        "frequency_hz": (phasors.omega / (2 * np.pi)).tolist(),
+    }
+    for k in range(2 * n):
+        name, unit = (f"theta_m{k + 1}", "rad") if k < n else (f"tau_m{k - n + 1}", "Nm")
+        columns[f"{name}_a_{unit}"] = phasors.z[:, k].real.tolist()
+        columns[f"{name}_b_{unit}"] = phasors.z[:, k].imag.tolist()
+        error = phasors.standard_deviation[:, k] / np.sqrt(2)
+        columns[f"{name}_standard_error_{unit}"] = error.tolist()
+    return columns
+
+
+def _figure(value: float) -> str:
+    return "–" if np.isnan(value) else significant(float(value), 2)

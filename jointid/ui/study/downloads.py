@@ -1,0 +1,175 @@
+"""What a person takes away: the report, results for other tools, the study itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from typing import Literal
+
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid import Analysis, JointIdError
+from jointid.arrays import Floats
+from jointid.exporting import (
+    Identification,
+    identification,
+    mujoco_snippet,
+    phasor_table,
+    sdf_snippet,
+    to_json,
+    to_mat,
+    to_toml,
+    transfer_matrix_table,
+    urdf_snippet,
+)
+from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.ui.shared.background import aside
+from jointid.ui.shared.messages import show_error
+from jointid.ui.study.uncertainty_panels import steps_at
+
+_MOST_REPORTS = 8
+
+_SNIPPETS = {
+    "MuJoCo": (".xml", mujoco_snippet),
+    "URDF": (".urdf", urdf_snippet),
+    "SDF": (".sdf", sdf_snippet),
+}
+
+
+@dataclass(frozen=True)
+class MadeReport:
+    """A report, set for the screen and for paper."""
+
+    html: str
+    pdf: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What an analysis gives to other tools."""
+
+    identification: Identification
+    json: str
+    toml: str
+    phasors: str
+    transfer: str
+    """Only a header when the records allow no transfer matrix."""
+    mat: bytes
+
+
+@st.cache_resource(max_entries=64, show_spinner="Writing the files")
+def results(digest: str, method: str, _analysis: Analysis) -> Results:
+    """Write the files of an analysis."""
+    found = identification(_analysis)
+    return Results(
+        identification=found,
+        json=to_json(found),
+        toml=to_toml(found),
+        phasors=phasor_table(_analysis),
+        transfer=transfer_matrix_table(_analysis),
+        mat=to_mat(_analysis),
+    )
+
+
+def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, str]]:
+    """Return each simulator's file ending and text, by the simulator's name."""
+    return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
+
+
+@st.cache_resource(show_spinner=False)
+def _reports() -> dict[tuple[str, str], MadeReport]:
+    return {}
+
+
+def made_report(digest: str, method: str) -> MadeReport | None:
+    """Return a report that was made before."""
+    return _reports().get((digest, method))
+
+
+def write_report(
+    digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
+) -> MadeReport:
+    """Make the report and keep it; a function that shows progress cannot be cached by itself."""
+    report = aside(make_report, analysis, progress=lambda done, what: progress(0.6 * done, what))
+    progress(0.6, "Setting the pages for the screen")
+    html = aside(to_html, report)
+    paper = "Setting the pages for paper"
+    progress(0.65, paper)
+    pdf = aside(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
+    made = MadeReport(html, pdf)
+    kept = _reports()
+    kept[digest, method] = made
+    while len(kept) > _MOST_REPORTS:
+        kept.pop(next(iter(kept)), None)
+    return made
+
+
+def offer_report(place: DeltaGenerator, *, at_work: bool) -> None:
+    """Draw the button; it stays while the report is made, but cannot be pressed then."""
+    place.button(
+        "Make the report",
+        type="primary",
+        key="make_report",
+        disabled=at_work,
+        on_click=lambda: st.session_state.update(report_asked=True),
+    )
+
+
+def asked_for_report() -> bool:
+    """Whether this run was asked to make the report; it is asked once."""
+    return bool(st.session_state.pop("report_asked", False))
+
+
+def make_report_at(
+    place: DeltaGenerator, digest: str, method: str, analysis: Analysis, stem: str
+) -> None:
+    """Make the report, with progress by step and a way to stop, and show it."""
+    with place.container():
+        bar = st.progress(0.0, "Preparing")
+        st.button("Stop", key="stop_report", help="Ends the work; nothing is kept of it.")
+    try:
+        made = write_report(digest, method, analysis, steps_at(bar))
+    except JointIdError as error:
+        show_error(error, place)
+    else:
+        show_report(place, made, stem)
+
+
+def show_report(place: DeltaGenerator, made: MadeReport, stem: str) -> None:
+    """Offer a report as files and for a look."""
+    with place.container():
+        with st.container(horizontal=True):
+            download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
+            download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
+        with st.expander("Look at it"):
+            preview(made.html, height=700)
+
+
+def preview(html: str, *, height: int) -> None:
+    """Show a report on the page, in a frame that can neither run scripts nor reach the app."""
+    style = f"border:0;width:100%;height:{height}px;display:block"
+    frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
+    st.iframe(f'<body style="margin:0">{frame}</body>', height=height)
+
+
+def download(
+    label: str,
+    data: str | bytes | Callable[[], bytes],
+    file_name: str,
+    mime: str,
+    *,
+    kind: Literal["primary", "secondary"] = "secondary",
+    hint: str | None = None,
+) -> None:
+    """Draw a button that saves a file and leaves the page as it is."""
+    st.download_button(
+        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
+    )
+
+
+def file_stem(name: str) -> str:
+    """Return a study's name as the beginning of a file name."""
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

@@ -1,0 +1,111 @@
+"""The estimators side by side, and the linear problem for those who look."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, ElasticityFit
+from jointid.estimation.candidates import Candidate
+from jointid.rounding import plain, significant, with_error
+from jointid.ui.shared.cached import ESTIMATORS
+from jointid.ui.shared.charts import Table, table
+from jointid.ui.shared.messages import show_text_table
+
+
+def show_estimates(analysis: Analysis) -> None:
+    """One row per estimator, the chosen one first."""
+    st.caption(
+        f"Shown on every page: **{analysis.fit.method}**; the sidebar chooses another. ± is one "
+        "standard error: the noise of the phasors carried through the estimator, widened where noise "
+        "does not explain the rest."
+    )
+    show_text_table(estimates_table(analysis))
+    with st.expander("What each estimator is"):
+        st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
+        st.markdown(
+            "The D formula that the paper prints as (15) weights the records differently from its "
+            "pseudo-inverse (13)–(14). Both are exact without noise."
+        )
+
+
+def show_also_fitted(fit: ElasticityFit) -> None:
+    """What was found together with K and D: friction, delay, and which models were compared."""
+    if fit.friction is not None:
+        n, friction = fit.n, fit.friction
+        error = friction.standard_error
+        st.write("Friction at the motors, fitted together with K and D:")
+        columns = {
+            "": [f"joint {j + 1}" for j in range(n)],
+            "Coulomb (N·m)": [with_error(friction.coulomb[j], error[j]) for j in range(n)],
+            "Viscous (N·m·s/rad)": [with_error(friction.viscous[j], error[n + j]) for j in range(n)],
+        }
+        show_text_table(columns)
+    if fit.delay is not None:
+        delay = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
+        st.write(f"The torque lags by {delay} ms beyond what the records state.")
+    if fit.candidates:
+        with st.expander("Which models were compared"):
+            _show_candidates(fit.candidates)
+
+
+def _show_candidates(candidates: Sequence[Candidate]) -> None:
+    st.write(
+        "The model with the smallest criterion is taken: what is left unexplained, plus a price for "
+        "every parameter. Around a reversal a motor may stick, and its friction is then unknown: "
+        '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at '
+        "the price of many parameters."
+    )
+    show_text_table(
+        {
+            "Model": [c.name + (" (taken)" if c.chosen else "") for c in candidates],
+            "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
+            "Left over / noise": [_left_over(c) for c in candidates],
+            "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
+        }
+    )
+
+
+def _left_over(candidate: Candidate) -> str:
+    if candidate.problem or candidate.expected_cost <= 0:
+        return "–"
+    return significant(float(np.sqrt(candidate.cost / candidate.expected_cost)), 2)
+
+
+def estimates_table(analysis: Analysis) -> Table:
+    """K, D ± standard error of every estimator, and the nominal values."""
+    fits = {analysis.fit.method: analysis.fit} | dict(analysis.fits)
+    nominal = analysis.study.nominal
+    n = analysis.fit.n
+    columns: dict[str, list[object]] = {"Estimator": [*fits]}
+    for k in range(2 * n):
+        name = f"K{k + 1} (N·m/rad)" if k < n else f"D{k - n + 1} (N·m·s/rad)"
+        values = [np.concatenate([fit.K, fit.D])[k] for fit in fits.values()]
+        errors = [fit.standard_error[k] for fit in fits.values()]
+        columns[name] = [with_error(v, e) for v, e in zip(values, errors, strict=True)]
+        if nominal is not None:
+            columns[name].append(plain(float(np.concatenate([nominal.K, nominal.D])[k])))
+    columns["Left over / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
+    if nominal is not None:
+        columns["Estimator"].append("nominal")
+        columns["Left over / noise"].append("–")
+    return columns
+
+
+def show_matrix(fit: ElasticityFit) -> None:
+    """Equation (12) with its condition, and the correlation of the estimates."""
+    st.write(
+        f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With columns of "
+        f"unit length its condition number is {significant(fit.condition, 3)}. Near 1, K and D are "
+        "told apart well."
+    )
+    A, b = fit.equations.matrix()
+    names = [name for j in range(1, fit.n + 1) for name in (f"D{j}", f"K{j}")]
+    table({name: A[:, k].tolist() for k, name in enumerate(names)} | {"b": b.tolist()}, height=300)
+    st.write("Correlation of the estimates:")
+    order = [f"K{j + 1}" for j in range(fit.n)] + [f"D{j + 1}" for j in range(fit.n)]
+    rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
+    columns = {name: [row[k] for row in rows] for k, name in enumerate(order)}
+    show_text_table({"": order} | columns)

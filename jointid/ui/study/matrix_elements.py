@@ -1,0 +1,81 @@
+"""Choosing an element of the transfer matrix, and the matrix as a table."""
+
+from __future__ import annotations
+
+import numpy as np
+import streamlit as st
+
+from jointid import TransferMatrix
+from jointid.figures import torque_condition
+from jointid.rounding import significant, with_error
+from jointid.ui.shared.charts import Table, plot, table
+from jointid.ui.shared.messages import show_info
+
+
+def choose_pose(poses: list[str]) -> str:
+    """Ask for the pose when there are several."""
+    if len(poses) == 1:
+        return poses[0]
+    return st.selectbox(
+        "Pose",
+        poses,
+        format_func=lambda pose: pose or "as in [inertia]",
+        key="pose",
+        bind="query-params",
+        help="K and D do not depend on the pose; the arm's inertia, and so H, does.",
+    )
+
+
+def choose_element(n: int) -> tuple[int, int]:
+    """Ask which element of H to look at: the diagonal ones, then one of each symmetric pair."""
+    if n == 1:
+        return 0, 0
+    pairs = [(j, j) for j in range(n)] + [(i, j) for i in range(n) for j in range(i + 1, n)]
+    names = [f"H{i + 1}{j + 1}" + ("" if i == j else f" and H{j + 1}{i + 1}") for i, j in pairs]
+    shown = st.segmented_control(
+        "Element",
+        names,
+        default=names[0],
+        required=True,
+        key="element",
+        bind="query-params",
+        help="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
+        "On the diagonal a motor's own torque acts.",
+    )
+    return pairs[names.index(shown or names[0])]
+
+
+def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
+    """Condition and reciprocity over frequency, what was rejected, and the matrix as numbers."""
+    if matrix.H.shape[1] > 1:
+        st.subheader("How well H is known", anchor=False)
+        st.write(
+            "A condition number of 1 means that the records' torques are as different as can be; at "
+            "100 their noise is amplified about a hundredfold. The reciprocity error is the largest "
+            "difference between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
+        )
+        what = "Condition number and reciprocity error over frequency"
+        plot(torque_condition(matrix, dark=dark), what)
+    for text in matrix.rejected:
+        show_info(text)
+    table(matrix_table(matrix))
+    st.caption("As measured. |H| in 1/(kg·m²) with ± one standard error.")
+
+
+def matrix_table(matrix: TransferMatrix) -> Table:
+    """One row per frequency: magnitude of every element with its standard error, phase, condition."""
+    n = matrix.H.shape[1]
+    columns: dict[str, list[object]] = {"Hz": [significant(f, 5) for f in matrix.omega / (2 * np.pi)]}
+    error = matrix.standard_deviation / np.sqrt(2)
+    for i in range(n):
+        for j in range(n):
+            size = np.abs(matrix.H[:, i, j])
+            columns[f"|H{i + 1}{j + 1}|"] = [
+                with_error(a, e) for a, e in zip(size, error[:, i, j], strict=True)
+            ]
+            angle = np.degrees(np.angle(matrix.H[:, i, j]))
+            columns[f"∠H{i + 1}{j + 1} (°)"] = [f"{a:.1f}".replace("-", "−") for a in angle]
+    if n > 1:
+        columns["Condition"] = [significant(c, 3) for c in matrix.condition]
+        columns["Reciprocity (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]
+    return columns

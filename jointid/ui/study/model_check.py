@@ -1,0 +1,131 @@
+"""Does the model hold: prediction of what was left out, residuals, harmonics, poses, amplitudes."""
+
+from __future__ import annotations
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, JointIdError
+from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
+from jointid.rounding import significant, with_error
+from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.messages import show_info, show_note, show_text_table
+from jointid.ui.shared.page import Page
+from jointid.ui.study.uncertainty_panels import names_of
+from jointid.uncertainty.poses import PoseFits, fits_by_pose
+from jointid.uncertainty.validation import (
+    Prediction,
+    amplitude_dependence,
+    harmonic_content,
+    predict_left_out,
+    record_residuals,
+)
+
+
+@st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
+def _prediction(digest: str, method: str, _analysis: Analysis) -> Prediction:
+    inertias = _analysis.study.inertias
+    if any(inertia is not inertias[0] for inertia in inertias):
+        raise JointIdError(
+            "The records come from several poses, so that there is no single H to predict."
+        )
+    return predict_left_out(_analysis.phasors, inertias[0], _analysis.fit)
+
+
+@st.cache_resource(max_entries=64, show_spinner="Fitting every pose alone")
+def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
+    study = _analysis.study
+    poses = [record.pose for record in study.records]
+    return fits_by_pose(_analysis.phasors, study.inertias, poses, _analysis.fit)
+
+
+def show_model_holds(page: Page, analysis: Analysis) -> None:
+    """Prediction, residuals and harmonics; amplitudes when a study has several."""
+    st.markdown("**Prediction of what was left out**")
+    try:
+        prediction = _prediction(page.digest, page.method, analysis)
+    except JointIdError as error:
+        show_info(error)
+    else:
+        apart = significant(100 * float(np.median(prediction.relative_error)), 2)
+        times = significant(float(np.sqrt(prediction.misfit)), 2)
+        st.caption(
+            "K and D are fitted to every second frequency and predict H at the others, and the other "
+            f"way round. Median difference {apart} %: {times} times what the error bars explain, about "
+            "1 when the model holds."
+        )
+        what = "Measured and predicted H over frequency, and their relative difference"
+        plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
+
+    st.markdown("**Residual of each record**")
+    residuals = record_residuals(analysis.phasors, analysis.fit)
+    record, joint = residuals.worst
+    show_note(
+        "Torque left unexplained over what noise makes of it: about 1 when the model holds, seldom "
+        f"above 3. Largest: {residuals.labels[record]}, joint {joint + 1}."
+    )
+    plot(
+        normalised_residuals(residuals, dark=page.dark),
+        "Normalised residual of every record",
+        key="residuals",
+    )
+    _show_harmonics(page, analysis)
+    _show_amplitudes(analysis)
+
+
+def _show_harmonics(page: Page, analysis: Analysis) -> None:
+    try:
+        content = harmonic_content(analysis.phasors)
+    except JointIdError as error:
+        show_info(error)
+        return
+    st.markdown("**Harmonics of the torques**")
+    st.caption(
+        "Linear springs put nothing at multiples of the excitation. Odd harmonics tell of friction, "
+        "even ones of play or a lopsided load. Pale: not told from noise."
+    )
+    n = analysis.fit.n
+    for j, place in enumerate(side_by_side(n)):
+        with place:
+            st.markdown(f"Joint {j + 1}")
+            figure = harmonic_bars(content, n + j, analysis.phasors.labels, dark=page.dark)
+            plot(figure, f"Harmonics of the torque of joint {j + 1}", key=f"harmonics{j}")
+
+
+def _show_amplitudes(analysis: Analysis) -> None:
+    found = amplitude_dependence(analysis.fit)
+    told = np.flatnonzero(np.isfinite(found.standard_error))
+    if not told.size:
+        return
+    st.markdown("**Stiffness over amplitude**")
+    lines = []
+    for j in told:
+        low, high = (significant(1e3 * float(x), 2) for x in found.deflection_rad[j])
+        change = with_error(100 * float(found.change[j]), 100 * float(found.standard_error[j]))
+        lines.append(f"- Joint {j + 1}: {change} % from {low} to {high} mrad of deflection.")
+    st.markdown("\n".join(lines))
+
+
+def show_poses(page: Page, analysis: Analysis) -> None:
+    """K and D of each pose alone: they should not depend on it."""
+    try:
+        fits = _pose_fits(page.digest, page.method, analysis)
+    except JointIdError as error:
+        show_info(error)
+        return
+    st.write(
+        "K and D do not depend on the pose. Where they seem to, M2 of a pose is off or the gear "
+        "hardens. Distance: of the poses from their mean, in standard errors; about 1 when they agree."
+    )
+    columns: dict[str, list[str]] = {
+        "Pose": [*(name or "as in [inertia]" for name in fits.names), "Distance"]
+    }
+    for k, name in enumerate(names_of(analysis)):
+        pairs = zip(fits.estimates[:, k], fits.standard_error[:, k], strict=True)
+        columns[name] = [
+            *(with_error(v, e) for v, e in pairs),
+            significant(float(fits.significance[k]), 2),
+        ]
+    show_text_table(columns)
+    for problem in fits.problems:
+        show_info(problem)

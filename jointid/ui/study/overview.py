@@ -1,0 +1,138 @@
+"""The pieces of the first screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import streamlit as st
+
+from jointid import Elasticity, ElasticityFit, Finding, Study
+from jointid.answer import without
+from jointid.files.study_files import pack_study
+from jointid.markdown_escape import markdown_escape
+from jointid.rounding import plain, significant, with_error
+from jointid.ui.shared.method_steps import METHOD
+from jointid.wording import counted
+
+_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
+_BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
+_MOST_FINDINGS = 3
+_TILE_GAP = 16  # px, streamlit's
+_TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
+
+
+def show_heading(study: Study) -> None:
+    """Name, where it comes from, and what it holds."""
+    st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
+    f = sorted(record.frequency_hz for record in study.records)
+    band = f"{plain(round(f[0], 3))} Hz"
+    if f[-1] > f[0] * 1.001:
+        band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
+    facts = [
+        f":gray-badge[{_ORIGINS[study.origin]}]",
+        counted(len(study.records), "record"),
+        counted(study.inertia.n, "joint"),
+        band,
+    ]
+    if len(poses := {record.pose for record in study.records}) > 1:
+        facts.append(counted(len(poses), "pose"))
+    st.markdown(" &nbsp;·&nbsp; ".join(facts))
+    if study.description:
+        st.caption(markdown_escape(study.description))
+
+
+def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
+    """K and D of every joint with ± one standard error, against what the controller assumes."""
+    n = fit.n
+    if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
+        with st.container(horizontal=True):
+            for j in range(n):
+                with st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
+                    for quantity in "KD":
+                        _tile(fit, nominal, quantity, j)
+        return
+    for quantity in "KD":
+        with st.container(horizontal=True):
+            for j in range(n):
+                _tile(fit, nominal, quantity, j)
+
+
+def _tile(fit: ElasticityFit, nominal: Elasticity | None, quantity: str, j: int) -> None:
+    stiffness = quantity == "K"
+    value = float((fit.K if stiffness else fit.D)[j])
+    error = float(fit.standard_error[j if stiffness else fit.n + j])
+    unit = "N·m/rad" if stiffness else "N·m·s/rad"
+    assumed = None
+    if nominal is not None:
+        reference = float((nominal.K if stiffness else nominal.D)[j])
+        assumed = f"nominal {plain(reference)}"
+        if reference > 0:
+            assumed += f" ({_change(value / reference - 1, error / reference)})"
+    what = "Stiffness" if stiffness else "Damping"
+    st.metric(
+        f"{quantity}{j + 1} ({unit})",
+        with_error(value, error),
+        assumed,
+        delta_color="off",
+        delta_arrow="off",
+        border=True,
+        width=_TILE_WIDTH,
+        help=f"{what} of joint {j + 1} seen from the motor, ± one standard error from noise alone; what "
+        "inertias that are off add stands below. "
+        "Nominal is what the controller assumes today.",
+    )
+
+
+def _change(ratio: float, error: float) -> str:
+    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
+    if abs(ratio) <= 2 * error:
+        return "agrees"
+    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
+    return f"{'+' if ratio > 0 else '−'}{size} %"
+
+
+def show_findings(findings: Sequence[Finding]) -> None:
+    """At most three findings, most important first; the others on demand."""
+    for finding in findings[:_MOST_FINDINGS]:
+        _finding(finding)
+    if rest := findings[_MOST_FINDINGS:]:
+        with st.expander(counted(len(rest), "more finding")):
+            for finding in rest:
+                _finding(finding)
+
+
+def _finding(finding: Finding) -> None:
+    box = _BOXES[finding.level]
+    remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
+    box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
+
+
+def freed_note(fit: ElasticityFit) -> str:
+    """Say what "without friction" means in a figure's legend, when it stands there."""
+    words = without(fit)
+    return (
+        f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
+        if words
+        else ""
+    )
+
+
+def show_steps(study: Study) -> None:
+    """The way on: each step of the method in a line, and the study as a file."""
+    for step in METHOD:
+        name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
+        name.page_link(step.path, label=f"**{step.name}**")
+        line.caption(step.line)  # a link's label is cut off where it is too long for a phone
+    st.download_button(
+        "Save this study (.zip)",
+        data=lambda: pack_study(study),
+        file_name=f"{_file_name(study.name)}.zip",
+        mime="application/zip",
+        on_click="ignore",
+        help="study.toml and one CSV table per record: readable without this software.",
+    )
+
+
+def _file_name(name: str) -> str:
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

@@ -1,0 +1,268 @@
+"""The next experiment by form: limits in, suggested records out, and a plan of one's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, ElasticityFit, Inertia, JointIdError
+from jointid.arrays import Complexes, Floats
+from jointid.rounding import significant, with_error
+from jointid.ui.shared.background import aside
+from jointid.ui.shared.charts import Table
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.uncertainty.plan import (
+    PlannedRecords,
+    PredictedErrors,
+    Suggestion,
+    planned_records,
+    predict_standard_errors,
+    suggest_records,
+)
+
+_NO_POSE = "as in [inertia]"
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """What the next records may be."""
+
+    count: int
+    seconds: float
+    torque_Nm: tuple[float, ...]
+    """Largest torque amplitude of each joint, friction included."""
+    velocity_rad_s: tuple[float, ...]
+    """Largest velocity amplitude of each joint, of motor and arm, seen from the motor."""
+    pose: str = ""
+
+
+def ask(analysis: Analysis, digest: str) -> PlanSettings:
+    """Draw the form; the limits are at first the largest amplitudes of the study.
+
+    Raises
+    ------
+    JointIdError
+        When what was entered is no list of positive numbers.
+    """
+    study, n = analysis.study, analysis.fit.n
+    torque, velocity = largest_so_far(analysis)
+    with st.form("plan", border=False):
+        one, two, three, four = st.columns(4)
+        count = one.number_input("Records", 1, 50, 3, key="plan_count", bind="query-params")
+        seconds = two.number_input(
+            "Seconds each", 0.1, 600.0, 4.0, 1.0, format="%g", key="plan_seconds", bind="query-params"
+        )
+        # A study's limits are its own: the key holds its digest.
+        torques = three.text_input(
+            "Largest torques (N·m)",
+            ", ".join(f"{x:.3g}" for x in torque),
+            key=f"plan_torque_{digest[:12]}",
+            help="One per joint: amplitudes at the motors, friction included. At first the largest "
+            "of the study.",
+        )
+        velocities = four.text_input(
+            "Largest velocities (rad/s)",
+            ", ".join(f"{x:.3g}" for x in velocity),
+            key=f"plan_velocity_{digest[:12]}",
+            help="One per joint: amplitudes of motor and arm, seen from the motor. At first the largest "
+            "of the study.",
+        )
+        pose = ""
+        if study.poses:
+            used = {record.pose or "" for record in study.records}
+            poses = [*(("",) if "" in used else ()), *study.poses]
+            pose = st.selectbox("Pose", poses, format_func=lambda p: p or _NO_POSE, key="plan_pose")
+        st.form_submit_button("Suggest", type="primary")
+    limits = (
+        numbers_in("Largest torques", torques, count=n),
+        numbers_in("Largest velocities", velocities, count=n),
+    )
+    if min(*limits[0], *limits[1]) <= 0 or not np.isfinite(limits).all():
+        raise JointIdError("The largest torques and velocities must be positive numbers.")
+    return PlanSettings(int(count), float(seconds), *limits, pose=pose)
+
+
+def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
+    """Largest amplitudes of torque, and of velocity of motor or arm, each of shape (n,)."""
+    fit, omega = analysis.fit, analysis.phasors.omega[:, None]
+    arm = fit.phasors.q - fit.equations.deflection
+    speed = omega * np.maximum(np.abs(fit.phasors.q), np.abs(arm))
+    return np.abs(analysis.phasors.tau).max(axis=0), speed.max(axis=0)
+
+
+def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
+    """Return the inertia that planned records have."""
+    return analysis.study.poses[pose] if pose else analysis.study.inertia
+
+
+@st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
+def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
+    """Choose the records that would cut the worst error bar most."""
+    return aside(
+        suggest_records,
+        _analysis.phasors,
+        _analysis.study.inertias,
+        _analysis.fit,
+        count=settings.count,
+        duration_s=settings.seconds,
+        torque_limit_Nm=settings.torque_Nm,
+        velocity_limit_rad_s=settings.velocity_rad_s,
+        highest_hz=0.25 / max(record.interval_s for record in _analysis.study.records),
+        planned_inertia=pose_inertia(_analysis, settings.pose),
+    )
+
+
+def suggested_table(found: Suggestion) -> Table:
+    """One row per record, for reading."""
+    records, n = found.records, found.records.torque_Nm.shape[1]
+    turned = _from_first_joint(records.torque_Nm)
+    columns: dict[str, list[object]] = {
+        "Frequency (Hz)": [significant(f, 4) for f in records.frequency_hz.tolist()]
+    }
+    for j in range(n):
+        columns[f"Torque {j + 1} (N·m)"] = [_phasor(y) for y in turned[:, j].tolist()]
+    for j in range(n):
+        velocity = records.velocity_rad_s[:, j].tolist()
+        columns[f"Velocity {j + 1} (rad/s)"] = [significant(v, 3) for v in velocity]
+    columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
+    worst = found.relative_error.argmax(axis=1)[1:]
+    columns["Worst error after it"] = [
+        f"{found.names[k]} ± {significant(100 * e, 2)} %"
+        for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
+    ]
+    return columns
+
+
+def suggested_columns(found: Suggestion) -> Table:
+    """The same as plain numbers with motor angles, for a file."""
+    records = found.records
+    columns: dict[str, list[float]] = {"frequency_hz": records.frequency_hz.tolist()}
+    reference = _first_phase(records.torque_Nm)[:, None]
+    for what, values in (("torque", records.torque_Nm), ("angle", records.angle_rad)):
+        turned = values * np.exp(-1j * reference)
+        unit = "Nm" if what == "torque" else "rad"
+        for j in range(values.shape[1]):
+            columns[f"{what}_m{j + 1}_{unit}"] = np.abs(turned[:, j]).tolist()
+            columns[f"{what}_m{j + 1}_phase_deg"] = _degrees(turned[:, j]).tolist()
+    for j, speed in enumerate(records.velocity_rad_s.T):
+        columns[f"velocity_m{j + 1}_rad_s"] = speed.tolist()
+    columns["duration_s"] = records.duration_s.tolist()
+    columns["worst_relative_error_after"] = found.worst[1:].tolist()
+    return columns
+
+
+def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
+    """Let a plan be edited that begins as the suggestion; rows can be added and deleted."""
+    start: dict[str, list[float]] = {
+        "Frequency (Hz)": [float(f"{f:.4g}") for f in found.records.frequency_hz],
+        "Length (s)": found.records.duration_s.tolist(),
+    }
+    turned = _from_first_joint(found.records.torque_Nm)
+    for j in range(turned.shape[1]):
+        start[f"Torque {j + 1} (N·m)"] = [float(f"{x:.3g}") for x in np.abs(turned[:, j])]
+        start[f"Phase {j + 1} (°)"] = [float(round(x)) for x in _degrees(turned[:, j])]
+    number = st.column_config.NumberColumn
+    edited = st.data_editor(
+        start,
+        num_rows="dynamic",
+        hide_index=True,
+        key=f"own_plan_{digest[:12]}",
+        column_config={name: number(format="%g", required=True) for name in start},
+        alt="A plan of your own",
+    )
+    return {str(name): list(values) for name, values in dict(edited).items()}
+
+
+def predicted(
+    page: Page, columns: dict[str, list[float | None]], analysis: Analysis, pose: str
+) -> PredictedErrors:
+    """Predict what an edited plan would tell.
+
+    Raises
+    ------
+    JointIdError
+        When a cell is empty, or the plan is no experiment.
+    """
+    table = {name: tuple(_number(v) for v in values) for name, values in columns.items()}
+    if not len(table["Frequency (Hz)"]):
+        raise JointIdError("The plan has no records: add a row.")
+    for name, values in table.items():
+        if np.isnan(values).any():
+            row = int(np.flatnonzero(np.isnan(values))[0]) + 1
+            raise JointIdError(f"Row {row} of the plan: {name} is empty.")
+    return _predicted(page.digest, page.method, pose, table, analysis)
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def _predicted(
+    digest: str, method: str, pose: str, table: dict[str, tuple[float, ...]], _analysis: Analysis
+) -> PredictedErrors:
+    n, inertia = _analysis.fit.n, pose_inertia(_analysis, pose)
+    amplitude, phase = (
+        np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(n)], axis=1)
+        for what, unit in (("Torque", "N·m"), ("Phase", "°"))
+    )
+    plan: PlannedRecords = planned_records(
+        inertia,
+        _analysis.fit.elasticity,
+        table["Frequency (Hz)"],
+        torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
+        duration_s=table["Length (s)"],
+    )
+    return aside(
+        predict_standard_errors,
+        plan,
+        _analysis.phasors,
+        _analysis.study.inertias,
+        _analysis.fit,
+        planned_inertia=inertia,
+    )
+
+
+def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
+    """Error bars today, as everywhere else, with the plan alone, and with both."""
+    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
+    columns: dict[str, list[str]] = {"": [f"{name} ({units[name[0]]})" for name in errors.names]}
+    columns["Today"] = [
+        with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
+    ]
+    for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
+        columns[name] = [
+            f"± {significant(float(e), 2)}" if np.isfinite(e) else "cannot tell" for e in values
+        ]
+    return columns
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+def _first_phase(torque: Complexes) -> Floats:
+    """Phase of the first joint that is driven, by record."""
+    driven = np.abs(torque) > 1e-6 * np.abs(torque).max(axis=1, keepdims=True)
+    first = driven.argmax(axis=1)
+    return np.asarray(np.angle(torque[np.arange(first.size), first]))
+
+
+def _from_first_joint(torque: Complexes) -> Complexes:
+    """Only the phases between the joints matter: the first driven one gets 0."""
+    turned = torque * np.exp(-1j * _first_phase(torque))[:, None]
+    small = np.abs(turned) < 1e-6 * np.abs(turned).max(axis=1, keepdims=True)
+    return np.asarray(np.where(small, 0.0, turned))
+
+
+def _degrees(values: Complexes) -> Floats:
+    """Phase, with −180° and −0° written as 180° and 0°."""
+    angle = np.degrees(np.angle(values))
+    return np.asarray(np.where(angle < -179.5, angle + 360, angle) + 0.0)
+
+
+def _phasor(value: complex) -> str:
+    size = abs(value)
+    if size == 0:
+        return "0"
+    angle = float(_degrees(np.array([value]))[0])
+    return f"{significant(size, 3)} ∠ {round(angle) + 0}°".replace("-", "−")

@@ -1,0 +1,163 @@
+"""A simulated robot by form: what was entered becomes a study."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid import (
+    Controller,
+    Elasticity,
+    Excitation,
+    Inertia,
+    JointIdError,
+    Measurement,
+    MotorFriction,
+    Study,
+    simulate_records,
+)
+from jointid.rounding import plain
+from jointid.ui.shared.background import aside
+from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
+
+_RECORDS = {
+    "All joints, another phase each time": "orthogonal",
+    "One joint at a time, the others held": "one-at-a-time",
+}
+_M2 = "0.004104, 0.000395; 0.000395, 0.001889"
+_M2_HELP = (
+    "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
+    "needs because the other accelerates. Motor side: divided by both gear ratios."
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A robot and its experiments."""
+
+    inertia: Inertia
+    elasticity: Elasticity
+    frequencies_hz: tuple[float, ...]
+    pattern: str
+    seconds: float
+    bandwidth_hz: float
+    coulomb_Nm: tuple[float, ...]
+    viscous_Nms: tuple[float, ...]
+    encoder_counts: int | None
+    torque_noise_Nm: float
+    seed: int
+
+
+def ask() -> Settings | None:
+    """Draw the form and return its settings when it was sent.
+
+    Raises
+    ------
+    JointIdError
+        When what was entered is no robot or no experiment.
+    """
+    with st.form("simulate", border=False):
+        left, right = st.columns(2)
+        with left:
+            st.markdown("**The robot, seen from the motors**")
+            K = _text("Stiffness K (N·m/rad), one per joint", "43, 7.5", "K")
+            D = _text("Damping D (N·m·s/rad)", "0.10, 0.015", "D")
+            M = _text("Rotor inertias M (kg·m²)", "0.0025, 0.0010", "M")
+            M2 = _text("Arm inertia M2 (kg·m²), rows separated by ;", _M2, "M2", _M2_HELP)
+            coulomb = _text(
+                "Coulomb friction (N·m)", "0.02, 0.01", "coulomb", "Constant, against the motion."
+            )
+            viscous = _text(
+                "Viscous friction (N·m·s/rad)", "0, 0", "viscous", "Grows with the velocity."
+            )
+        with right:
+            st.markdown("**The experiments**")
+            one, two = st.columns(2)
+            first = _number(one, "First frequency (Hz)", 3.0, (0.05, 1000.0), "first")
+            last = _number(two, "Last frequency (Hz)", 30.0, (0.05, 1000.0), "last")
+            one, two = st.columns(2)
+            count = _count(one, "Frequencies", 16, (1, 60), "count")
+            seconds = _number(two, "Length of a record (s)", 4.0, (0.2, 60.0), "seconds")
+            pattern = st.selectbox(
+                "Who moves", list(_RECORDS), key="sim_pattern", persist_state="session"
+            )
+            one, two = st.columns(2)
+            noise = _number(one, "Torque noise (N·m)", 0.02, (0.0, 10.0), "noise")
+            counts = _count(two, "Encoder counts per turn, 0: ideal", 65536, (0, 2**24), "counts")
+            one, two = st.columns(2)
+            bandwidth = _number(one, "Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0), "bandwidth")
+            seed = _count(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
+        if not st.form_submit_button("Simulate", type="primary"):
+            return None
+    if last < first:
+        raise JointIdError(
+            f"Last frequency {last:g} Hz lies below the first, {first:g} Hz: exchange them."
+        )
+    rotors = numbers_in("Rotor inertias M", M)
+    joints = len(rotors)
+    return Settings(
+        inertia=Inertia(rotors, matrix_in("Arm inertia M2", M2)),
+        elasticity=Elasticity(numbers_in("Stiffness K", K), numbers_in("Damping D", D)),
+        frequencies_hz=tuple(np.geomspace(first, last, int(count)).round(4).tolist()),
+        pattern=_RECORDS[pattern],
+        seconds=float(seconds),
+        bandwidth_hz=float(bandwidth),
+        coulomb_Nm=numbers_in("Coulomb friction", coulomb, count=joints),
+        viscous_Nms=numbers_in("Viscous friction", viscous, count=joints),
+        encoder_counts=int(counts) or None,
+        torque_noise_Nm=float(noise),
+        seed=int(seed),
+    )
+
+
+def simulated_study(settings: Settings, progress: Callable[[float], None]) -> Study:
+    """Run the experiments.
+
+    Raises
+    ------
+    JointIdError
+        When the settings do not fit each other.
+    """
+    records = aside(
+        simulate_records,
+        settings.inertia,
+        settings.elasticity,
+        settings.frequencies_hz,
+        excitation=Excitation(pattern=settings.pattern, duration_s=settings.seconds),
+        controller=Controller(bandwidth_hz=settings.bandwidth_hz),
+        friction=MotorFriction(coulomb=settings.coulomb_Nm, viscous=settings.viscous_Nms),
+        measurement=Measurement(
+            encoder_counts=settings.encoder_counts, torque_noise_Nm=settings.torque_noise_Nm
+        ),
+        seed=settings.seed,
+        progress=progress,
+    )
+    truth = settings.elasticity
+    return Study(
+        records=records,
+        inertia=settings.inertia,
+        name=f"Simulated robot, K = {numbers_out(truth.K)} N·m/rad",
+        origin="simulated",
+        description=f"True values: K = {numbers_out(truth.K)} N·m/rad, "
+        f"D = {numbers_out(truth.D)} N·m·s/rad; "
+        f"Coulomb friction {numbers_out(settings.coulomb_Nm)} N·m; torque noise "
+        f"{plain(settings.torque_noise_Nm)} N·m; seed {settings.seed}.",
+    )
+
+
+def _text(label: str, value: str, key: str, help_text: str | None = None) -> str:
+    return st.text_input(label, value, key=f"sim_{key}", help=help_text, persist_state="session")
+
+
+def _number(
+    place: DeltaGenerator, label: str, value: float, limits: tuple[float, float], key: str
+) -> float:
+    return place.number_input(label, *limits, value, key=f"sim_{key}", persist_state="session")
+
+
+def _count(place: DeltaGenerator, label: str, value: int, limits: tuple[int, int], key: str) -> int:
+    return place.number_input(label, *limits, value, key=f"sim_{key}", persist_state="session")

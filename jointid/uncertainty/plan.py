@@ -1,0 +1,277 @@
+"""The next experiment: how well K and D would be known with more records, and which ones to make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Complexes, Floats, finite_array
+from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.joints import Elasticity, Inertia, resonances
+from jointid.phasors.extract import Phasors
+from jointid.uncertainty.chosen_model import inertia_of_each, parameter_names
+from jointid.uncertainty.information import bound, measured_information, record_information, situation
+from jointid.uncertainty.planned_records import PlannedRecords, planned_records
+from jointid.uncertainty.validation import freed_phasors
+from jointid.wording import counted
+
+__all__ = [
+    "PlannedRecords",
+    "PredictedErrors",
+    "Suggestion",
+    "planned_records",
+    "predict_standard_errors",
+    "suggest_records",
+]
+
+_CANDIDATE_FREQUENCIES = 24
+_MOST_RECORDS = 50
+_LOWEST, _HIGHEST = 0.1, 10.0
+"""Shares of the lowest and of the highest frequency so far, beyond which nothing is suggested."""
+
+
+@dataclass(frozen=True, eq=False)
+class PredictedErrors:
+    """Standard errors by the Cramér–Rao bound, times what the model leaves unexplained today."""
+
+    names: tuple[str, ...]
+    """K1 ... Kn, D1 ... Dn."""
+    estimate: Floats
+    """Today's values, shape (2n,)."""
+    today: Floats
+    """Standard errors of the records that there are, shape (2n,); about the fit's own."""
+    planned: Floats
+    """Standard errors with the planned records alone, shape (2n,); infinite where they cannot tell."""
+    together: Floats
+    """Standard errors with both, shape (2n,)."""
+
+
+def predict_standard_errors(
+    planned: PlannedRecords,
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    *,
+    planned_inertia: Inertia | None = None,
+) -> PredictedErrors:
+    """Predict how well K and D would be known; friction and delay are fitted as in ``fit``.
+
+    The noise is taken from the records at hand, by frequency; it falls as one over their length.
+
+    Parameters
+    ----------
+    planned : PlannedRecords
+    phasors, inertia, fit
+        The analysis so far.
+    planned_inertia : Inertia, optional
+        Of the pose of the planned records; by default that of the first record.
+    """
+    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    pose = planned_inertia or each[0]
+    if planned.torque_Nm.shape[1] != fit.n:
+        raise JointIdError(
+            f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
+        )
+    old = measured_information(phasors, each, now).sum(axis=0)
+    count = planned.frequency_hz.size
+    new = record_information(
+        2 * np.pi * planned.frequency_hz,
+        planned.angle_rad,
+        planned.torque_Nm,
+        planned.duration_s,
+        [pose] * count,
+        now,
+    ).sum(axis=0)
+    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
+    today, alone, both = (
+        inflation * np.sqrt(np.diag(bound(information))[:p]) for information in (old, new, old + new)
+    )
+    return PredictedErrors(
+        names=parameter_names(fit.n),
+        estimate=np.concatenate([fit.K, fit.D]),
+        today=today,
+        planned=alone,
+        together=both,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """Records that would cut the worst relative error bar most, in the order of their use."""
+
+    records: PlannedRecords
+    """k of them."""
+    names: tuple[str, ...]
+    """K1 ... Kn, D1 ... Dn."""
+    relative_error: Floats
+    """Relative standard errors before the first and after each record, shape (k + 1, 2n)."""
+
+    @property
+    def worst(self) -> Floats:
+        """Largest relative standard error before the first and after each record, shape (k + 1,)."""
+        return np.asarray(self.relative_error.max(axis=1))
+
+
+def suggest_records(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    *,
+    count: int = 3,
+    duration_s: float = 4.0,
+    torque_limit_Nm: ArrayLike | None = None,
+    velocity_limit_rad_s: ArrayLike | None = None,
+    frequencies_hz: ArrayLike | None = None,
+    highest_hz: float | None = None,
+    planned_inertia: Inertia | None = None,
+) -> Suggestion:
+    """Choose the next records one by one, each the best of many candidates.
+
+    Candidates are all frequencies with several relative phases of the joints' torques or angles, each as
+    large as the limits allow.
+
+    Parameters
+    ----------
+    phasors, inertia, fit
+        The analysis so far.
+    count : int, default 3
+    duration_s : float, default 4.0
+    torque_limit_Nm, velocity_limit_rad_s : array_like, shape (n,), optional
+        Largest amplitudes: of the motors' torques, friction included, and of the velocities of motors
+        and arm, seen from the motors. By default the largest so far.
+    frequencies_hz : array_like, optional
+        By default spread over the band of the records and the resonances, but not below a tenth of
+        the lowest frequency so far.
+    highest_hz : float, optional
+        Limit of the default frequencies, for instance a quarter of the sample rate.
+    planned_inertia : Inertia, optional
+        Of the pose of the planned records; by default that of the first record.
+
+    Raises
+    ------
+    JointIdError
+        When no candidate stays within the limits, or a setting is out of range.
+    """
+    if not isinstance(count, int) or not 1 <= count <= _MOST_RECORDS:
+        raise JointIdError(f"count = {count!r}: expected a whole number from 1 to {_MOST_RECORDS}.")
+    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    pose = planned_inertia or each[0]
+    free = freed_phasors(phasors, fit)
+    speed = _speed(phasors.omega, free.q, free.tau, each).max(axis=0)
+    torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
+    velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)
+    if fit.friction is not None:  # the fundamental of a square wave is 4/π of it
+        torque = torque - 4 / np.pi * np.maximum(fit.friction.coulomb, 0)
+    if np.any(torque <= 0):
+        j = int(np.argmin(torque)) + 1
+        raise JointIdError(
+            f"The torque limit of joint {j} does not overcome its friction: raise torque_limit_Nm."
+        )
+    if frequencies_hz is None:
+        frequency = _candidate_frequencies(phasors, pose, fit, duration_s, highest_hz)
+    else:
+        frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
+    candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
+    information = record_information(
+        2 * np.pi * candidates.frequency_hz,
+        candidates.angle_rad,
+        candidates.torque_Nm,
+        candidates.duration_s,
+        [pose] * candidates.frequency_hz.size,
+        now,
+    )
+    total = measured_information(phasors, each, now).sum(axis=0)
+    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
+    estimate = np.abs(np.concatenate([fit.K, fit.D]))
+    estimate = np.maximum(estimate, fit.standard_error)  # a damping near zero has no relative error
+
+    def errors(matrix: Floats) -> Floats:
+        return np.asarray(inflation * np.sqrt(np.diag(bound(matrix))[:p]) / estimate)
+
+    chosen, path = [], [errors(total)]
+    for _ in range(count):
+        trials = np.array([errors(total + one) for one in information])
+        best = int(np.argmin(trials.max(axis=1)))
+        chosen.append(best)
+        path.append(trials[best])
+        total = total + information[best]
+    records = PlannedRecords(
+        candidates.frequency_hz[chosen],
+        candidates.torque_Nm[chosen],
+        candidates.angle_rad[chosen],
+        candidates.duration_s[chosen],
+    )
+    return Suggestion(records, parameter_names(fit.n), np.array(path))
+
+
+def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
+    if value is None:
+        return largest
+    limit = finite_array(name, value, ndim=1)
+    if limit.size not in (1, largest.size) or np.any(limit <= 0):
+        raise JointIdError(f"{name}: expected one positive value per joint, got {limit.tolist()}.")
+    return np.array(np.broadcast_to(limit, largest.shape))
+
+
+def _candidate_frequencies(
+    phasors: Phasors, inertia: Inertia, fit: ElasticityFit, duration_s: float, highest_hz: float | None
+) -> Floats:
+    """Over the band and the resonances; a wild estimate's resonances lead nowhere."""
+    band = phasors.omega / (2 * np.pi)
+    modes = resonances(inertia, fit.elasticity)
+    lowest = max(_LOWEST * float(band.min()), 1.001 / duration_s if duration_s > 0 else 0.0)
+    highest = _HIGHEST * float(band.max()) if highest_hz is None else float(highest_hz)
+    low, high = min(band.min(), 0.3 * modes[0]), max(band.max(), 1.3 * modes[-1])
+    low, high = max(low, lowest), min(high, max(highest, float(band.max())))
+    return np.asarray(np.geomspace(low, max(low, high), _CANDIDATE_FREQUENCIES))
+
+
+def _candidates(
+    inertia: Inertia,
+    elasticity: Elasticity,
+    frequency: Floats,
+    torque: Floats,
+    velocity: Floats,
+    duration_s: float,
+) -> PlannedRecords:
+    """Every frequency with every pattern, as torques and as angles, scaled up to the limits."""
+    patterns = _patterns(inertia.n)
+    f = np.repeat(frequency, len(patterns))
+    omega = 2 * np.pi * f[:, None]
+    weights = np.tile(patterns, (frequency.size, 1))
+    plans = [
+        planned_records(inertia, elasticity, f, torque_Nm=weights * torque, duration_s=duration_s),
+        planned_records(
+            inertia, elasticity, f, angle_rad=weights * velocity / omega, duration_s=duration_s
+        ),
+    ]
+    parts = []
+    for plan in plans:
+        speed = _speed(omega[:, 0], plan.angle_rad, plan.torque_Nm, [inertia] * f.size)
+        share = np.maximum(np.abs(plan.torque_Nm) / torque, speed / velocity).max(axis=1)
+        parts.append((plan.torque_Nm / share[:, None], plan.angle_rad / share[:, None]))
+    torques, angles = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return PlannedRecords(
+        np.tile(f, 2), torques, angles, np.tile(np.broadcast_to(float(duration_s), f.shape), 2)
+    )
+
+
+def _speed(omega: Floats, q: Complexes, tau: Complexes, inertias: Sequence[Inertia]) -> Floats:
+    """Velocity amplitude of each joint, the larger of motor's and arm's, shape (r, n), rad/s."""
+    s2 = -(omega[:, None] ** 2)
+    spring = tau - np.array([i.M for i in inertias]) * s2 * q  # what reaches the arm
+    arm = np.linalg.solve(np.array([i.M2 for i in inertias]), spring[..., None])[..., 0] / s2
+    return np.asarray(omega[:, None] * np.maximum(np.abs(q), np.abs(arm)))
+
+
+def _patterns(n: int) -> Complexes:
+    """Relative amplitudes and phases of the joints: each alone, and all together in several ways."""
+    if n == 1:
+        return np.ones((1, 1), complex)
+    record, joint = np.ogrid[: 2 * n, :n]
+    together = np.exp(1j * np.pi * record * joint / n)
+    return np.concatenate([np.eye(n, dtype=complex), together])
