@@ -8,12 +8,12 @@ import numpy as np
 
 from jointid.estimation.elasticity import METHODS, ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
-from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
+from jointid.version import __version__
 
 _MOST_ROWS = 100
 
@@ -26,7 +26,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     hold = "held to the next sample" if True in holds else "momentary"
     hold = hold if len(holds) == 1 else "differs by record"
     facts = [
-        ("Software", f"jointid {software_version()}"),
+        ("Software", f"jointid {__version__}"),
         ("Study digest", f"{study_digest(study)}, the same for the same data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),

@@ -9,6 +9,7 @@ import streamlit as st
 
 from jointid.importing import Guess
 from jointid.importing.map.reasons import Reason
+from jointid.ui.shared.markdown_escape import markdown_escape
 
 _HOW = (
     "What is marked To check is not in the log. Look it up in the controller's manual, or ask who "
@@ -68,9 +69,9 @@ class Checks:
         found = [
             self._reasons[what] for what, stands_yet in stands if stands_yet and what in self._reasons
         ]
-        self.sure += [f"**{_upper(r.what)}:** {r.text}" for r in found if r.sure]
+        self.sure += [_said(r) for r in found if r.sure]
         check = [reason for reason in found if not reason.sure]
-        text = " ".join(f"**{_upper(r.what.removesuffix(part_of))}:** {r.text}" for r in check)
+        text = " ".join(_said(reason, part_of) for reason in check)
         if check and self._ticked(name, text):
             return
         self.assumed += assumed
@@ -90,5 +91,7 @@ class Checks:
         return ticked
 
 
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
+def _said(reason: Reason, part_of: str = "") -> str:
+    """A reason in Markdown, under the name of its entry."""
+    name = reason.what.removesuffix(part_of)
+    return f"**{markdown_escape(name[:1].upper() + name[1:])}:** {markdown_escape(reason.text)}"
