@@ -1,4 +1,4 @@
-"""Checked, frozen arrays: how a value enters a dataclass of this package."""
+"""Checked, read-only arrays for the dataclasses of this package."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointid.errors import JointIdError
 
-_LARGEST = 1e100  # its square is still a number; no physical quantity comes near
+_LARGEST = 1e100
+"""Largest accepted magnitude: its square is finite, and no physical quantity is near."""
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
 def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
-    """Return ``value`` as a read-only float64 array, or say what keeps it from being one.
+    """Return ``value`` as a read-only float64 array.
 
     Parameters
     ----------
     name : str
-        What the value is, with its unit; it opens the error message.
+        Name of the value with its unit, for the error message.
     value : array_like
-        Numbers; copied, so that the caller's array stays the caller's.
+        Numbers; they are copied.
     ndim : int
         Expected number of dimensions.
     order : {"C", "F"}, optional

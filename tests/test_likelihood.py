@@ -235,7 +235,7 @@ def test_linear_methods_fit_no_friction() -> None:
         identify_elasticity(phasors, PARALLELOGRAM, method="weighted", friction=True)
 
 
-def test_freed_phasors_obey_the_model() -> None:
+def test_compensated_phasors_obey_the_model() -> None:
     """What the fit leaves of the torque is what springs and inertias take."""
     fit = identify_elasticity(extract_phasors(simulated(coulomb=COULOMB)), PARALLELOGRAM)
     H = motor_response(fit.phasors.omega, PARALLELOGRAM, PAPER)

@@ -25,7 +25,7 @@ _FIRST = 12
 _ROUNDED = 1e-2
 """Deviation from a multiple, over the step, that decimals in a file leave."""
 _FINEST = 1e-6
-"""Smallest step, over the range of the signal, that is told from rounding."""
+"""Smallest step, over the range of the signal, that is distinguished from rounding."""
 _REPEATS = 0.02
 """Deviation of the period from whole samples, in samples, with which the error repeats."""
 

@@ -22,7 +22,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 from jointid.small_matrices import unit_diagonal
 from jointid.uncertainty.chosen_model import free_reversal
-from jointid.uncertainty.validation import freed_phasors
+from jointid.uncertainty.validation import compensated_phasors
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
@@ -33,7 +33,7 @@ _INVOLVED = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class PlanningModel:
     """Assumptions on planned records: the fit, and the noise by frequency."""
 
     fit: ElasticityFit
@@ -58,22 +58,22 @@ class Situation:
         return np.asarray(mixed / duration_s[..., None, None])
 
 
-def situation(phasors: Phasors, fit: ElasticityFit) -> Situation:
-    """Noise by frequency, averaged over the records of each."""
+def planning_model(phasors: Phasors, fit: ElasticityFit) -> PlanningModel:
+    """Planning model of a fit, with the noise averaged over the records of each frequency."""
     noise = fit.equations.noise  # weighted as in the estimator
     length = (phasors.duration_s * noise.inverse_bias)[:, None, None]
     covariance = noise.covariance[:, 0] * length
     groups = phasors.by_frequency()
-    return Situation(
+    return PlanningModel(
         fit=fit,
         omega=np.array([omega for omega, _ in groups]),
         density=np.array([covariance[group].mean(axis=0) for _, group in groups]),
     )
 
 
-def measured_information(phasors: Phasors, inertias: list[Inertia], now: Situation) -> Floats:
+def measured_information(phasors: Phasors, inertias: list[Inertia], now: PlanningModel) -> Floats:
     """Information of existing records, shape (r, P, P)."""
-    free = freed_phasors(phasors, now.fit)
+    free = compensated_phasors(phasors, now.fit)
     return record_information(phasors.omega, free.q, free.tau, phasors.duration_s, inertias, now)
 
 
@@ -83,7 +83,7 @@ def record_information(
     tau: Complexes,
     duration_s: Floats,
     inertias: list[Inertia],
-    now: Situation,
+    now: PlanningModel,
 ) -> Floats:
     """Information of each record, shape (r, P, P).
 
@@ -95,7 +95,7 @@ def record_information(
     duration_s : ndarray, shape (r,)
     inertias : list of Inertia
         One per record.
-    now : Situation
+    now : PlanningModel
     """
     fit, n = now.fit, q.shape[1]
     orders = np.arange(1, (MANY_HARMONICS if fit.friction is not None else 1) + 1)

@@ -15,9 +15,14 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, resonances
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import inertia_of_each
-from jointid.uncertainty.information import bound, measured_information, record_information, situation
+from jointid.uncertainty.information import (
+    bound,
+    measured_information,
+    planning_model,
+    record_information,
+)
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
-from jointid.uncertainty.validation import freed_phasors
+from jointid.uncertainty.validation import compensated_phasors
 from jointid.wording import counted
 
 __all__ = [
@@ -73,7 +78,7 @@ def predict_standard_errors(
     planned_inertia : Inertia, optional
         Inertia at the pose of the planned records; by default that of the first record.
     """
-    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
@@ -161,9 +166,9 @@ def suggest_records(
     """
     if not isinstance(count, int) or not 1 <= count <= _MOST_RECORDS:
         raise JointIdError(f"count = {count!r}: expected a whole number from 1 to {_MOST_RECORDS}.")
-    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
-    free = freed_phasors(phasors, fit)
+    free = compensated_phasors(phasors, fit)
     speed = _speed(phasors.omega, free.q, free.tau, each).max(axis=0)
     torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
     velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)

@@ -45,7 +45,7 @@ class InertiaSensitivity:
         return np.asarray(self.slope * self.value / size[:, None])
 
     def covariance(self, relative: float = 0.03) -> Floats:
-        """Covariance of K and D when every inertia errs by ``relative`` of itself, independently."""
+        """Covariance of K and D for independent relative errors ``relative`` of the inertias."""
         if not (np.isfinite(relative) and relative >= 0):
             raise JointIdError(f"relative = {relative!r}: give a share such as 0.03 for 3 %.")
         spread = self.slope * self.value * relative

@@ -1,4 +1,4 @@
-"""Where a person does what a remedy asks for: in the app, and in the files of a study."""
+"""Places of a remedy: in the app, and in the files of a study."""
 
 IMPORT = 'on the page "Import a log"'
 """Where columns, units, sides, runs, inertias and poses are entered."""

@@ -20,12 +20,12 @@ _CLEAR = 4.0  # standard errors that are not by chance
 
 
 def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
-    """What the paper's least squares would have said, where it differs by more than chance."""
+    """Result of the paper's least squares, if it differs significantly."""
     fit, paper = evidence.fit, evidence.paper
     if fit.method == paper.method or np.any(fit.K <= 0):
         return
     if fit.friction is not None and np.any(fit.friction.coulomb < -fit.friction.standard_error[: fit.n]):
-        return  # friction that drives is none
+        return  # friction dissipates energy
     p, other = fit.estimate, paper.estimate
     by_noise = paper.standard_error / np.sqrt(paper.inflation)
     error = np.hypot(fit.standard_error, by_noise)
@@ -50,9 +50,9 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
             "reduce friction's part."
         )
     elif fit.delay is not None:
-        return  # the rule of the delay says it better
+        return  # covered by the rule of the delay
     elif fit.misfit > 3:
-        return  # neither of the two knows the cause
+        return  # the cause is unknown
     else:
         title, cause = "Noise biases least squares", ""
         remedy = "No action needed: the chosen estimate weighs the noise of angle and torque."
@@ -72,7 +72,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
 
 
 def lag_size(evidence: Evidence) -> str | None:
-    """How far the torque lags or leads, when that was fitted and is more than chance; else None."""
+    """Delay or lead of the torque, if it was fitted and is significant; else None."""
     lag, error = evidence.fit.delay, evidence.fit.delay_error
     interval = float(np.median([record.interval_s for record in evidence.records]))
     if lag is None or error is None or abs(lag) < max(0.01 * interval, _CLEAR * error):
@@ -83,7 +83,7 @@ def lag_size(evidence: Evidence) -> str | None:
 
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
-    """The torque acts later, or earlier, than its samples say."""
+    """The torque acts later, or earlier, than its samples."""
     fit = evidence.fit
     if fit.delay is None or fit.delay_error is None:
         return
@@ -116,12 +116,12 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _in_a_file(value: float) -> str:
-    """Write a number so that it can be copied into the app or a study.toml."""
+    """Format a number for the app or a study.toml."""
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
 def half_a_sample(evidence: Evidence, lag: float) -> str:
-    """The remedy when the lag is that of a hold which was not stated, or stated wrongly; else empty."""
+    """Remedy for a delay from a missing or wrong statement of the hold; else empty."""
     held = [record.torque_hold for record in evidence.records]
     samples = lag / float(np.median([record.interval_s for record in evidence.records]))
     if not any(held) and abs(samples - 0.5) < 0.1:
@@ -139,7 +139,7 @@ def half_a_sample(evidence: Evidence, lag: float) -> str:
 
 
 def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
-    """K and D do not depend on the pose; when they seem to, something else does."""
+    """K and D differ between poses, though they do not depend on the pose."""
     if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     try:

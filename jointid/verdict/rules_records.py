@@ -1,4 +1,4 @@
-"""Rules of the verdict that look at the records: their frequency, length, motion and resolution."""
+"""Rules of the verdict on the records: frequency, length, motion and resolution."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EXAMINED = 4096
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
-    """The motor angle turns at another frequency than the record states."""
+    """The motor angle has another frequency than stated."""
     phasors, stated = evidence.phasors, evidence.frequency_hz
     concerned = off_frequency(evidence)
     if concerned:
@@ -42,7 +42,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
 
 
 def off_frequency(evidence: Evidence) -> tuple[int, ...]:
-    """Records whose motor angle turns at another frequency than stated, by index."""
+    """Indices of records whose motor angle has another frequency than stated."""
     found = evidence.phasors.frequency_found_hz
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(
@@ -51,7 +51,7 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
 
 
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
-    """The beginning of a record differs from its end by more than noise."""
+    """The beginning of a record differs from its end significantly."""
     phasors = evidence.phasors
     with np.errstate(invalid="ignore", divide="ignore"):
         significance = phasors.settling / phasors.settling_noise
@@ -74,23 +74,23 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
-    """From when on these records are steady, and what to do about them."""
-    told, never = [], []
+    """Start of the steady state of these records, and the remedy."""
+    steady, never = [], []
     for i in concerned:
         record, label = evidence.records[i], evidence.phasors.labels[i]
         start = steady_from(record)
         if start is None:
             never.append(label)
         else:
-            told.append(f"{label}, from {start:.{decimals(record)}f} s on")
-    parts = [f"Steady: {'; '.join(told)}."] if told else []
+            steady.append(f"{label}, from {start:.{decimals(record)}f} s on")
+    parts = [f"Steady: {'; '.join(steady)}."] if steady else []
     if never:
         verb = "does" if len(never) == 1 else "do"
         parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
     wait = "Wait longer before recording."
-    if not told:
+    if not steady:
         return " ".join(parts), f"Measure again. {wait}"
-    ones = "this time" if len(told) == 1 else "these times"
+    ones = "this time" if len(steady) == 1 else "these times"
     return " ".join(parts), (
         f"Let the records begin at {ones}: by the start of the run {RUNS}, or by start_s of the record "
         f"{FILE}. {'Measure the others again. ' if never else ''}Next time: {wait[:1].lower()}{wait[1:]}"
@@ -98,7 +98,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
 
 
 def few_periods(evidence: Evidence) -> Iterator[Finding]:
-    """So short a record that its noise has to be guessed."""
+    """Records too short for an estimate of slow noise."""
     periods = evidence.phasors.duration_s * evidence.frequency_hz
     short = np.flatnonzero(periods < 2.999)
     if short.size:
@@ -113,7 +113,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
 
 
 def counted_twice(evidence: Evidence) -> Iterator[Finding]:
-    """The same log stands in the study more than once."""
+    """The study contains the same log more than once."""
     phasors = evidence.phasors
     z, pairs = phasors.z, []
     for _, group in phasors.by_frequency():
@@ -156,8 +156,8 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def standing_joint(evidence: Evidence) -> Iterator[Finding]:
-    """A joint that sticks has no friction phasor, so that its torque says little."""
+def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
+    """A sticking joint has no friction phasor, and its torque carries little information."""
     fit, phasors = evidence.fit, evidence.phasors
     if fit.friction is None:
         return
@@ -179,7 +179,7 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
 
 
 def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
-    """The steps of the encoder, not other noise, are what the angle's error comes from."""
+    """Quantisation of the encoder dominates the noise of the angle."""
     phasors, n = evidence.phasors, evidence.fit.n
     variance = phasors.standard_deviation[:, :n] ** 2
     step = np.array([_encoder_steps(record) for record in evidence.records])
@@ -220,7 +220,7 @@ def _turns_at(record: SineRecord, found_hz: float) -> bool:
         turn = 2 * np.pi * frequency * time
         columns = sine_basis(turn, time)
         left.append(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
-    # Of N lines of noise the largest stands 2 ln N above; 25 more are five standard deviations.
+    # The largest of N noise lines is 2 ln N; 25 more are five standard deviations.
     return bool(left[0] - left[1] > (25 + 2 * np.log(time.size)) * left[1] / time.size)
 
 
@@ -235,7 +235,7 @@ def _encoder_steps(record: SineRecord) -> Floats:
 
 
 def _proportional(evidence: Evidence, first: int, second: int) -> bool:
-    """Whether two records differ by one complex factor only, as far as noise lets one tell."""
+    """Whether two records differ only by one complex factor, within the noise."""
     z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
     size = np.maximum(np.abs(z[first]), np.abs(z[second]))
     x, y = z[first] / np.where(size > 0, size, 1), z[second] / np.where(size > 0, size, 1)
