@@ -16,6 +16,20 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
+def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
+    """Return a setting of n joints as (n,); a single number applies to all joints.
+
+    Raises
+    ------
+    JointIdError
+        When the value has neither one element nor n.
+    """
+    array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
+    if array.size not in (1, n):
+        raise JointIdError(f"{name} has {array.size} values: give one, or one per joint ({n}).")
+    return np.array(np.broadcast_to(array, (n,)))
+
+
 def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
     """Return ``value`` as a read-only float64 array.
 
@@ -56,3 +70,10 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
         )
     array.setflags(write=False)
     return array
+
+
+def frozen(array: Floats) -> Floats:
+    """Return a read-only copy."""
+    copy = array.copy()
+    copy.setflags(write=False)
+    return copy

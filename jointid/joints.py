@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.small_matrices import inverse
 from jointid.wording import counted
@@ -67,9 +67,7 @@ class Inertia:
                 "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
             )
         object.__setattr__(self, "M", rotor)
-        arm = (arm + arm.T) / 2
-        arm.setflags(write=False)
-        object.__setattr__(self, "M2", arm)
+        object.__setattr__(self, "M2", frozen((arm + arm.T) / 2))
 
     @property
     def n(self) -> int:

@@ -6,11 +6,21 @@ in place of pymunk's pivots: the two agree within nanometres at the tool.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
-from jointid.cut.servo import MotorFrictionLike, friction_values
+from jointid.cut.servo import (
+    ARRAYS,
+    MotorFrictionLike,
+    ServoPlan,
+    driven,
+    friction_values,
+    require_tracking,
+    sampled_law,
+)
 
 
 class ManyArms:
@@ -91,3 +101,25 @@ class ManyArms:
         self._link_rate = 1.5 * v - 0.5 * self._link_before
         self.motor_rate = 1.5 * w - 0.5 * self._motor_before
         self._link_before, self._motor_before = v, w
+
+
+def run_many(
+    plan: ServoPlan, arms: ManyArms, substeps: int, progress: Callable[[float], None] | None = None
+) -> None:
+    """Drive many arms along a plan, or each along its own, by the law of ``servo.run_servo``.
+
+    Raises
+    ------
+    JointIdError
+        When a motor of any arm runs away from its reference.
+    """
+    tables = [list(x if x.ndim == 3 else x[..., None]) for x in (plan.angle, plan.rate, plan.torque)]
+    gains = [x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)]
+    law = sampled_law(plan, tables, gains, ARRAYS)
+
+    def torques(k: int) -> tuple[Floats]:
+        return (law(k, arms.motor, arms.motor_rate),)
+
+    for _ in driven(len(plan.torque), torques, arms.step, substeps, progress):
+        pass
+    require_tracking(ARRAYS.largest(arms.motor - tables[0][-1]))

@@ -10,8 +10,8 @@ from jointid.arrays import Floats
 from jointid.cut.arm import Elbow, PlanarArm
 from jointid.cut.arm_simulation import require_resolved
 from jointid.cut.feedforward import plan_servo
-from jointid.cut.many_arms import ManyArms
-from jointid.cut.servo import MotorFrictionLike, Servo, run_many
+from jointid.cut.many_arms import ManyArms, run_many
+from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
 

@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 
 PROGRESS_CALLS = 50
@@ -120,7 +120,7 @@ class Servo:
                 "velocity_filter_hz filters a differentiated velocity: set differentiated_velocity too."
             )
         if self.torque_limit_Nm is not None:
-            limit = per_joint("torque_limit_Nm (N·m)", self.torque_limit_Nm)
+            limit = per_joint("torque_limit_Nm (N·m)", self.torque_limit_Nm, 2)
             if limit.min() <= 0:
                 raise JointIdError(f"torque_limit_Nm is {limit.min():g} N·m: it must be positive.")
         if self.friction_compensation is not None:
@@ -175,17 +175,7 @@ class Plant(Protocol):
         """Advance by one step under motor torques reflected to the arm side."""
 
 
-class Plants(Protocol):
-    """Many arms, each with its own controller; see `ManyArms`."""
-
-    motor: Floats
-    motor_rate: Floats
-
-    def step(self, torque: Floats) -> None:
-        """Advance by one step under motor torques reflected to the arm side, (2, runs)."""
-
-
-class _Arithmetic(NamedTuple, Generic[Signal]):
+class Arithmetic(NamedTuple, Generic[Signal]):
     """Operations in which floats and arrays differ."""
 
     rounded: Callable[[Signal], Signal]
@@ -193,8 +183,8 @@ class _Arithmetic(NamedTuple, Generic[Signal]):
     largest: Callable[[Signal], float]
 
 
-_FLOATS = _Arithmetic[float](round, lambda x, limit: min(max(x, -limit), limit), abs)
-_ARRAYS = _Arithmetic[Floats](
+FLOATS = Arithmetic[float](round, lambda x, limit: min(max(x, -limit), limit), abs)
+ARRAYS = Arithmetic[Floats](
     np.rint, lambda x, limit: np.clip(x, -limit, limit), lambda x: float(np.abs(x).max())
 )
 
@@ -225,11 +215,11 @@ def run_servo(
         When a motor runs away from its reference.
     """
     first, second = (
-        _sampled_law(
+        sampled_law(
             plan,
             [table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque)],
             [float(x[j]) for x in (plan.proportional, plan.derivative, plan.count, plan.limit)],
-            _FLOATS,
+            FLOATS,
         )
         for j in (0, 1)
     )
@@ -240,39 +230,17 @@ def run_servo(
             second(k, plant.motor2, plant.motor2_rate),
         )
 
-    held = list(_driven(len(plan.torque), torques, plant.step, substeps, progress))
+    held = list(driven(len(plan.torque), torques, plant.step, substeps, progress))
     end = np.array([plant.motor1, plant.motor2])
-    require_tracking(_ARRAYS.largest(end - plan.angle[-1]))
+    require_tracking(ARRAYS.largest(end - plan.angle[-1]))
     return held
 
 
-def run_many(
-    plan: ServoPlan, arms: Plants, substeps: int, progress: Callable[[float], None] | None = None
-) -> None:
-    """Drive many arms along a plan, or each along its own, by the law of :func:`run_servo`.
-
-    Raises
-    ------
-    JointIdError
-        When a motor of any arm runs away from its reference.
-    """
-    tables = [list(x if x.ndim == 3 else x[..., None]) for x in (plan.angle, plan.rate, plan.torque)]
-    gains = [x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)]
-    law = _sampled_law(plan, tables, gains, _ARRAYS)
-
-    def torques(k: int) -> tuple[Floats]:
-        return (law(k, arms.motor, arms.motor_rate),)
-
-    for _ in _driven(len(plan.torque), torques, arms.step, substeps, progress):
-        pass
-    require_tracking(_ARRAYS.largest(arms.motor - tables[0][-1]))
-
-
-def _sampled_law(
+def sampled_law(
     plan: ServoPlan,
     tables: Sequence[Sequence[Signal]],
     gains: Sequence[Signal],
-    arithmetic: _Arithmetic[Signal],
+    arithmetic: Arithmetic[Signal],
 ) -> Callable[[int, Signal, Signal], Signal]:
     """Control law of one joint in floats, or of both joints of many arms in arrays (2, runs).
 
@@ -283,7 +251,7 @@ def _sampled_law(
         Angle, rate and feedforward torque of each sample.
     gains : sequence
         kp, kv, encoder count and torque limit.
-    arithmetic : _Arithmetic
+    arithmetic : Arithmetic
 
     Returns
     -------
@@ -315,7 +283,7 @@ def _sampled_law(
     return torque
 
 
-def _driven(
+def driven(
     samples: int,
     torques: Callable[[int], tuple[Signal, ...]],
     step: Callable[..., None],
@@ -342,24 +310,10 @@ def _driven(
         progress(1.0)
 
 
-def per_joint(name: str, value: ArrayLike) -> Floats:
-    """A setting as (2,), one number counting for both joints.
-
-    Raises
-    ------
-    JointIdError
-        When it is neither.
-    """
-    array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
-    if array.size not in (1, 2):
-        raise JointIdError(f"{name} has {array.size} values: give one, or one for each of the 2 joints.")
-    return np.array(np.broadcast_to(array, (2,)))
-
-
 def friction_values(friction: MotorFrictionLike) -> tuple[Floats, Floats]:
     """Coulomb friction in N·m and viscous friction in N·m·s/rad, each (2,), checked."""
-    coulomb = per_joint("coulomb friction (N·m)", friction.coulomb)
-    viscous = per_joint("viscous friction (N·m·s/rad)", friction.viscous)
+    coulomb = per_joint("coulomb friction (N·m)", friction.coulomb, 2)
+    viscous = per_joint("viscous friction (N·m·s/rad)", friction.viscous, 2)
     for name, value, unit in (("coulomb", coulomb, "N·m"), ("viscous", viscous, "N·m·s/rad")):
         if value.min() < 0:
             raise JointIdError(f"{name} friction is {value.min():g} {unit}: it must not be negative.")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, frozen
 from jointid.cut.arm import Elbow, PlanarArm
 from jointid.cut.path_errors import largest_errors
 from jointid.cut.servo import MotorFrictionLike, Servo
@@ -94,9 +94,9 @@ def tolerance_map(
     second = first if ratios_2 is None else _ratios("ratios_2", ratios_2)
     grid = np.stack([g.ravel() for g in np.meshgrid(first, second, indexing="ij")])
     options = {"servo": servo, "friction": friction, "elbow": elbow, "dt": dt, "progress": progress}
-    contour, tracking = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
-    shape = (first.size, second.size)
-    return ToleranceMap(first, second, _frozen(contour.reshape(shape)), _frozen(tracking.reshape(shape)))
+    errors = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
+    contour, tracking = (frozen(error.reshape(first.size, second.size)) for error in errors)
+    return ToleranceMap(first, second, contour, tracking)
 
 
 def errors_of_mismatch(
@@ -205,10 +205,10 @@ def path_error_distribution(
         progress=progress,
     )
     return PathErrorDistribution(
-        K=_frozen(drawn[:, :2]),
-        D=_frozen(drawn[:, 2:]),
-        max_contour_error_m=_frozen(contour),
-        max_tracking_error_m=_frozen(tracking),
+        K=frozen(drawn[:, :2]),
+        D=frozen(drawn[:, 2:]),
+        max_contour_error_m=frozen(contour),
+        max_tracking_error_m=frozen(tracking),
         median_m=float(np.median(contour)),
         p95_m=float(np.percentile(contour, 95)),
     )
@@ -254,9 +254,3 @@ def _ratios(name: str, value: ArrayLike) -> Floats:
 def _require_two_joints(elasticity: Elasticity) -> None:
     if elasticity.n != 2:
         raise JointIdError(f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
-
-
-def _frozen(array: Floats) -> Floats:
-    array = array.copy()
-    array.setflags(write=False)
-    return array

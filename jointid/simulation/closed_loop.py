@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
-from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction, per_joint
+from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
 from jointid.simulation.robot import Reference, Robot
 
 _LARGEST_LOG_BYTES = 2e9

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
@@ -231,14 +231,6 @@ class Measurement:
         _store(self, "encoder_counts", "per revolution", positive=True, single=True)
         _store(self, "position_noise_rad", "rad")
         _store(self, "torque_noise_Nm", "N·m")
-
-
-def per_joint(name: str, value: object, n: int) -> Floats:
-    """A checked setting as (n,)."""
-    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    if array.size not in (1, n):
-        raise JointIdError(f"{name} has {array.size} values: give one, or one per joint ({n}).")
-    return np.array(np.broadcast_to(array, (n,)))
 
 
 def _store(

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.simulation.experiment import Controller, Measurement, MotorFriction, per_joint
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motor_dynamics import Step, constant_torque, plant, step_with_friction
 from jointid.wording import counted
 

@@ -16,6 +16,7 @@ from jointid.joints import Elasticity, Inertia, resonances
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import inertia_of_each
 from jointid.uncertainty.information import (
+    PlanningModel,
     bound,
     measured_information,
     planning_model,
@@ -85,19 +86,8 @@ def predict_standard_errors(
             f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
         )
     old = measured_information(phasors, each, now).sum(axis=0)
-    count = planned.frequency_hz.size
-    new = record_information(
-        2 * np.pi * planned.frequency_hz,
-        planned.angle_rad,
-        planned.torque_Nm,
-        planned.duration_s,
-        [pose] * count,
-        now,
-    ).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
-    today, alone, both = (
-        inflation * np.sqrt(np.diag(bound(information))[:p]) for information in (old, new, old + new)
-    )
+    new = _planned_information(planned, pose, now).sum(axis=0)
+    today, alone, both = (_standard_errors(matrix, fit) for matrix in (old, new, old + new))
     return PredictedErrors(
         names=elasticity_labels(fit.n),
         estimate=fit.estimate,
@@ -184,25 +174,12 @@ def suggest_records(
     else:
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
-    information = record_information(
-        2 * np.pi * candidates.frequency_hz,
-        candidates.angle_rad,
-        candidates.torque_Nm,
-        candidates.duration_s,
-        [pose] * candidates.frequency_hz.size,
-        now,
-    )
+    information = _planned_information(candidates, pose, now)
     total = measured_information(phasors, each, now).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
-    estimate = np.abs(fit.estimate)
-    estimate = np.maximum(estimate, fit.standard_error)  # a damping near zero has no relative error
-
-    def errors(matrix: Floats) -> Floats:
-        return np.asarray(inflation * np.sqrt(np.diag(bound(matrix))[:p]) / estimate)
-
-    chosen, path = [], [errors(total)]
+    size = np.maximum(np.abs(fit.estimate), fit.standard_error)  # for a damping near zero
+    chosen, path = [], [_standard_errors(total, fit) / size]
     for _ in range(count):
-        trials = np.array([errors(total + one) for one in information])
+        trials = np.array([_standard_errors(total + one, fit) / size for one in information])
         best = int(np.argmin(trials.max(axis=1)))
         chosen.append(best)
         path.append(trials[best])
@@ -214,6 +191,19 @@ def suggest_records(
         candidates.duration_s[chosen],
     )
     return Suggestion(records, elasticity_labels(fit.n), np.array(path))
+
+
+def _planned_information(planned: PlannedRecords, pose: Inertia, now: PlanningModel) -> Floats:
+    """Information of each planned record, shape (r, P, P)."""
+    omega = 2 * np.pi * planned.frequency_hz
+    return record_information(
+        omega, planned.angle_rad, planned.torque_Nm, planned.duration_s, [pose] * omega.size, now
+    )
+
+
+def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
+    """Standard errors of K and D, inflated as in the fit, shape (2n,)."""
+    return np.asarray(np.sqrt(fit.inflation) * np.sqrt(np.diag(bound(information))[: 2 * fit.n]))
 
 
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
