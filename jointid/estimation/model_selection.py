@@ -281,7 +281,7 @@ class _Search:
             own_part = layout.span("coulomb", "viscous")
             found = significant[own_part] & (estimate.p[own_part] > 0)  # friction dissipates energy
             if model.curve:
-                found = significant[layout["coulomb"].start :]
+                found = significant[layout.span("coulomb", "curve")]
             parts.append((Model(None, model.delay), bool(found.any())))
         if model.delay and False in self.lags:
             parts.append(
