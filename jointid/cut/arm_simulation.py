@@ -3,8 +3,8 @@
 Chipmunk updates the positions first, x += v dt, and then the velocities, v += a dt: a velocity belongs
 to half a step before the position that it is stored with (leapfrog scheme). For second order, torques
 must be those in the middle of the velocity's step. Before each step the angles are therefore
-predicted, φ⁺ = φ + v dt (exactly those after the step), the rates extrapolated to the same instant, v⁺
-= 1.5 v − 0.5 v_before, and the joint torques K Δφ⁺ + D Δv⁺ are applied.
+predicted, φ⁺ = φ + v dt (exactly those after the step), the rates extrapolated to the same instant,
+v⁺ = 1.5 v − 0.5 v_before, and the joint torques K Δφ⁺ + D Δv⁺ are applied.
 """
 
 from __future__ import annotations
@@ -149,11 +149,6 @@ class ArmSimulation:
     def angles(self) -> tuple[float, float, float, float]:
         """Absolute link angles and reflected motor angles at the present instant, rad."""
         return self.link1, self.link2, self.motor1, self.motor2
-
-    @property
-    def link_rates(self) -> tuple[float, float]:
-        """Absolute link rates at the present instant, rad/s."""
-        return self._link1_rate, self._link2_rate
 
     @property
     def pivot_gaps_m(self) -> tuple[float, float]:

@@ -9,8 +9,8 @@ therefore always uses the example arm. Its K and D follow from the study by one 
   an arm that is not the study's.
 - *relative*: two joints of another robot. Stiffness errors act on a path through their ratio K̂/K: the
   joints deflect by u/K and the servo compensates u/K̂. The arm has the paper's stiffnesses, and all
-  values of joint j (K, D, nominal values, standard errors) are multiplied by the same factor K_paper,j
-  / K_j, which preserves the study's ratios K̂/K, D̂/D and D/K and its relative errors.
+  values of joint j (K, D, nominal values, standard errors) are multiplied by the same factor
+  K_paper,j / K_j, which preserves the study's ratios K̂/K, D̂/D and D/K and its relative errors.
 - *demonstration*: a study without two joints does not apply. The arm has the paper's K and D, known
   within 1 % and 5 %.
 """
