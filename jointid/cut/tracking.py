@@ -136,16 +136,16 @@ def track(
     time: Floats = step * np.arange(len(angles), dtype=np.float64)
     torque = np.concatenate([np.repeat(held, substeps, axis=0), held[-1:]])
     q = arm.joint_angles(angles[:, :2])
-    tool, wanted = arm.tool(q), toolpath.position(time)
+    tool, reference = arm.tool(q), toolpath.position(time)
     return TrackingRun(
         time_s=time,
         tool_m=tool,
-        wanted_m=wanted,
+        wanted_m=reference,
         motor_torque_Nm=torque / arm.gear_ratio,
         joint_angle_rad=q,
         motor_angle_rad=angles[:, 2:],
         contour_error_m=toolpath.distance(tool),
-        tracking_error_m=np.hypot(*(tool - wanted).T),
+        tracking_error_m=np.hypot(*(tool - reference).T),
         corner_overshoot_m=corner_overshoot(toolpath, time, tool),
         torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
     )
