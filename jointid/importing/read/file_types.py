@@ -3,6 +3,16 @@
 from __future__ import annotations
 
 TEXT = "text"
+TYPE_NAMES = {
+    "matlab": "a MATLAB file",
+    "parquet": "Parquet",
+    "hdf5": "HDF5",
+    "excel": "a workbook",
+    "db3": "a ROS 2 bag",
+    "mcap": "MCAP",
+    "bag": "a ROS 1 bag",
+}
+"""Name of each binary type in messages."""
 
 _MAGIC = (
     (b"PAR1", "parquet"),
