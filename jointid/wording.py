@@ -20,6 +20,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {plural}"
 
 
+def capitalised(text: str) -> str:
+    """Return a text with a capital first letter; the rest stays as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def listed(words: Iterable[str], *, at_most: int = 20) -> str:
     """Return words as one line for a message, shortened when there are many."""
     words = list(words)

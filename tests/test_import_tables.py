@@ -34,7 +34,7 @@ from jointid.arrays import Floats
 from jointid.background.child_process import Limits
 from jointid.importing import LogTable, read_log, read_logs
 from jointid.importing.columns.units import split_unit
-from jointid.importing.read import optional_imports as extras_module
+from jointid.importing.read import optional_imports
 from jointid.importing.read.reader_process import ReaderProcess
 
 
@@ -367,7 +367,7 @@ def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:
 def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(JointIdError, match=r'pip install "jointid\[import\]"'):
-        extras_module.extra("h5py", "h5py", "HDF5 files")
+        optional_imports.import_optional("h5py", "h5py", "HDF5 files")
 
 
 def test_signature_goes_by_names_and_units() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.importing.read.text_tables import read_text_table
 from jointid.wording import listed
 
@@ -27,7 +27,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
     JointIdError
         When python-calamine is not installed, or no sheet holds a table.
     """
-    calamine = extra("python_calamine", "python-calamine", "Excel files")
+    calamine = import_optional("python_calamine", "python-calamine", "Excel files")
     workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
     tables: list[LogTable] = []
     problems: list[str] = []

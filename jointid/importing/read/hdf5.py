@@ -12,7 +12,7 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.matlab import scope_arrays
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -36,7 +36,7 @@ def read_hdf5(file: str, path: str) -> tuple[LogTable, ...]:
     JointIdError
         When h5py is not installed, or nothing in it is a log.
     """
-    h5py = extra("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
+    h5py = import_optional("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
     with h5py.File(path, "r", locking=False) as root:
         reader = _Reader(h5py, file, root)
         arrays = list(reader.walk(root, "", _DEEPEST))

@@ -17,7 +17,7 @@ from jointid.importing.columns.log_table import (
     most_first,
     numbers,
 )
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -48,8 +48,8 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
     JointIdError
         When rosbags is not installed, or there is no such topic.
     """
-    rosbag = extra(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
-    typesys = extra("rosbags.typesys", "rosbags", "ROS bags")
+    rosbag = import_optional(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
+    typesys = import_optional("rosbags.typesys", "rosbags", "ROS bags")
     stores = typesys.Stores
     store = typesys.get_typestore(stores.ROS1_NOETIC if version == 1 else stores.LATEST)
     deserialize = store.deserialize_ros1 if version == 1 else store.deserialize_cdr
