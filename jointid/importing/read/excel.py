@@ -39,7 +39,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
         rows = sheet.to_python(skip_empty_area=False)
         if not any(any(cell != "" for cell in row) for row in rows):
             continue
-        # As text the sheet goes through the same search for header, units and numbers as a CSV file.
+        # As text, a sheet gets the same search for header, units and numbers as a CSV file.
         text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
         try:
             table = read_text_table(f"{file}: {name}", text.encode())

@@ -1,4 +1,4 @@
-"""HDF5 files, MATLAB's version 7.3 among them: groups of arrays, and tables of compound type."""
+"""HDF5 files, including MATLAB 7.3: groups of arrays, and tables of compound type."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class _Reader:
         return values
 
     def _spend(self, item: Any) -> None:
-        """Refuse before reading: a few bytes of a file can stand for any number of equal values."""
+        """Check the size before reading: a few bytes can represent any number of equal values."""
         self._values += int(np.prod(item.shape, dtype=float)) * max(1, len(item.dtype.names or ()))
         require_few_values(self._file, self._values)
 

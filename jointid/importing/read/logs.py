@@ -1,4 +1,4 @@
-"""Any log in: from a path or bytes to tables of numbers."""
+"""Read logs of any format, from a path or bytes, to tables of numbers."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from jointid.importing.read.reader_process import ReaderProcess
 from jointid.importing.read.text_tables import read_text_table
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
-"""A log by its path, or its content."""
+"""Path or content of a log."""
 
 
 def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
-    """Read the tables of one log, whatever program wrote it.
+    """Read the tables of one log.
 
     Parameters
     ----------
     source : path or bytes
-        Text table (CSV and its kin), Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bag (.db3, .mcap, or a
-        bag's folder), ROS 1 bag, or a zip archive of such. The content decides, not the name.
+        Text table such as CSV, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bag (.db3, .mcap, or a bag's
+        folder), ROS 1 bag, or a zip archive of these. The content decides, not the name.
     name : str, optional
-        File name, for messages and where the content leaves it open; needed with bytes.
+        File name, for messages and ambiguous content; required with bytes.
 
     Returns
     -------
     tuple of LogTable
-        At least one; the one with the most numbers first. Of an archive file by file, see
+        At least one, the one with the most numbers first; for an archive file by file, see
         ``main_tables``.
 
     Raises
     ------
     JointIdError
-        When it cannot be read; the message says why, where and what to do.
+        When it cannot be read; the message names cause, place and remedy.
     """
     (result,) = read_logs([(source, name)])
     if isinstance(result, JointIdError):
@@ -50,7 +50,7 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
 def read_logs(
     sources: Iterable[tuple[LogSource, str]],
 ) -> Iterator[tuple[LogTable, ...] | JointIdError]:
-    """Read many logs; a bad one does not keep the others from being read.
+    """Read many logs; errors are returned in place of tables.
 
     Parameters
     ----------
@@ -120,12 +120,8 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
             if is_zip(head) and is_archive(name, path):
                 return _read_archive(name, path, reader)
             if kind != TEXT:
-                endings = {
-                    "db3": ".db3",
-                    "mcap": ".mcap",
-                    "bag": ".bag",
-                }  # what the reader of bags goes by
-                if path.suffix == endings.get(kind, path.suffix):
+                is_bag = kind in ("db3", "mcap", "bag")
+                if not is_bag or path.suffix == f".{kind}":  # the reader of bags requires it
                     return reader.read(kind, name, path)
             file.seek(0)
             data = file.read(MAX_LOG_BYTES + 1)

@@ -1,4 +1,4 @@
-"""ROS bags, of ROS 2 (SQLite or MCAP) or ROS 1: the topics of type sensor_msgs/msg/JointState."""
+"""Bags of ROS 2 (SQLite or MCAP) and ROS 1: topics of type sensor_msgs/msg/JointState."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
     Returns
     -------
     tuple of LogTable
-        Columns "<joint> position", "<joint> effort" and so on; a joint that a message does not name is
-        NaN there. The time is the header's stamp, or the time of recording where no stamp is set.
+        Columns "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint.
+        The time is the header's stamp, or the time of recording if no stamp is set.
 
     Raises
     ------
