@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from jointid.estimation.elasticity import METHODS
+from jointid.files.application import sample_studies
 
 
 def known_method(value: str) -> str:
@@ -33,6 +34,10 @@ def named(text: str) -> Path:
     return Path(text)
 
 
-STUDY = typer.Argument(parser=named, help="Study: a folder or a .zip.", show_default=False)
+STUDY = typer.Argument(
+    parser=named,
+    help=f"Study: a folder, a .zip, or the name of a sample: {', '.join(sample_studies())}.",
+    show_default=False,
+)
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print JSON and nothing else.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from jointid.estimation.elasticity import METHODS, Friction
 from jointid.files.digest import study_digest
 from jointid.joints import Elasticity, Inertia
 from jointid.study import Analysis
+from jointid.version import __version__
 from jointid.wording import counted
 
 
@@ -149,7 +149,7 @@ def identification(analysis: Analysis) -> Identification:
         poses=dict(study.poses),
         nominal=study.nominal,
         obtained=Obtained(
-            version=software_version(),
+            version=__version__,
             digest=study_digest(study),
             study=study.name,
             origin=study.origin,
@@ -161,14 +161,6 @@ def identification(analysis: Analysis) -> Identification:
             misfit=fit.misfit,
         ),
     )
-
-
-def software_version() -> str:
-    """Version of the installed package."""
-    try:
-        return version("jointid")
-    except PackageNotFoundError:  # run from a folder that was never installed
-        return "unknown"
 
 
 def _require_shape(name: str, value: Floats, shape: tuple[int, ...]) -> None:

@@ -29,6 +29,7 @@ from jointid.estimation.elasticity import Friction
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.joints import Elasticity, Inertia
+from jointid.version import __version__
 from jointid.wording import shown
 
 KIND = "jointid identification"
@@ -46,7 +47,7 @@ _DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-
 _INERTIA = {"M": "M = [0.0025, 0.0010]", "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]"}
 _NOMINAL = {"K": "K = [20.0, 3.5]", "D": "D = [0.10, 0.015]"}
 _OBTAINED = {
-    "version": 'version = "0.1.0"',
+    "version": f'version = "{__version__}"',
     "digest": 'digest = "…", 32 hexadecimal digits',
     "study": 'study = "Waterjet cell"',
     "origin": 'origin = "measured"',

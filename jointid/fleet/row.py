@@ -7,9 +7,9 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.study import Analysis
+from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Why a study has no answer: its files cannot be used; it took too long; too much memory; its process
@@ -123,7 +123,7 @@ def row_of(
         study=study,
         content=content,
         method=method,
-        version=software_version(),
+        version=__version__,
         time_s=time_s,
         digest=study_digest(known),
         name=known.name,
@@ -155,7 +155,7 @@ def failed(
     study: str, method: str, failure: str, error: str, *, content: str = "", time_s: float = 0.0
 ) -> Row:
     """Return the row of a study without an answer."""
-    return Row(study, content, method, software_version(), time_s, error, failure)
+    return Row(study, content, method, __version__, time_s, error, failure)
 
 
 def to_plain(row: Row) -> dict[str, Any]:

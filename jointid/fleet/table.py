@@ -100,7 +100,7 @@ def as_table(rows: Sequence[Row]) -> Any:
     return pa.Table.from_arrays(columns, schema=pa.schema(schema, metadata=_KIND))
 
 
-def read_rows(source: Path | bytes) -> tuple[Row, ...]:
+def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
     """Return the rows of a table that ``write_rows`` wrote.
 
     A table from a stranger is better read through ``jointid.fleet.reading``, in a process of its own.
