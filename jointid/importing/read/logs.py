@@ -13,7 +13,7 @@ from jointid.importing.columns.log_table import MAX_LOG_BYTES, LogTable, require
 from jointid.importing.read.archives import is_archive, read_archive
 from jointid.importing.read.file_types import TEXT, is_zip, kind_of
 from jointid.importing.read.reader_process import ReaderProcess
-from jointid.importing.read.text_tables import read_text_table
+from jointid.importing.read.text.tables import read_text_table
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 """Path or content of a log."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
-from jointid.importing.read.clock_times import is_clock
-from jointid.importing.read.text_numbers import (
+from jointid.importing.read.text.clock_times import is_clock
+from jointid.importing.read.text.numbers import (
     is_number,
     marks_note,
     proven_thousands,

@@ -14,8 +14,8 @@ from jointid.errors import JointIdError
 from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import LogColumn, LogTable, numbers, require_few_values
-from jointid.importing.read.clock_times import ClockCells
-from jointid.importing.read.text_layout import (
+from jointid.importing.read.text.clock_times import ClockCells
+from jointid.importing.read.text.layout import (
     BLANKS,
     MAX_LINE,
     TextLayout,
@@ -24,7 +24,7 @@ from jointid.importing.read.text_layout import (
     is_missing,
     split_line,
 )
-from jointid.importing.read.text_numbers import is_number, value_of, without_thousands
+from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
 
 _NULLS = [
