@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, true_runs
 from jointid.importing.find.line_fit import fit_lines, sine_basis
 from jointid.importing.find.lines import evenly_sampled, without_drift
 from jointid.importing.find.multisines import multisines
@@ -117,9 +117,8 @@ class SegmentSearch:
         for number, candidate in enumerate(candidates):
             progress(_CANDIDATE_WORK + (1 - _CANDIDATE_WORK) * number / len(candidates))
             begin, end = int(candidate.begin), min(int(candidate.end), self._time.size)
-            free = np.concatenate([[False], ~(taken[begin:end] | done[begin:end]), [False]])
-            for first, last in np.flatnonzero(free[1:] != free[:-1]).reshape(-1, 2):
-                part = replace(candidate, begin=begin + int(first), end=begin + int(last))
+            for first, last in true_runs(~(taken[begin:end] | done[begin:end])):
+                part = replace(candidate, begin=begin + first, end=begin + last)
                 too_short = (last - first) * part.frequency < self._fewest
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue

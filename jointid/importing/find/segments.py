@@ -75,11 +75,11 @@ def find_segments(
     found: list[Segment] = []
     for begin, end in _without_gaps(log.time_s):
 
-        def tell(share: float, begin: int = begin, end: int = end) -> None:
+        def report(share: float, begin: int = begin, end: int = end) -> None:
             if progress is not None:
                 progress((begin + share * (end - begin)) / log.time_s.size)
 
-        found += SegmentSearch(log, begin, end, fewest_periods).segments(tell)
+        found += SegmentSearch(log, begin, end, fewest_periods).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "

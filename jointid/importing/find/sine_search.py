@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, true_runs
 from jointid.importing.find.line_fit import sine_basis
 
 WINDOW_PERIODS = 4
@@ -86,9 +86,7 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
     if len(mean) < length:
         return
     share = _shares(mean, power, length, hop, 2 * np.pi / period)
-    inside = np.concatenate([[False], share >= SHARE, [False]])
-    edges = np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2)
-    for first, last in edges:
+    for first, last in true_runs(share >= SHARE):
         begin, end = first * hop * width, ((last - 1) * hop + length) * width
         score = float((share[first:last] - 0.5).sum()) * hop / period
         score += WINDOW_PERIODS * float(share[first:last].mean() - 0.5)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from jointid.arrays import true_runs
 from jointid.importing.find.segment import Segment
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.rounding import significant
@@ -65,26 +67,20 @@ def without_sweeps(
     return kept, spans, notes
 
 
-def _chains(singles: Sequence[Segment], rates: Sequence[float]) -> Iterator[list[Segment]]:
+def _chains(singles: Sequence[Segment], rates: Sequence[float]) -> list[Sequence[Segment]]:
     """Consecutive runs whose frequency keeps changing."""
-    chain: list[Segment] = []
-    for k, segment in enumerate(singles):
-        if chain and _continues(chain[-1], segment, (rates[k - 1], rates[k])):
-            chain.append(segment)
-            continue
-        if len(chain) >= _SWEEP_RUNS:
-            yield chain
-        chain = [segment]
-    if len(chain) >= _SWEEP_RUNS:
-        yield chain
+    pairs = zip(pairwise(singles), pairwise(rates), strict=True)
+    starts = [k for k, (runs, slopes) in enumerate(pairs, start=1) if not _continues(runs, slopes)]
+    chains = [singles[a:b] for a, b in pairwise([0, *starts, len(singles)])]
+    return [chain for chain in chains if len(chain) >= _SWEEP_RUNS]
 
 
-def _continues(one: Segment, two: Segment, rates: tuple[float, float]) -> bool:
+def _continues(runs: tuple[Segment, Segment], rates: tuple[float, float]) -> bool:
+    one, two = runs
     gap = two.start_s - one.stop_s
-    if gap > _SWEEP_GAP * max(s.stop_s - s.start_s for s in (one, two)):
-        return False
     change = two.frequency_hz - one.frequency_hz
-    if abs(change) < _SWEEP_STEP * one.frequency_hz:
+    too_far = gap > _SWEEP_GAP * max(s.stop_s - s.start_s for s in runs)
+    if too_far or abs(change) < _SWEEP_STEP * one.frequency_hz:
         return False
     slope = 2 * change / (two.start_s + two.stop_s - one.start_s - one.stop_s)
     return all(1 / _SWEEP_RATE_RATIO < rate / slope < _SWEEP_RATE_RATIO for rate in rates)
@@ -167,10 +163,9 @@ def _moving(log: MappedLog) -> list[tuple[float, float]]:
     # Noise has constant strength: without a rest, motion cannot be separated from it.
     moves = ((size > least) & rests).any(axis=1)
     moves = np.convolve(moves, np.ones(5), mode="same") >= 3
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], moves.astype(int), [0]]))).reshape(-1, 2)
     times = log.time_s[::length][: count + 1]
     end = float(log.time_s[-1])
-    return [(float(times[a]), float(times[b]) if b < len(times) else end) for a, b in edges]
+    return [(float(times[a]), float(times[b]) if b < len(times) else end) for a, b in true_runs(moves)]
 
 
 def _uncovered(
