@@ -77,3 +77,14 @@ def frozen(array: Floats) -> Floats:
     copy = array.copy()
     copy.setflags(write=False)
     return copy
+
+
+def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the runs of True in a mask, each as its first index and one past its last.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (N,)
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

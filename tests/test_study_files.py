@@ -726,7 +726,7 @@ def test_messages_begin_with_a_capital_or_a_name() -> None:
 
 def test_semicolons_are_sent_to_the_import_of_a_log() -> None:
     text = csv_text().replace(",", ";").replace(".", ",")
-    assert "Import a log" in failure(zipped(files(first=text)))
+    assert "import it as a log" in failure(zipped(files(first=text)))
 
 
 # --- what stays visible -------------------------------------------------------------------------------

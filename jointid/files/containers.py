@@ -13,6 +13,7 @@ from jointid.errors import JointIdError
 from jointid.files.container_limits import MAX_TOTAL_BYTES, Container
 from jointid.files.folder_files import Folder
 from jointid.files.zip_files import Zip
+from jointid.wording import capitalised
 
 __all__ = ["MAX_TOTAL_BYTES", "Container", "Source", "open_container"]
 
@@ -64,7 +65,7 @@ def open_container(source: Source, *, marker: str) -> Iterator[Container]:
             )
     except JointIdError as error:
         if str(error).startswith(_ARCHIVE):  # a message is a sentence
-            raise JointIdError(_capital(str(error))) from error
+            raise JointIdError(capitalised(str(error))) from error
         raise
 
 
@@ -84,7 +85,3 @@ def _is_folder(path: Path) -> bool:
     except (OSError, ValueError) as error:
         fault = f"it cannot be opened ({error!s:.200})"
     raise JointIdError(f"{path!s:.200}: {fault}. Give a study's folder, or that folder as .zip.")
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -73,8 +73,8 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
         if "time_s" not in names and text.count(delimiter) > text.count(","):
             raise JointIdError(
                 f"{file} has {what} between its columns: expected commas. Save it with commas between "
-                "columns and points as decimal marks (0.25, not 0,25), or use Import a log, which reads "
-                "it as it is."
+                "columns and points as decimal marks (0.25, not 0,25), or import it as a "
+                "log, which accepts it unchanged."
             )
     return names, body
 

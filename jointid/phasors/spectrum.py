@@ -60,7 +60,11 @@ def largest_line_hz(time_s: Floats, signal: Floats) -> float:
         raise JointIdError("The signal does not move: it has no frequency.")
     if not 0 < peak < amplitude.size - 1:
         return float(frequency[peak])
+    return float(frequency[peak] + vertex(amplitude, peak) * (frequency[1] - frequency[0]))
+
+
+def vertex(amplitude: Floats, peak: int) -> float:
+    """Offset in bins, -0.5 to 0.5, of the vertex of a parabola through the logarithms around a peak."""
     left, centre, right = np.log(np.maximum(amplitude[peak - 1 : peak + 2], 1e-300))
     curvature = left - 2 * centre + right
-    shift = 0.0 if curvature == 0 else 0.5 * (left - right) / curvature
-    return float(frequency[peak] + shift * (frequency[1] - frequency[0]))
+    return 0.0 if curvature == 0 else float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
