@@ -1,4 +1,4 @@
-"""Small pieces of error messages."""
+"""Pieces of text that messages, reports and file names share."""
 
 from __future__ import annotations
 
@@ -10,6 +10,17 @@ def nearest(word: str, words: Iterable[str]) -> str:
     """Return " Did you mean …?" with the most similar of ``words``, or nothing."""
     matches = difflib.get_close_matches(word[:200], [candidate[:200] for candidate in words], n=1)
     return f' Did you mean "{matches[0]}"?' if matches else ""
+
+
+def capitalised(text: str) -> str:
+    """Return a text with its first letter in upper case, the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def file_stem(name: str) -> str:
+    """Return a study's name as the beginning of a file name: lower case, words joined by "_"."""
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"
 
 
 def counted(count: int, what: str) -> str:

@@ -13,6 +13,7 @@ from jointid.errors import JointIdError
 from jointid.files.container_limits import MAX_TOTAL_BYTES, Container
 from jointid.files.folder_files import Folder
 from jointid.files.zip_files import Zip
+from jointid.wording import capitalised
 
 __all__ = ["MAX_TOTAL_BYTES", "Container", "Source", "open_container"]
 
@@ -20,7 +21,7 @@ Source: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview | Bi
 """A folder or .zip by its path, or a zip as bytes or as an open binary file (an upload)."""
 
 _ARCHIVE = "the archive"
-"""What messages call an archive without a name."""
+"""Name of an archive from bytes, in messages."""
 
 
 @contextmanager
@@ -63,8 +64,8 @@ def open_container(source: Source, *, marker: str) -> Iterator[Container]:
                 f"{type(source).__name__}."
             )
     except JointIdError as error:
-        if str(error).startswith(_ARCHIVE):  # a message is a sentence
-            raise JointIdError(_capital(str(error))) from error
+        if error.file == _ARCHIVE:  # its message begins with this name
+            raise JointIdError(capitalised(str(error)), file=_ARCHIVE) from error
         raise
 
 
@@ -83,8 +84,6 @@ def _is_folder(path: Path) -> bool:
         fault = "nothing is there"
     except (OSError, ValueError) as error:
         fault = f"it cannot be opened ({error!s:.200})"
-    raise JointIdError(f"{path!s:.200}: {fault}. Give a study's folder, or that folder as .zip.")
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    raise JointIdError(
+        f"{path!s:.200}: {fault}. Give a study's folder, or that folder as .zip.", file=str(path)
+    )

@@ -1,4 +1,4 @@
-"""A folder as a safe read-only set of named bytes: no link leads out of it, no pipe is opened."""
+"""A folder as a safe read-only set of named bytes: links out of it and pipes are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Folder:
     Parameters
     ----------
     path : Path
-        Of a folder that is there.
+        An existing folder.
     """
 
     def __init__(self, path: Path) -> None:
@@ -43,7 +43,7 @@ class Folder:
             return file.read(wanted)
 
     def path(self, name: str) -> Path:
-        """Return where a file lies, to be read in parts."""
+        """Return a file's path, for reading in parts."""
         with self._readable(name) as target:
             return target
 
@@ -54,16 +54,19 @@ class Folder:
             target = (self._root / name).resolve(strict=True)
             if not target.is_relative_to(self._root):
                 raise JointIdError(
-                    f"{name} is a link that leaves {self.name}: put the file itself into the folder."
+                    f"{name} is a link that leaves {self.name}: put the file itself into the folder.",
+                    file=name,
                 )
             if not target.is_file():  # a pipe or device could block forever
                 raise JointIdError(
-                    f"{name} in {self.name} is no ordinary file: put the file itself into the folder."
+                    f"{name} in {self.name} is no ordinary file: put the file itself into the folder.",
+                    file=name,
                 )
             yield target
         except (FileNotFoundError, NotADirectoryError):
             raise missing(name, self) from None
         except (OSError, RuntimeError) as error:
             raise JointIdError(
-                f"{name} in {self.name} cannot be read: {error!s:.200}. Check its permissions."
+                f"{name} in {self.name} cannot be read: {error!s:.200}. Check its permissions.",
+                file=name,
             ) from error

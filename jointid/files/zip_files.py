@@ -64,7 +64,8 @@ class Zip:
         except _ZIP_FAULTS as error:
             raise JointIdError(
                 f"{name} is not a readable zip archive; it is damaged or incomplete ({error!s:.200}). "
-                "Give the study's folder, or that folder as .zip."
+                "Give the study's folder, or that folder as .zip.",
+                file=name,
             ) from error
         self._check_sizes(members)
         self._members: dict[str, zipfile.ZipInfo] = {}
@@ -73,7 +74,7 @@ class Zip:
             if member.is_dir():
                 continue
             if path in self._members:
-                raise JointIdError(f"{name} lists {path} twice: make the archive again.")
+                raise JointIdError(f"{name} lists {path} twice: make the archive again.", file=name)
             self._members[path] = member
         self._members = {path: m for path, m in self._members.items() if not is_clutter(path)}
         self._step_into_top_folder(marker)
@@ -100,7 +101,7 @@ class Zip:
             raise
         except _ZIP_FAULTS as error:
             raise JointIdError(
-                f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again."
+                f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again.", file=name
             ) from error
         return b"".join(chunks)
 
@@ -123,7 +124,7 @@ class Zip:
         try:
             path = safe_name(name)
         except JointIdError as error:
-            raise JointIdError(f"{self.name}: {error}") from None
+            raise error.within(self.name) from None
         if stat.S_ISLNK(member.external_attr >> 16):
             raise JointIdError(f"{path} in {self.name} is a link: put the file itself into the archive.")
         if member.flag_bits & 0x1:
