@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jointid.cli.output import status
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import new_file, write_error
 from jointid.study import Analysis, Study
 
 if TYPE_CHECKING:
@@ -78,12 +78,8 @@ def write_file(path: Path, data: bytes) -> None:
     """Write a file completely or not at all."""
     if not path.parent.is_dir():
         raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
-    fresh = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.new")
     try:
-        with fresh.open("xb") as file:
+        with new_file(path) as file:
             file.write(data)
-        os.replace(fresh, path)
     except OSError as error:
-        raise JointIdError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        fresh.unlink(missing_ok=True)
+        raise write_error(path, error) from error

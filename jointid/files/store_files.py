@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 import sys
 import time
 from base64 import urlsafe_b64encode
@@ -13,6 +12,8 @@ from dataclasses import asdict, dataclass
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
+
+from jointid.files.atomic_write import new_file
 
 MAX_NAME = 120
 """Longest name of an entry, characters."""
@@ -126,29 +127,9 @@ def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file complete or not at all, and only for this user."""
-    fresh = file.with_name(f".{secrets.token_hex(8)}.new")
-    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(file)
-        _settle(file.parent)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
-
-
-def _settle(folder: Path) -> None:
-    """Have a renaming survive a power cut, where the system can."""
-    if os.name == "posix":
-        handle = os.open(folder, os.O_RDONLY)
-        with suppress(OSError):  # some network drives cannot
-            os.fsync(handle)
-        os.close(handle)
+    """Write a file complete or not at all, readable by this user only."""
+    with new_file(file, private=True) as stream:
+        stream.write(data)
 
 
 def latest_name(file: Path) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 import tomli_w
 
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import new_file, write_error
 from jointid.files.checked_toml import MAX_TOML_BYTES
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
@@ -54,32 +55,14 @@ def save_study(
         When ``path`` exists and may not be replaced, or cannot be written.
     """
     target = _checked_target(path, overwrite)
-    token = f".{target.name[:100]}.{secrets.token_hex(6)}"
-    fresh, old = target.with_name(f"{token}.new"), target.with_name(f"{token}.old")
     try:
         if _is_zip(target):
-            with fresh.open("xb") as file:
+            with new_file(target) as file:
                 _write_zip(study, file, record_format)
         else:
-            (fresh / "records").mkdir(parents=True)
-            for name, data in _files(study, record_format):
-                (fresh / name).write_bytes(data)
-            if target.exists():
-                target.rename(old)  # a folder cannot replace a folder that holds files
-        fresh.replace(target)
+            _write_folder(study, target, record_format)
     except OSError as error:
-        if old.exists():
-            old.rename(target)
-        raise JointIdError(
-            f"{target} cannot be written: {error.strerror or error}. Make room or check the "
-            "permissions, or choose another path."
-        ) from error
-    finally:
-        for rest in (fresh, old):
-            if rest.is_dir():
-                shutil.rmtree(rest, ignore_errors=True)
-            else:
-                rest.unlink(missing_ok=True)
+        raise write_error(target, error) from error
 
 
 def pack_study(study: Study, *, record_format: Literal["csv", "parquet"] = "csv") -> bytes:
@@ -161,6 +144,25 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
 
 def _timing(record: SineRecord) -> dict[str, Any]:
     return {"torque_hold": record.torque_hold, "torque_delay_s": record.torque_delay_s}
+
+
+def _write_folder(study: Study, target: Path, record_format: str) -> None:
+    token = secrets.token_hex(8)
+    fresh, old = target.with_name(f".{token}.new"), target.with_name(f".{token}.old")
+    try:
+        (fresh / "records").mkdir(parents=True)
+        for name, data in _files(study, record_format):
+            (fresh / name).write_bytes(data)
+        if target.exists():
+            target.rename(old)  # a folder cannot replace a folder that holds files
+        fresh.replace(target)
+    except OSError:
+        if old.exists():
+            old.rename(target)
+        raise
+    finally:
+        for rest in (fresh, old):
+            shutil.rmtree(rest, ignore_errors=True)
 
 
 def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import write_error
 from jointid.fleet.row import Row, checked, from_plain, to_plain
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
@@ -93,10 +94,7 @@ class Journal:
                         return file
                 file.close()  # the batch that held it has just finished and removed it
         except OSError as error:
-            raise JointIdError(
-                f"{self.path} cannot be written: {error.strerror or error}. Make room or check the "
-                "permissions, or choose another file for the results."
-            ) from error
+            raise write_error(self.path, error) from error
 
     def _read(self) -> Iterator[Row]:
         """Rows of the whole lines; what follows the last of them is cut off."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import secrets
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import new_file, write_error
 from jointid.fleet.row import MAX_JOINTS, Row, checked
 
 MAX_ROWS = 1_000_000
@@ -56,20 +55,11 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
     JointIdError
         When it cannot be written.
     """
-    fresh = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.new")
     try:
-        with fresh.open("xb") as file:
+        with new_file(path) as file:
             pa_parquet.write_table(as_table(rows), file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
     except OSError as error:
-        raise JointIdError(
-            f"{path} cannot be written: {error.strerror or error}. Make room or check the permissions, "
-            "or choose another file for the results."
-        ) from error
-    finally:
-        fresh.unlink(missing_ok=True)
+        raise write_error(path, error) from error
 
 
 def to_parquet(rows: Sequence[Row]) -> bytes:
