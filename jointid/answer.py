@@ -6,6 +6,7 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Elasticity
 from jointid.rounding import significant
+from jointid.wording import capitalised
 
 _AGREEMENT = 0.01
 """A stiffness within 1 % of the nominal one counts as the same: the path then errs by below 0.1 mm."""
@@ -34,12 +35,12 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
         parts = [f"{_rounded(fit, j)} N·m/rad" for j in range(fit.n)]
         joints = _list([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        return f"{_capital(joints)} {verb} of {_list(parts)}, seen from the motor."
+        return f"{capitalised(joints)} {verb} of {_list(parts)}, seen from the motor."
     whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
     if fit.n > 1 and len(whole) == 1:
         return f"Every joint {whole.pop()}."
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
-    return f"{_capital(_list(parts))}."
+    return f"{capitalised(_list(parts))}."
 
 
 def inertia_sentence(added: Floats, share: float = 0.03) -> str:
@@ -80,7 +81,3 @@ def _rounded(fit: ElasticityFit, j: int) -> str:
 
 def _list(parts: list[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

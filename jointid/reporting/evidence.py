@@ -18,6 +18,7 @@ from jointid.reporting.curves import IDENTIFIED, NOMINAL
 from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
 from jointid.rounding import significant
 from jointid.study import Analysis
+from jointid.wording import capitalised
 
 
 class FigureNumbers:
@@ -116,7 +117,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         try:
             first, second = _cuts(outcome, zone)
         except JointIdError as error:
-            yield Paragraph(f"{label[:1].upper()}{label[1:]}: {error}", "quiet")
+            yield Paragraph(f"{capitalised(label)}: {error}", "quiet")
             continue
         before.append((label, first))
         after.append((label, second))

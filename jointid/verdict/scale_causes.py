@@ -10,6 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
+from jointid.wording import capitalised
 
 _DEGREES = np.pi / 180
 _CLOSE = 1.03
@@ -178,7 +179,7 @@ def told_by_size(
         values = _values(factor, joints)
         if cause is None:
             titles.append(f"the scale of {whose} looks wrong")
-            details.append(f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}.")
+            details.append(f"{capitalised(whose)}: torque over acceleration is {values} times {_SAYS}.")
             remedies.append(_unknown_remedy(factor, joints))
             continue
         sign = " and the sign reversed" if factor[joints[0]] < 0 else ""
@@ -186,7 +187,7 @@ def told_by_size(
         title = f"the {cause.signal} of {whose} {cause.title}{sign}"
         titles.append(f"M and M2 look given in g·m², or {title}" if grams else title)
         details.append(
-            f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
+            f"{capitalised(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
             f"about what {cause.why} makes."
             + (
                 " M and M2 in g·m² taken for kg·m² make the same: the records cannot tell."
@@ -204,7 +205,7 @@ def told_by_size(
     # A gear ratio may have the same size by chance.
     remedies.append(f"If the units are right, check the gear ratio {IMPORT}.")
     return problem(
-        _capital("; ".join(titles)), f"{' '.join(details)} {proof}", " ".join(remedies), effect
+        capitalised("; ".join(titles)), f"{' '.join(details)} {proof}", " ".join(remedies), effect
     )
 
 
@@ -332,7 +333,3 @@ def _values(factor: Floats, joints: Sequence[int] | range | np.ndarray) -> str:
 
 def _list(values: Floats) -> str:
     return ", ".join(number(float(value), 3) for value in values)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

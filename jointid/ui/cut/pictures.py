@@ -15,6 +15,7 @@ from jointid.figures.style import LIGHT, Colours, colours
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
+from jointid.wording import capitalised
 
 _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
@@ -30,7 +31,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     if not done:
         return
     rows = [
-        (name[:1].upper() + name[1:], [_shape(zone, runs, row, LIGHT) for zone, runs in done])
+        (capitalised(name), [_shape(zone, runs, row, LIGHT) for zone, runs in done])
         for row, name in enumerate(names)
     ]
     st.download_button(
@@ -57,7 +58,7 @@ def _figure_7_html(
         colour = ink.identified if row else ink.nominal
         parts.append(
             f'<div style="padding:0.5rem 0 0.25rem">{key_line(colour)}'
-            f"<b>{escape(name[:1].upper() + name[1:])}</b></div>"
+            f"<b>{escape(capitalised(name))}</b></div>"
             '<div style="display:grid;grid-template-columns:repeat(3,minmax(0,1fr));gap:0.75rem;'
             'max-width:44rem">'
         )

@@ -9,6 +9,7 @@ import streamlit as st
 
 from jointid.importing import Guess
 from jointid.importing.map.reasons import Reason
+from jointid.wording import capitalised
 
 _HOW = (
     "What is marked To check is not in the log. Look it up in the controller's manual, or ask who "
@@ -68,9 +69,9 @@ class Checks:
         found = [
             self._reasons[what] for what, stands_yet in stands if stands_yet and what in self._reasons
         ]
-        self.sure += [f"**{_upper(r.what)}:** {r.text}" for r in found if r.sure]
+        self.sure += [f"**{capitalised(r.what)}:** {r.text}" for r in found if r.sure]
         check = [reason for reason in found if not reason.sure]
-        text = " ".join(f"**{_upper(r.what.removesuffix(part_of))}:** {r.text}" for r in check)
+        text = " ".join(f"**{capitalised(r.what.removesuffix(part_of))}:** {r.text}" for r in check)
         if check and self._ticked(name, text):
             return
         self.assumed += assumed
@@ -88,7 +89,3 @@ class Checks:
         )
         left.caption(f"{':gray-badge[Checked]' if ticked else ':orange-badge[To check]'} {text}")
         return ticked
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

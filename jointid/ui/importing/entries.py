@@ -23,7 +23,7 @@ from jointid.importing.columns.units import (
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.more_joints import propose_joint
 from jointid.ui.importing.checks import Checks
-from jointid.wording import counted
+from jointid.wording import capitalised, counted
 
 T = TypeVar("T")
 
@@ -203,7 +203,7 @@ class Entries:
         scale = None
         if meaning := scales.get(unit):
             scale = place.number_input(
-                _upper(meaning),
+                capitalised(meaning),
                 value=base.scale if base.unit == unit and base.scale else 1.0,
                 format="%g",
                 key=self._id(f"{name} scale {meaning}"),
@@ -283,7 +283,3 @@ def joint_line(number: int, position: Channel, torque: Channel) -> str:
 def _plain(text: str) -> str:
     """A column's name as it is: nothing in it is markup."""
     return re.sub(r"([\\`*_{}\[\]()#+!|~<>$:-])", r"\\\1", text)
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
