@@ -53,16 +53,20 @@ def cut(
     document["assumption"] = choice
     document["meaning"] = robot.meaning
     if svg is not None:
-        from jointid.reporting.curves import IDENTIFIED, NOMINAL
+        from jointid.figures.style import LIGHT
         from jointid.reporting.drawing import to_svg
         from jointid.reporting.figures import cut_figure
 
         labels = [f"corner zone {zone:g} mm" for zone in zones]
         rows = [
-            (f"Before: {choice}", NOMINAL, [*zip(labels, (o.before for o in outcomes), strict=True)]),
-            ("After", IDENTIFIED, [*zip(labels, (o.after for o in outcomes), strict=True)]),
+            (
+                f"Before: {choice}",
+                LIGHT.nominal,
+                [*zip(labels, (o.before for o in outcomes), strict=True)],
+            ),
+            ("After", LIGHT.identified, [*zip(labels, (o.after for o in outcomes), strict=True)]),
         ]
-        write_file(svg, to_svg(cut_figure(rows)).encode())
+        write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:
         print_json(document)
         return

@@ -13,8 +13,8 @@ from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
+from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
-from jointid.reporting.curves import IDENTIFIED, NOMINAL
 from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
 from jointid.rounding import significant
 from jointid.study import Analysis
@@ -123,7 +123,10 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         after.append((label, second))
     if before:
         heading = "Before: rigid servo" if assumed is None else "Before: nominal K and D"
-        rows = [(heading, NOMINAL, before), ("After: identified K and D", IDENTIFIED, after)]
+        rows = [
+            (heading, LIGHT.nominal, before),
+            ("After: identified K and D", LIGHT.identified, after),
+        ]
         yield Figure(
             (cut_figure(rows),),
             f"{figures.next()} Cut paths and their largest path errors; grey is the wanted path "
