@@ -15,7 +15,7 @@ from jointid.files.atomic_write import new_file, write_error
 from jointid.fleet.row import MAX_JOINTS, Row, checked
 
 MAX_ROWS = 1_000_000
-"""Most rows of a table that is read."""
+"""Most rows of a table that is read; larger ones must be split."""
 
 _KIND = {b"kind": b"jointid fleet", b"format": b"1"}
 _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
@@ -48,7 +48,7 @@ _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write a table, complete or not at all; its columns are K1, K1_error, D1 and so on.
+    """Write a table atomically; its columns are K1, K1_error, D1 and so on.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def to_parquet(rows: Sequence[Row]) -> bytes:
 
 
 def as_table(rows: Sequence[Row]) -> Any:
-    """Return rows as an Arrow table; joints that a study does not have are null."""
+    """Return rows as an Arrow table; joints beyond a study's number are null."""
     joints = max((row.joints for row in rows), default=0)
     columns, schema = [], []
 
@@ -93,12 +93,12 @@ def as_table(rows: Sequence[Row]) -> Any:
 def read_rows(source: Path | bytes) -> tuple[Row, ...]:
     """Return the rows of a table that ``write_rows`` wrote.
 
-    A table from a stranger is better read through ``jointid.fleet.reading``, in a process of its own.
+    ``jointid.fleet.reading`` reads tables from unknown sources in a child process.
 
     Raises
     ------
     JointIdError
-        When it cannot be read, or is no table of a fleet's results.
+        When it cannot be read, or is not a table of a fleet's results.
     """
     name = "The table" if isinstance(source, bytes) else str(source)
     try:
@@ -147,7 +147,7 @@ def _row(columns: dict[str, list[Any]], k: int) -> Row:
 
 
 def _text(value: Any) -> Any:
-    """A value as a table can hold it: a path may hold what is no character."""
+    """A value without surrogates, which a table cannot hold."""
     if isinstance(value, str):
         return value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     if isinstance(value, tuple):
