@@ -1,4 +1,4 @@
-"""Files that commands read and write."""
+"""Input and output files of commands."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def analysed(path: Path, method: str, *, quiet: bool) -> Analysis:
 
 
 def robot_from(path: Path) -> KnownRobot:
-    """Inertias, of poses too, from a study or from a TOML file that gives M and M2."""
+    """Read inertias, of poses too, from a study or from a TOML file with M and M2."""
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
@@ -44,7 +44,7 @@ def robot_from(path: Path) -> KnownRobot:
 
 
 def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
-    """Refuse before the work is done rather than after it; what is read is replaced in no case."""
+    """Refuse, before any work, an existing output without ``overwrite``, and any input as output."""
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
@@ -55,12 +55,12 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
 
 
 def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) -> None:
-    """The same for results that may be written again: studies and what is read are spared."""
+    """Refuse an output that would replace an input or, without ``overwrite``, part of a study."""
     require_free(path, overwrite or not (path.suffix.lower() == ".zip" or _in_study(path)), reads)
 
 
 def _in_study(path: Path) -> bool:
-    """Tell whether a file may be part of a study's folder."""
+    """Whether a file may be part of a study's folder."""
     from jointid.files.study_saving import STUDY_FILE
 
     at = path.absolute()
@@ -75,7 +75,7 @@ def _same_file(source: Path, target: Path) -> bool:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all."""
+    """Write a file atomically."""
     if not path.parent.is_dir():
         raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
     try:
