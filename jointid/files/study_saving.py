@@ -1,4 +1,4 @@
-"""Writing a study: complete or not at all, exact to the last bit, equal bytes for equal studies."""
+"""Writing a study: atomically, exact to the last bit, equal bytes for equal studies."""
 
 from __future__ import annotations
 
@@ -35,19 +35,17 @@ def save_study(
 ) -> None:
     """Write a study to a folder, or to a zip archive when ``path`` ends in .zip.
 
-    ``load_study`` returns the same study, bit for bit. The study appears under ``path`` complete
-    or not at all.
+    ``load_study`` returns the same study, bit for bit. Writing is atomic.
 
     Parameters
     ----------
     study : Study
-        What to write.
     path : path
         New folder or .zip; its parent folder must exist.
     record_format : {"csv", "parquet"}
         CSV opens everywhere; Parquet is smaller and faster.
     overwrite : bool, default False
-        Replace an existing study. A folder is replaced only when it holds nothing but a study.
+        Replace an existing study; a folder only when it contains nothing else.
 
     Raises
     ------
@@ -175,7 +173,7 @@ def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:
                     f"The study needs more than the {mebibytes(MAX_TOTAL_BYTES)} that load_study takes: "
                     'split it, or choose record_format="parquet".'
                 )
-            member = zipfile.ZipInfo(name)  # its fixed date keeps the bytes the same
+            member = zipfile.ZipInfo(name)  # with a fixed date: equal studies give equal bytes
             member.create_system, member.external_attr = 3, 0o644 << 16
             member.compress_type = zipfile.ZIP_DEFLATED
             archive.writestr(member, data, compresslevel=1)  # 5 times as fast as 6, and 1.1 as large
@@ -186,7 +184,7 @@ def _is_zip(target: Path) -> bool:
 
 
 def _checked_target(path: str | os.PathLike[str], overwrite: bool) -> Path:
-    """The real path, when a study may be written there."""
+    """Real path of the target, if a study may be written there."""
     try:
         target = Path(os.path.realpath(path))
         if not target.parent.is_dir():
