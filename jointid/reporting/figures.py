@@ -1,4 +1,8 @@
-"""Figures 3-5 and 7 of the paper, of this robot, as drawings for the report."""
+"""Figures 3-5 and 7 of the paper as drawings for the report.
+
+Drawn without a plotting library: plotly exports through a browser, matplotlib adds tens of MB, and none
+scales the height of a figure without its texts, by which the PDF fills its pages.
+"""
 
 from __future__ import annotations
 
