@@ -6,6 +6,7 @@ from jointid.answer import answer_sentence
 from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.charts import plot
+from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
 from jointid.ui.study.uncertainty_panels import show_inertia_line
@@ -38,7 +39,7 @@ if analysis.transfer_matrices:
             )
             plot(figure, name, key=f"H{j}")
 else:
-    st.info(analysis.transfer_problem)
+    show_info(analysis.transfer_problem)
 
 st.subheader("Step by step", anchor=False)
 show_steps(page.study)

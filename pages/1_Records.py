@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side, table
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import quality_table
 

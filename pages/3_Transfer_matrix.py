@@ -4,6 +4,7 @@ import streamlit as st
 
 from jointid.figures import element_response, single_record
 from jointid.ui.shared.charts import plot
+from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.matrix_elements import choose_element, choose_pose, show_how_well_known
 from jointid.ui.study.overview import freed_note
@@ -32,7 +33,7 @@ st.latex(
 )
 analysis = page.analysis()
 if analysis.transfer_problem:
-    st.warning(analysis.transfer_problem)
+    show_warning(analysis.transfer_problem)
 if not analysis.transfer_matrices:
     st.stop()
 pose = choose_pose(list(analysis.transfer_matrices))

@@ -16,7 +16,7 @@ from jointid.ui.cut.panels import headline, remainder, show_meaning, show_rule, 
 from jointid.ui.cut.pictures import show_figure_7
 from jointid.ui.cut.settings import ask, nominal_name
 from jointid.ui.shared.charts import plot, side_by_side
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")

@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.figures.plan import worst_error
 from jointid.rounding import significant
 from jointid.ui.shared.charts import csv_bytes, plot, table
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.plan_form import (
     ask,
@@ -57,6 +57,6 @@ st.subheader("A plan of your own", anchor=False)
 st.write("Change the records, add some, or delete some; below stands what they would tell.")
 try:
     told = predicted(page, edit_plan(found, page.digest), analysis, settings.pose)
-    st.table(predicted_table(told, analysis.fit), hide_index=True)
+    show_text_table(predicted_table(told, analysis.fit))
 except JointIdError as error:
     show_error(error)

@@ -6,7 +6,7 @@ from jointid import JointIdError
 from jointid.answer import without
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.study import downloads
@@ -49,7 +49,7 @@ with st.container(horizontal=True):
         results.mat,
         f"{stem}.mat",
         "application/octet-stream",
-        note="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
+        hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
         "without friction and delay, and phasors.",
     )
 with st.expander("What stands in it"):
@@ -69,7 +69,7 @@ with st.container(horizontal=True):
     if analysis.transfer_matrices:
         download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
 if not analysis.transfer_matrices:
-    st.info(f"There is no table of H. {analysis.transfer_problem}")
+    show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 st.subheader("For robot simulators", anchor=False)
 st.write(
@@ -111,7 +111,7 @@ with st.container(horizontal=True):
         lambda: pack_study(study, record_format="parquet"),
         f"{stem}_parquet.zip",
         "application/zip",
-        note="Reads faster.",
+        hint="Reads faster.",
     )
 
 if asked:  # last, so that the rest of the page stands meanwhile

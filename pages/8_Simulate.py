@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import start
 from jointid.ui.shared.workspace import keep

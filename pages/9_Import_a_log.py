@@ -27,7 +27,7 @@ from jointid.ui.importing.segments import chosen_segments, edit_segments, found_
 from jointid.ui.importing.study import ROBOT, ask_robot, say_way
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import start
 from jointid.ui.shared.workspace import keep
@@ -78,7 +78,7 @@ with kept_import():
     if not ready:
         st.stop()
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
-        st.caption(note)
+        show_note(note)
     picture = st.container()
     found: dict[str, tuple[Segment, ...]] = dict.fromkeys(ready, ())
     watch, stopped = Watch("Search on", len(ready)), False
@@ -98,7 +98,7 @@ with kept_import():
     rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
     kept, dropped, problems = chosen_segments(rows, ready, rules)
     for problem in problems:
-        st.error(problem)
+        show_error(problem)
     if not problems and settle(rows, found, ready, rules):
         st.rerun()
     if log.key in ready:

@@ -25,6 +25,8 @@ class Session:
         self.socket = self._open.enter_context(way)
         self.page = self.query = ""
         self.widgets: dict[str, WidgetState] = {}
+        self.begun: Any = None
+        """What the server said about the app when the page last run began: pages, theme."""
         self.sent: list[Any] = []
         self.asked: list[Any] = []
         """Reruns of its own that the page last run has asked for: interval and fragment."""
@@ -62,6 +64,8 @@ class Session:
             kind = got.WhichOneof("type")
             if kind == "page_info_changed":
                 self.query = got.page_info_changed.query_string
+            elif kind == "new_session":
+                self.begun = got.new_session
             elif kind == "delta" and got.delta.WhichOneof("type") == "new_element":
                 self.sent.append(got.delta.new_element)
             elif kind == "auto_rerun":

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -15,12 +17,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import jointid
 from jointid import Inertia, Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from, write_file
 from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
+from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
 from jointid.rounding import with_error
@@ -89,6 +93,32 @@ def test_the_method_is_passed_on(one_joint: Path) -> None:
     document = json.loads(ok("identify", one_joint, "--method", "explicit", "--json"))
     assert document["obtained"]["method"] == "explicit"
     assert document["K"] == analyse(load_study(one_joint), method="explicit").fit.K.tolist()
+
+
+# --- samples by name
+
+
+def test_a_sample_is_a_study_by_its_name(here: Path) -> None:
+    document = json.loads(ok("identify", "single_joint", "--json"))
+    fit = analyse(load_study(ROOT / "sample_data" / "single_joint")).fit
+    assert document["K"] == fit.K.tolist()
+    assert json.loads(ok("identify", "single joint", "--json")) == document  # as the app shows it
+
+
+def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint: Path) -> None:
+    shutil.copytree(one_joint, here / "single_joint")
+    document = json.loads(ok("identify", "single_joint", "--json"))
+    assert document["K"] == analyse(load_study(one_joint)).fit.K.tolist()
+
+
+def test_the_samples_are_listed(here: Path) -> None:
+    names = ["paper", "manutec_r3", "single_joint", "worn_cell"]
+    assert list(sample_studies()) == names
+    shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))
+    assert f"sample: {', '.join(names)}" in shown
+    said = refused(1, "identify", "worn_cel")
+    assert f"or a sample: {', '.join(names)}. " in said
+    assert 'Did you mean "worn_cell"?' in said
 
 
 # --- what is wrong
@@ -427,7 +457,7 @@ def test_ctrl_c_while_modules_load_ends_it_quietly(module: str, study: Path) -> 
 
 
 def test_version() -> None:
-    assert ok("--version").startswith("jointid ")
+    assert ok("--version") == f"jointid {jointid.__version__}\n"
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
@@ -448,7 +478,7 @@ def test_importing_it_loads_nothing_heavy() -> None:
 
 
 def test_the_app_is_named_when_it_is_missing(tmp_path: Path) -> None:
-    assert "install with pip install -e" in refused(1, "app", "--path", tmp_path / "app.py")
+    assert "does not exist. Give --path" in refused(1, "app", "--path", tmp_path / "app.py")
 
 
 def test_the_app_of_the_checkout_is_started(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,7 @@ from jointid.figures import (
     unexplained_torque,
     waveforms,
 )
-from jointid.figures.style import DARK, LIGHT, frequency_axis
+from jointid.figures.style import DARK, LIGHT, frequency_axis, plain_text
 from jointid.figures.waveforms import thinned
 from jointid.ui.study.data_quality import phasor_table
 
@@ -297,3 +297,15 @@ def test_a_cell_without_a_number_leaves_a_gap_and_its_row_is_marked() -> None:
     (mark,) = figure.layout.shapes
     assert mark.x0 == mark.x1 == pytest.approx(0.2)
     assert not raw_columns(columns).layout.shapes
+
+
+def test_a_text_from_a_file_is_shown_unchanged() -> None:
+    """Plotly reads tags and entities; a paint of a style may even be fetched from another machine."""
+    assert plain_text('<span style="fill:url(//x)">a</span> &lt;') == (
+        '&lt;span style="fill:url(//x)"&gt;a&lt;/span&gt; &amp;lt;'
+    )
+    assert plain_text("a" * 330) == "a" * 79 + "…"
+    figure = raw_columns({"<b>t</b>": np.arange(3.0), "<a href='//x'>y</a>": np.arange(3.0)})
+    assert "<b>" not in figure.to_json()
+    assert figure.layout.xaxis.title.text == "&lt;b&gt;t&lt;/b&gt;"
+    assert figure.data[0].name == "&lt;a href='//x'&gt;y&lt;/a&gt;"

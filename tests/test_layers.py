@@ -9,10 +9,15 @@ import warnings
 from collections import Counter
 from fnmatch import fnmatch
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted([*(ROOT / "jointid").rglob("*.py"), *(ROOT / "pages").glob("*.py"), *ROOT.glob("app.py")])
+STUBS = {file.with_suffix(".py"): file for file in sorted((ROOT / "jointid").rglob("__init__.pyi"))}
+"""Which names a package offers and where they live: its ``__init__`` imports them when they are used."""
 
 HOMES = {
     "streamlit": ["jointid/ui/*", "app.py", "pages/*"],
@@ -33,6 +38,7 @@ HOMES = {
     "python_calamine": ["jointid/importing/read/*"],
     "rosbags": ["jointid/importing/read/*"],
     "threadpoolctl": ["jointid/small_matrices.py"],
+    "lazy_loader": ["jointid/__init__.py", "jointid/*/__init__.py"],
     "typer": ["jointid/cli/*"],
     "rich": ["jointid/cli/*"],
     "numpy": ["*"],
@@ -42,7 +48,7 @@ HOMES = {
 
 FLOORS = [
     ["errors"],
-    ["arrays", "wording", "rounding"],
+    ["arrays", "wording", "rounding", "version"],
     ["small_matrices"],
     ["records", "joints"],
     ["phasors", "simulation"],
@@ -75,9 +81,22 @@ def name_of(file: Path) -> str:
 
 
 @cache
+def offered(stub: Path) -> dict[str, str]:
+    """Names in a stub by the module that each comes from; a stub imports from its own package only."""
+    found = {}
+    for node in tree(stub).body:
+        assert isinstance(node, ast.ImportFrom), f"{stub}:{node.lineno}"
+        assert node.level == 1, f"{stub}:{node.lineno}"
+        for alias in node.names:
+            assert alias.asname == alias.name, f"{stub}:{node.lineno}: {alias.name} is not exported"
+            found[alias.name] = f"{name_of(stub)}.{node.module}"
+    return found
+
+
+@cache
 def imported(file: Path) -> frozenset[str]:
-    """Every module that a file imports, inside functions as well."""
-    found: set[str] = set()
+    """Every module that a file imports, inside functions as well, and by the stub beside it."""
+    found = set(offered(STUBS[file]).values()) if file in STUBS else set[str]()
     for node in ast.walk(tree(file)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names)
@@ -104,6 +123,14 @@ def reached(module: str) -> set[str]:
             seen.add(target)
             todo.append(target)
     return seen
+
+
+def printed(program: str) -> str:
+    """What a program prints in an interpreter of its own."""
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
+    )
+    return run.stdout.strip()
 
 
 def floor(module: str) -> int:
@@ -191,10 +218,7 @@ def test_the_library_does_not_go_through_its_own_front_door() -> None:
 def test_importing_the_library_does_not_load_what_only_some_need() -> None:
     heavy = ("streamlit", "plotly", "pymunk")
     program = f"import sys, jointid; print([m for m in {heavy} if m in sys.modules])"
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    assert run.stdout.strip() == "[]"
+    assert printed(program) == "[]"
 
 
 SHORT_WAYS = ("print", "exit", "quit", "sys.exit")
@@ -221,6 +245,39 @@ def test_everything_public_is_there_and_named_once() -> None:
     assert all(hasattr(jointid, name) for name in jointid.__all__)
 
 
+@pytest.mark.parametrize("stub", STUBS.values(), ids=name_of)
+def test_a_package_offers_what_its_stub_says(stub: Path) -> None:
+    package = import_module(name_of(stub))
+    names = offered(stub)
+    assert sorted(names) == sorted(package.__all__) == sorted(dir(package))
+    for name, module in names.items():
+        assert getattr(package, name) is getattr(import_module(module), name)
+
+
+def test_no_name_is_hidden_by_the_module_it_lives_in() -> None:
+    """Importing a module sets it as an attribute of its package, even over a name of that package."""
+    program = (
+        "import sys; from importlib import import_module; from types import ModuleType;"
+        f"packages = {[name_of(stub) for stub in STUBS]};"
+        f"modules = {sorted({module for stub in STUBS.values() for module in offered(stub).values()})};"
+        "[import_module(module) for module in modules];"
+        "print([(package, name) for package in packages for name in sys.modules[package].__all__"
+        " if isinstance(getattr(sys.modules[package], name), ModuleType)])"
+    )
+    assert printed(program) == "[]"
+
+
+def test_packages_import_nothing_of_their_own() -> None:
+    """A module loads what it needs, not what its neighbours need."""
+    program = (
+        "import sys; from importlib import import_module;"
+        f"packages = {[name_of(stub) for stub in STUBS]};"
+        "[import_module(package) for package in packages];"
+        "print(sorted(m for m in sys.modules if m.startswith('jointid') and m not in packages))"
+    )
+    assert printed(program) == "[]"
+
+
 def test_importing_the_library_does_no_work() -> None:
     """What is asked for is imported then; and a name is never hidden by the module it lives in."""
     program = (
@@ -228,7 +285,4 @@ def test_importing_the_library_does_no_work() -> None:
         "from types import ModuleType;"
         "print([n for n in jointid.__all__ if isinstance(getattr(jointid, n), ModuleType)])"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True
-    )
-    assert run.stdout.split("\n")[:2] == ["False", "[]"]
+    assert printed(program).split("\n") == ["False", "[]"]

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hostile import hostile_study
 from plants import PAPER, PARALLELOGRAM
 
 from jointid import (
@@ -193,6 +194,17 @@ def test_other_numbers_of_joints_have_no_cut(analyses: dict[int, Analysis], n: i
     assert len(drawings) == {1: 1, 3: 4}[n]
     outline(to_html(made))
     assert to_pdf(made).startswith(b"%PDF")
+
+
+def test_every_name_of_a_study_stays_text_on_screen_and_on_paper(studies: dict[int, Study]) -> None:
+    made = make_report(analyse(hostile_study(studies[2])))
+    html = to_html(made)
+    assert outline(html).fetched == []
+    assert not re.search(r"<(a|b|img|image|span)\b", html)
+    pdf = to_pdf(made)
+    assert pdf.startswith(b"%PDF")
+    assert b"/URI" not in pdf
+    assert b"/Subtype /Image" not in pdf
 
 
 def test_texts_of_the_user_stay_texts(analyses: dict[int, Analysis]) -> None:

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from jointid.exporting.identification import software_version
+from jointid.version import __version__
 
 Progress = Callable[..., None]
 Answer = Callable[[dict[str, Any], bytes, Progress], tuple[dict[str, Any], bytes]]
@@ -52,7 +52,7 @@ def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
     def tell(*how_far: float | str) -> None:
         _send(answers, {"progress": how_far}, b"")
 
-    _send(answers, {"ready": software_version()}, b"")
+    _send(answers, {"ready": __version__}, b"")
     while True:
         _end_in(IDLE_S)
         line = requests.readline()

@@ -18,7 +18,7 @@ from jointid.cli.program import reported
 def cut(
     study: Annotated[
         Path | None,
-        typer.Argument(parser=named, help="Study; by default the paper's K and D."),
+        typer.Argument(parser=named, help="Study or sample; by default the paper's K and D."),
     ] = None,
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[

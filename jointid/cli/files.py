@@ -9,18 +9,32 @@ from typing import TYPE_CHECKING
 
 from jointid.cli.output import status
 from jointid.errors import JointIdError
+from jointid.files.application import sample_studies
 from jointid.files.atomic_write import new_file, write_error
 from jointid.study import Analysis, Study
+from jointid.wording import listed, nearest
 
 if TYPE_CHECKING:
     from jointid.importing.robot_inertia import KnownRobot
 
 
 def loaded(path: Path) -> Study:
-    """Read a study."""
+    """Read a study, or the sample of that name where no file or folder has it."""
     from jointid.files.study_files import load_study
 
-    return load_study(path)
+    is_name = len(path.parts) == 1 and not os.path.exists(path)
+    return load_study(_sample(path.name) if is_name else path)
+
+
+def _sample(name: str) -> Path:
+    samples = sample_studies()
+    try:
+        return samples[name.replace(" ", "_")]  # as the app shows it
+    except KeyError:
+        raise JointIdError(
+            f"{name:.200}: nothing is there, and no sample has this name. Give a study's folder, that "
+            f"folder as .zip, or a sample: {listed(samples)}.{nearest(name, samples)}"
+        ) from None
 
 
 def analysed(path: Path, method: str, *, quiet: bool) -> Analysis:

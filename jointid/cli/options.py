@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from jointid.estimation.elasticity import METHODS
+from jointid.files.application import sample_studies
 
 
 def known_method(value: str) -> str:
@@ -40,7 +41,11 @@ def require_ending(option: str, file: Path, *endings: str) -> None:
         raise typer.BadParameter(f"{option} {file}: expected a name that ends in {expected}.")
 
 
-STUDY = typer.Argument(parser=named, help="Study: a folder or a .zip.", show_default=False)
+STUDY = typer.Argument(
+    parser=named,
+    help=f"Study: a folder, a .zip, or the name of a sample: {', '.join(sample_studies())}.",
+    show_default=False,
+)
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an existing study.")

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from jointid.errors import JointIdError
+from jointid.version import __version__
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -79,9 +80,7 @@ app = _Program(
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        from jointid.exporting.identification import software_version
-
-        print(f"jointid {software_version()}")
+        print(f"jointid {__version__}")
         raise typer.Exit
 
 

@@ -11,22 +11,20 @@ import typer
 
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
+from jointid.files.application import application_folder
 
 
 @reported
 def start_app(
     port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port.")] = 8501,
-    path: Annotated[
-        Path | None, typer.Option(help="Another app.py than the one of the checkout.")
-    ] = None,
+    path: Annotated[Path | None, typer.Option(help="Another app.py than the one installed.")] = None,
 ) -> None:
     """Start the app in the browser."""
-    script = (path or Path(__file__).resolve().parents[2] / "app.py").resolve()
+    script = (path or application_folder() / "app.py").resolve()
     if not script.is_file():
-        raise JointIdError(
-            f"{script} is not there. The app stands beside the package in a checkout of the source: "
-            "install with pip install -e, or name it with --path."
-        )
+        remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."
+        raise JointIdError(f"{script} does not exist. {remedy}")
+    # Streamlit reads .streamlit/config.toml beside the script as well as in the current folder.
     command = [sys.executable, "-m", "streamlit", "run", str(script), f"--server.port={port}"]
     try:
         code = subprocess.run(command, cwd=script.parent, check=False).returncode

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+from jointid.answer import model_name
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import METHODS, ElasticityFit, Friction
+from jointid.estimation.elasticity import METHODS, Friction
 from jointid.files.digest import study_digest
 from jointid.joints import Elasticity, Inertia
 from jointid.study import Analysis
+from jointid.version import __version__
 from jointid.wording import counted
 
 
@@ -147,7 +148,7 @@ def identification(analysis: Analysis) -> Identification:
         poses=dict(study.poses),
         nominal=study.nominal,
         obtained=Obtained(
-            version=software_version(),
+            version=__version__,
             digest=study_digest(study),
             study=study.name,
             origin=study.origin,
@@ -159,20 +160,6 @@ def identification(analysis: Analysis) -> Identification:
             misfit=fit.misfit,
         ),
     )
-
-
-def model_name(fit: ElasticityFit) -> str:
-    """Return the fitted model: "elasticity", with " + friction" and " + delay" where fitted."""
-    parts = {"elasticity": True, "friction": fit.friction, "delay": fit.delay}
-    return " + ".join(name for name, part in parts.items() if part is not None)
-
-
-def software_version() -> str:
-    """Version of the installed package."""
-    try:
-        return version("jointid")
-    except PackageNotFoundError:  # run from a folder that was never installed
-        return "unknown"
 
 
 def _require_shape(name: str, value: Floats, shape: tuple[int, ...]) -> None:

@@ -30,6 +30,7 @@ from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal
 from jointid.joints import Inertia
+from jointid.version import __version__
 from jointid.wording import shown
 
 KIND = "jointid identification"
@@ -45,7 +46,7 @@ _UNITS = {
 _FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
 _DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-7"}
 _OBTAINED = {
-    "version": 'version = "0.1.0"',
+    "version": f'version = "{__version__}"',
     "digest": 'digest = "…", 32 hexadecimal digits',
     "study": 'study = "Waterjet cell"',
     "origin": 'origin = "measured"',

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
-from jointid.figures.style import Trace, colours, figure, line, linear_axis, points
+from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points
 from jointid.fleet.spread import Drift, Spread
 from jointid.rounding import with_error
 
@@ -100,7 +100,7 @@ def drift_over_time(
             points(
                 _dates(shown.time_s),
                 shown.value,
-                _escaped(shown.robot) or "no robot stated",
+                plain_text(shown.robot) or "no robot stated",
                 ink.identified,
                 error={"array": shown.error},
                 text=[
@@ -180,9 +180,4 @@ def _dates(seconds: Floats) -> Floats:
 
 
 def _label(robot: str, name: str) -> str:
-    return _escaped(" · ".join(part for part in (robot, name) if part) or "study without a name")
-
-
-def _escaped(text: str) -> str:
-    """A text from a file, as plotly shows it unchanged."""
-    return text[:80].replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return plain_text(" · ".join(part for part in (robot, name) if part) or "study without a name")

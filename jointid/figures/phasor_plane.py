@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure
+from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure, plain_text
 from jointid.phasors.extract import Phasors
 from jointid.rounding import with_error
 
@@ -51,7 +51,7 @@ def phasor_plane(
                 "name": f"joint {j + 1}",
                 "marker": {"color": ink.measured, "size": 7, "symbol": symbol},
                 "customdata": about,
-                "text": list(phasors.labels),
+                "text": [plain_text(label) for label in phasors.labels],
                 "hovertemplate": "%{text}<br>%{customdata[0]:.4g} Hz<br>"
                 "%{customdata[1]} "
                 f"{unit}, %{{theta:.1f}}°<extra>{quantity} of joint {j + 1}</extra>",

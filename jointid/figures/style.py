@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,16 @@ def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -
         },
     }
     return go.Figure({"data": list(traces), "layout": base | layout})
+
+
+def plain_text(text: str, *, most: int = 80) -> str:
+    """Return a text from a file as plotly shows it unchanged.
+
+    Plotly reads tags (b, i, u, s, em, sub, sup, br, span with any style, a with href) and entities in
+    titles, names, labels and hover texts.
+    """
+    short = text if len(text) <= most else f"{text[: most - 1]}…"
+    return escape(short, quote=False)
 
 
 def line(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:

@@ -16,6 +16,7 @@ from jointid.figures.style import (
     line,
     linear_axis,
     log_axis,
+    plain_text,
     points,
 )
 from jointid.uncertainty.resampling import Jackknife
@@ -132,7 +133,7 @@ def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> g
                 f"joint {j + 1}",
                 ink.measured,
                 marker={"symbol": f"{JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)]}{'-open' if j % 2 else ''}"},
-                text=list(residuals.labels),
+                text=[plain_text(label) for label in residuals.labels],
                 hovertemplate=f"%{{text}}<br>%{{x:.4g}} Hz<br>%{{y:.2g}}<extra>joint {j + 1}</extra>",
             )
         )
@@ -165,7 +166,7 @@ def harmonic_bars(
             "y": 100 * share[:, column],
             "name": name,
             "marker": {"color": colour, "opacity": clear},
-            "text": list(labels),
+            "text": [plain_text(label) for label in labels],
             "textposition": "none",
             "hovertemplate": f"%{{text}}<br>%{{y:.2g}} % of the fundamental<extra>{name}</extra>",
         }

@@ -18,6 +18,7 @@ from jointid.figures.style import (
     line,
     linear_axis,
     log_axis,
+    plain_text,
     points,
 )
 from jointid.phasors.spectrum import amplitude_spectrum
@@ -26,6 +27,7 @@ from jointid.records import SineRecord
 _MOST_POINTS = 2000
 """Points of a curve that a screen can show; longer signals are drawn by their extremes."""
 
+_LONGEST_TITLE = 22
 _QUANTITIES = (("Angle", "rad"), ("Torque", "N·m"))
 
 
@@ -201,12 +203,22 @@ def raw_columns(
         x, y = thinned(time, np.asarray(columns[name], float))
         suffix = str(row + 1) if row else ""
         traces.append(
-            line(x, y, name, ink.measured, yaxis=f"y{suffix}", line={"width": 1.2}, showlegend=False)
+            line(
+                x,
+                y,
+                plain_text(name),
+                ink.measured,
+                yaxis=f"y{suffix}",
+                line={"width": 1.2},
+                showlegend=False,
+            )
         )
         top = 1 - row / count
-        axes[f"yaxis{suffix}"] = linear_axis(_short(name), domain=[top - 0.88 / count, top], nticks=4)
+        axes[f"yaxis{suffix}"] = linear_axis(
+            plain_text(name, most=_LONGEST_TITLE), domain=[top - 0.88 / count, top], nticks=4
+        )
     axes["xaxis"] = linear_axis(
-        names[0] if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
+        plain_text(names[0]) if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
     )
     if marked is not None and 0 <= marked < time.size:
         at = float(time[marked])
@@ -240,7 +252,3 @@ def thinned(x: Floats, y: Floats, *, peaks_only: bool = False) -> tuple[Floats, 
     keep = high if peaks_only else np.sort(np.column_stack([low, high]), axis=1).ravel()
     keep = np.minimum(keep, y.size - 1)
     return x[keep], y[keep]
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 22 else name[:21] + "…"

@@ -8,18 +8,6 @@
 ``worker.py`` turns a study into its row; ``local.py`` and ``cluster.py`` run it.
 """
 
-from jointid.background.child_process import Limits
-from jointid.fleet.row import Row
-from jointid.fleet.run import Progress, Summary, analyse_fleet
-from jointid.fleet.studies import find_studies
-from jointid.fleet.table import read_rows as read_fleet
+import lazy_loader
 
-__all__ = [
-    "Limits",
-    "Progress",
-    "Row",
-    "Summary",
-    "analyse_fleet",
-    "find_studies",
-    "read_fleet",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -21,9 +21,9 @@ from distributed.scheduler import KilledWorker
 
 from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
-from jointid.exporting.identification import software_version
 from jointid.fleet.jobs import WORKER, Done, Job, ask_child, do_job
 from jointid.fleet.row import LOST, Row, failed_row, from_plain
+from jointid.version import __version__
 
 _CONNECT_S = 20.0
 """Longest wait for the scheduler and its first worker."""
@@ -86,16 +86,16 @@ class Cluster:
                 f"{self._address}."
             ) from error
         try:
-            versions = dict(self._client.run(software_version))
+            versions = dict(self._client.run(_version))
         except Exception as error:  # an import on a worker can raise anything
             raise JointIdError(
                 f"The workers of {self._address} cannot load jointid ({error!s:.200}): install it "
-                f"there, version {software_version()}."
+                f"there, version {__version__}."
             ) from error
         for worker, version in versions.items():
-            if version != software_version():
+            if version != __version__:
                 raise JointIdError(
-                    f"The worker {worker} has jointid {version}, this is {software_version()}: install "
+                    f"The worker {worker} has jointid {version}, this is {__version__}: install "
                     "the same version."
                 )
 
@@ -248,3 +248,8 @@ def _analysed(job: Job, limits: Limits, batch: str) -> Row | None:
 def _stop_children(batch: str) -> None:
     for key in [key for key in _children if key[0] == batch]:
         _children.pop(key).stop()
+
+
+def _version() -> str:
+    """Version of jointid where this runs."""
+    return __version__

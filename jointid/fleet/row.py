@@ -7,9 +7,10 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jointid.exporting.identification import model_name, software_version
+from jointid.answer import model_name
 from jointid.files.digest import study_digest
 from jointid.study import Analysis
+from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Why a study has no answer: unusable files; time limit; memory limit; its process ended; its workers
@@ -122,7 +123,7 @@ def row_of(
         study=study,
         content=content,
         method=method,
-        version=software_version(),
+        version=__version__,
         time_s=time_s,
         digest=study_digest(known),
         name=known.name,
@@ -154,7 +155,7 @@ def failed_row(
     study: str, method: str, failure: str, error: str, *, content: str = "", time_s: float = 0.0
 ) -> Row:
     """Return the row of a failed study."""
-    return Row(study, content, method, software_version(), time_s, error, failure)
+    return Row(study, content, method, __version__, time_s, error, failure)
 
 
 def to_plain(row: Row) -> dict[str, Any]:

@@ -9,16 +9,16 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from jointid.background.child_process import Limits
+from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import METHODS
-from jointid.exporting.identification import software_version
 from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
-from jointid.fleet.table import read_rows, write_rows
+from jointid.fleet.table import read_fleet, write_rows
+from jointid.version import __version__
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
     in_table: tuple[Row, ...] = ()
     if target.exists():
         try:
-            in_table = read_rows(target)
+            in_table = read_fleet(target)
         except JointIdError as error:
             raise JointIdError(
                 f"{error} It is not overwritten: choose another file for the results."
@@ -200,5 +200,5 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
 
 
 def _job(path: Path, method: str, row: Row | None) -> Job:
-    same = row is not None and row.is_final and (row.method, row.version) == (method, software_version())
+    same = row is not None and row.is_final and (row.method, row.version) == (method, __version__)
     return Job(path_text(path), path, method, row.content if row is not None and same else "")

@@ -90,7 +90,7 @@ def as_table(rows: Sequence[Row]) -> Any:
     return pa.Table.from_arrays(columns, schema=pa.schema(schema, metadata=_KIND))
 
 
-def read_rows(source: Path | bytes) -> tuple[Row, ...]:
+def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
     """Return the rows of a table that ``write_rows`` wrote.
 
     ``jointid.fleet.reading`` reads tables from unknown sources in a child process.

@@ -77,10 +77,10 @@ def answer(request: dict[str, Any], body: bytes, _: Progress) -> tuple[dict[str,
     """
     what = request["do"]
     if what == "read":
-        from jointid.fleet.table import read_rows
+        from jointid.fleet.table import read_fleet
 
         try:
-            return {}, json.dumps([to_plain(row) for row in read_rows(body)]).encode()
+            return {}, json.dumps([to_plain(row) for row in read_fleet(body)]).encode()
         except JointIdError as error:
             return {"error": str(error)}, b""
     study, method, known = request["study"], request["method"], request["known"]

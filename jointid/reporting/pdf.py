@@ -224,9 +224,20 @@ def _columns(table: Table, width: float, size: float) -> list[float]:
     columns = range(len(rows[0]))
     widths = [max(stringWidth(printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]
     first = width - sum(widths[1:])
-    if first < min(widths[0], 0.3 * width):  # too wide: shrink all columns alike
-        return [width * w / sum(widths) for w in widths]
+    if first < min(widths[0], 0.3 * width):
+        return _shared(width, widths)
     return [first, *widths[1:]]
+
+
+def _shared(width: float, wanted: list[float]) -> list[float]:
+    """Share a width: narrow columns have what they need, wide ones give way to the same width."""
+    left, most = width, width
+    for number, one in enumerate(sorted(wanted)):
+        most = left / (len(wanted) - number)
+        if one > most:
+            break
+        left -= one
+    return [min(one, most) for one in wanted]
 
 
 def _cell(text: str, styles: dict[str, Any], style: str) -> Any:

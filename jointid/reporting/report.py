@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from jointid.answer import answer_sentence, inertia_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
 from jointid.errors import JointIdError
-from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
@@ -21,6 +20,7 @@ from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.uncertainty.chosen_model import parameter_names
 from jointid.uncertainty.sensitivity import inertia_sensitivity
+from jointid.version import __version__
 from jointid.wording import counted
 
 __all__ = ["make_report", "to_html", "to_pdf"]
@@ -75,7 +75,7 @@ def make_report(
         title=study.name or "Study without a name",
         facts=_facts(study),
         sections=tuple(sections),
-        footer=f"jointid {software_version()} · study {study_digest(study)}",
+        footer=f"jointid {__version__} · study {study_digest(study)}",
     )
 
 

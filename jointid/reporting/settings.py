@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.estimation.elasticity import METHODS, ElasticityFit
-from jointid.exporting.identification import software_version
 from jointid.files.digest import study_digest
 from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.uncertainty.chosen_model import parameter_names
+from jointid.version import __version__
 
 _MAX_ROWS = 100
 """Rows of the list of records."""
@@ -27,7 +27,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     hold = "held to the next sample" if True in holds else "momentary"
     hold = hold if len(holds) == 1 else "differs by record"
     facts = [
-        ("Software", f"jointid {software_version()}"),
+        ("Software", f"jointid {__version__}"),
         ("Study digest", f"{study_digest(study)}, the same for the same data and settings"),
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),

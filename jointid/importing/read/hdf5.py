@@ -11,6 +11,7 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
+from jointid.importing.read.hdf5_objects import own_object
 from jointid.importing.read.matlab import scope_arrays
 from jointid.importing.read.optional_imports import extra
 from jointid.wording import listed
@@ -34,7 +35,7 @@ def read_hdf5(file: str, path: str) -> tuple[LogTable, ...]:
     Raises
     ------
     JointIdError
-        When h5py is not installed, or nothing in it is a log.
+        When h5py is not installed, nothing in it is a log, or an object leads to another file.
     """
     h5py = extra("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
     with h5py.File(path, "r", locking=False) as root:
@@ -54,9 +55,8 @@ class _Reader:
         self._h5py = h5py
         self._file = file
         self._values = 0
-        self._is_matlab = any(
-            "MATLAB_class" in item.attrs for item in islice(root.values(), 50) if item is not None
-        )
+        top = [self._object(root, key) for key in islice(root, 50)]
+        self._is_matlab = any("MATLAB_class" in item.attrs for item in top if item is not None)
         self.seen: list[str] = []
 
     def walk(self, group: Any, name: str, depth: int) -> Iterator[NamedArray]:
@@ -66,9 +66,9 @@ class _Reader:
         for key in group:
             if len(self.seen) >= _MOST_OBJECTS:
                 return
-            if group.get(key, getlink=True).__class__ is not self._h5py.HardLink or key == "#refs#":
-                continue  # a link may lead out of the file, or in a circle
-            item = group[key]
+            if key == "#refs#":
+                continue  # read where it is referred to
+            item = self._object(group, key)
             inner = f"{name}/{key}" if name else str(key)
             self.seen.append(inner)
             if isinstance(item, self._h5py.Group):
@@ -76,6 +76,9 @@ class _Reader:
                     yield from self.walk(item, inner, depth - 1)
             elif isinstance(item, self._h5py.Dataset):
                 yield from self._dataset(item, inner)
+
+    def _object(self, group: Any, key: Any) -> Any:
+        return own_object(self._file, group, key)
 
     def _dataset(self, item: Any, name: str) -> Iterator[NamedArray]:
         kind = item.dtype.kind
@@ -98,26 +101,29 @@ class _Reader:
         yield NamedArray(short, values, unit=self._unit(item), labels=labels, group=group)
 
     def _is_scope(self, group: Any) -> bool:
-        return "time" in group and isinstance(group.get("signals"), self._h5py.Group)
+        signals = self._object(group, "signals")
+        return isinstance(signals, self._h5py.Group) and self._object(group, "time") is not None
 
     def _scope(self, group: Any, name: str) -> Iterator[NamedArray]:
-        signals = group["signals"]
-        values = signals.get("values")
+        time, signals = self._object(group, "time"), self._object(group, "signals")
+        values = self._object(signals, "values")
         if values is None:
             return
-        labels = self._follow(signals.get("label"), text=True)
+        labels = self._follow(self._object(signals, "label"), text=True)
         arrays = self._follow(values, text=False)
         padded = [*labels, *[""] * len(arrays)]
         pairs = [(str(label), array) for array, label in zip(arrays, padded, strict=False)]
-        self._spend(group["time"])
-        yield from scope_arrays(name or self._file, np.asarray(group["time"][()]).T, pairs)
+        self._spend(time)
+        yield from scope_arrays(name or self._file, np.asarray(time[()]).T, pairs)
 
     def _follow(self, item: Any, *, text: bool) -> list[Any]:
         """Values of a field of a MATLAB struct: itself, or by reference for an array of structs."""
         if item is None or not isinstance(item, self._h5py.Dataset):
             return []
         if item.dtype == self._h5py.ref_dtype:
-            targets = [item.file[reference] for reference in np.ravel(item[()])[:_MOST_OBJECTS]]
+            self._spend(item)
+            references = np.ravel(item[()])[:_MOST_OBJECTS]
+            targets = [self._object(item.file, reference) for reference in references]
         else:
             targets = [item]
         values: list[Any] = []

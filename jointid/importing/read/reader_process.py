@@ -103,6 +103,8 @@ class SeparateReader:
                 # Threads of numerical libraries reserve address space that nothing here needs.
                 "OMP_NUM_THREADS": "1",
                 "OPENBLAS_NUM_THREADS": "1",
+                # HDF5 loads no plugin for a filter that a file asks for.
+                "HDF5_PLUGIN_PRELOAD": "::",
             }
             try:
                 self._process = subprocess.Popen(

@@ -46,8 +46,9 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
     Raises
     ------
     JointIdError
-        When rosbags is not installed, or there is no such topic.
+        When rosbags is not installed, a file's name cannot be used, or there is no such topic.
     """
+    _require_plain_names(file, Path(path))
     rosbag = extra(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
     typesys = extra("rosbags.typesys", "rosbags", "ROS bags")
     stores = typesys.Stores
@@ -68,6 +69,17 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
     if not logs:
         raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")
     return most_first(file, (log.table(f"{file}: {topic}") for topic, log in logs.items()))
+
+
+def _require_plain_names(file: str, path: Path) -> None:
+    """Refuse names that a URI reads as other names: rosbags opens SQLite databases by URI."""
+    single = [path] if path.suffix == ".db3" else []
+    for part in path.iterdir() if path.is_dir() else single:
+        if set("%?#").intersection(part.name):
+            raise JointIdError(
+                f"{file}: the file name {part.name!r:.200} has one of the characters %, ? and #, which "
+                "lead to another file when a ROS bag is opened: rename it, in metadata.yaml too."
+            )
 
 
 class _TopicLog:

@@ -23,7 +23,7 @@ from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.background import aside, awaited
 from jointid.ui.shared.charts import plot
-from jointid.ui.shared.markdown import literal
+from jointid.ui.shared.messages import show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted
 
@@ -48,7 +48,7 @@ def headline(outcome: Outcome) -> str:
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """What the two path errors are."""
     if outcome.distribution is None:
-        st.warning(f"What the identification promises is not known. {outcome.problem}")
+        show_warning(f"What the identification promises is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
         "Path error is the largest distance of the tool from the wanted path, simulated.\n"
@@ -237,8 +237,10 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         "Largest path error over the ratios of assumed to true stiffness",
         key="cut_map_figure",
     )
-    error = tolerance.max_contour_error_m
-    st.caption(f"Errors on this map: {millimetres(error.min())} to {millimetres(error.max())}.")
+    path_error = tolerance.max_contour_error_m
+    st.caption(
+        f"Errors on this map: {millimetres(path_error.min())} to {millimetres(path_error.max())}."
+    )
 
 
 def _ratios(robot: CutRobot, joint: int, span: str) -> Floats:
@@ -256,7 +258,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     try:
         outcome = cut_cached.overview(page.digest, page.method, analysis)
     except JointIdError as error:
-        st.caption(f"What this is worth on a path is not known. {literal(error)}")
+        show_note(f"What this is worth on a path is not known. {error}")
         return
     if outcome is None:
         st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")

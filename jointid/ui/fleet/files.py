@@ -20,7 +20,7 @@ from jointid.fleet.local import Local
 from jointid.fleet.reading import read_untrusted
 from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.workspace import keep_part, place_for, sample_paths, store, workspace
 from jointid.wording import counted
 
@@ -73,7 +73,7 @@ def open_fleet() -> OpenFleet:
         on_change=_take,
     )
     for problem in fleet.problems:
-        st.error(problem)
+        show_error(problem)
     _analyse(fleet)
     _keep(fleet)
     if fleet.rows or fleet.todo:
@@ -212,7 +212,7 @@ def _keep(fleet: OpenFleet) -> None:
         keep_part(_PART, lambda to, place: _write(to, place, digest, data))
     except JointIdError as error:
         fleet.unkept = True
-        st.warning(f"These results are open in this session only. {error}")
+        show_warning(f"These results are open in this session only. {error}")
     else:
         fleet.saved = digest
 

@@ -12,7 +12,8 @@ from jointid.fleet.row import Row
 from jointid.rounding import with_error
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import table
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep, recent
 from jointid.wording import counted
@@ -76,11 +77,11 @@ def _take_selection() -> None:
 
 def _show_study(fleet: OpenFleet, row: Row) -> None:
     with st.container(border=True):
-        st.markdown(f"**{_literal(row.name or label(row))}** &nbsp;·&nbsp; {SIGNS[row.verdict]}")
+        st.markdown(f"**{markdown_escape(row.name or label(row))}** &nbsp;·&nbsp; {SIGNS[row.verdict]}")
         if not row.is_good:
-            st.error(row.error)
+            show_error(row.error)
         for finding in row.findings[:3]:
-            st.caption(_literal(finding))
+            show_note(finding)
         entry = next((e for e in recent().values() if row.digest and e.digest == row.digest), None)
         if entry is not None or (row.is_good and row.content in fleet.studies):
             if not st.button("Open this study", key="fleet_open_study"):
@@ -109,8 +110,3 @@ def _value(row: Row, quantity: str, j: int) -> str:
     if row.joints <= j:
         return ""
     return with_error(getattr(row, quantity)[j], getattr(row, f"{quantity}_error")[j])
-
-
-def _literal(text: str) -> str:
-    """Text as it stands, not as Markdown."""
-    return "".join(f"\\{c}" if c in "\\`*_{}[]()#+-.!|~$:<>" else c for c in text)

@@ -9,6 +9,7 @@ import streamlit as st
 
 from jointid.importing import Guess
 from jointid.importing.map.reasons import Reason
+from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.wording import capitalised
 
 _HOW = (
@@ -69,9 +70,9 @@ class Checks:
         found = [
             self._reasons[what] for what, stands_yet in stands if stands_yet and what in self._reasons
         ]
-        self.sure += [f"**{capitalised(r.what)}:** {r.text}" for r in found if r.sure]
+        self.sure += [_said(r) for r in found if r.sure]
         check = [reason for reason in found if not reason.sure]
-        text = " ".join(f"**{capitalised(r.what.removesuffix(part_of))}:** {r.text}" for r in check)
+        text = " ".join(_said(reason, part_of) for reason in check)
         if check and self._ticked(name, text):
             return
         self.assumed += assumed
@@ -89,3 +90,9 @@ class Checks:
         )
         left.caption(f"{':gray-badge[Checked]' if ticked else ':orange-badge[To check]'} {text}")
         return ticked
+
+
+def _said(reason: Reason, part_of: str = "") -> str:
+    """A reason in Markdown, under the name of its entry."""
+    name = capitalised(reason.what.removesuffix(part_of))
+    return f"**{markdown_escape(name)}:** {markdown_escape(reason.text)}"

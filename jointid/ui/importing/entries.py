@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingType
 from typing import TypeVar
@@ -23,6 +22,7 @@ from jointid.importing.columns.units import (
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.more_joints import propose_joint
 from jointid.ui.importing.checks import Checks
+from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.wording import capitalised, counted
 
 T = TypeVar("T")
@@ -257,7 +257,7 @@ def time_line(column: str, unit: str, rate_hz: float | None, joints: int) -> str
     """Say in a line where the time comes from, and of how many joints."""
     where = "row number" if not column else f'"{column}"'
     at = f"{where}, {rate_hz:g} Hz" if rate_hz is not None else f"{where} in {unit}"
-    return f"**Time** {_plain(at)} · {counted(joints, 'joint')}"
+    return f"**Time** {markdown_escape(at)} · {counted(joints, 'joint')}"
 
 
 def joint_line(number: int, position: Channel, torque: Channel) -> str:
@@ -275,11 +275,6 @@ def joint_line(number: int, position: Channel, torque: Channel) -> str:
             what, _, unit = meaning.partition(", ")
             scale = f" ({what} {channel.scale:g}{f' {unit}' if unit else ''})"
         turned = ", reversed" if channel.sign < 0 else ""
-        name = _plain(f'"{channel.column}" in {channel.unit}')
+        name = markdown_escape(f'"{channel.column}" in {channel.unit}')
         parts.append(f"{role} {name}{scale} at the {_SIDES[channel.side]}{turned}")
     return f"**Joint {number}** {'; '.join(parts)}"
-
-
-def _plain(text: str) -> str:
-    """A column's name as it is: nothing in it is markup."""
-    return re.sub(r"([\\`*_{}\[\]()#+!|~<>$:-])", r"\\\1", text)

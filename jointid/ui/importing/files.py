@@ -14,7 +14,8 @@ from jointid.importing.columns.log_table import MAX_LOG_BYTES
 from jointid.importing.map.joined_logs import joined_table, proposed_tables
 from jointid.importing.map.simultaneous_logs import recorded_at_once
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_error, show_info, show_note
 from jointid.wording import listed
 
 _UPLOADER = "log_file"
@@ -62,7 +63,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
     if held := st.session_state.get(_HELD):
         left, right = st.columns([4, 1], vertical_alignment="center")
         size = sum(len(file.data) for file in files) / 2**20
-        left.caption(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)")
+        show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
         right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
     watch = Watch("Read on", len(files))
@@ -110,11 +111,11 @@ def _joined(logs: list[Log]) -> list[Log]:
     for group in _at_once(keys, [log.table for log in logs]):
         parts = [logs[index] for index in group]
         names = listed(log.table.name for log in parts)
-        st.info(
+        show_info(
             f"{names} have the same times and the same columns: they look like joints recorded at once."
         )
         together = st.checkbox(
-            f"Join {names}: a joint each",
+            markdown_escape(f"Join {names}: a joint each"),
             value=True,
             key="import join " + _short(log.key for log in parts),
             persist_state="session",

@@ -17,6 +17,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
+from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
 
@@ -100,7 +101,7 @@ def show_inertia(robot: KnownRobot) -> None:
             f"D = {numbers_out(nominal.D.tolist())} N·m·s/rad."
         )
     if robot.poses:
-        st.caption(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
+        show_note(f"And M2 of {counted(len(robot.poses), 'pose')}: {', '.join(robot.poses)}.")
 
 
 def _by_numbers(ratios: Sequence[float]) -> KnownRobot | None:

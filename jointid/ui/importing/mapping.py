@@ -21,6 +21,7 @@ from jointid.importing import (
 from jointid.ui.importing.checks import Checks
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.inertia import inertias_given
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.workspace import keep_part, place_for, store
 from jointid.wording import listed
 
@@ -200,7 +201,7 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
                 for name in taken.columns:
                     table.column(name)
             except JointIdError as error:
-                st.error(f"{file.name} was not taken: {error}")
+                show_error(f"{file.name} was not taken: {error}")
             else:
                 _start_from(table, taken)
                 st.rerun()

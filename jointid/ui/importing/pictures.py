@@ -10,6 +10,7 @@ from jointid.figures import raw_columns
 from jointid.importing import LogTable
 from jointid.ui.importing.files import Log
 from jointid.ui.shared.charts import is_dark, plot, table
+from jointid.ui.shared.messages import show_note
 
 _FIRST_ROWS = 50
 _FEW_CURVES = 4
@@ -36,7 +37,7 @@ def choose_log(logs: Sequence[Log]) -> Log:
 def show_raw(log: LogTable, proposed: Sequence[str], *, folded: bool) -> None:
     """First rows, and curves of some columns over the time column or the row, in a line to open."""
     for note in log.notes:
-        st.caption(note)
+        show_note(note)
     # With another label it would be another line, open or not as at first.
     with st.expander("The file as it is: its first rows and its curves", expanded=not folded):
         _raw(log, proposed)
@@ -45,7 +46,7 @@ def show_raw(log: LogTable, proposed: Sequence[str], *, folded: bool) -> None:
 def _raw(log: LogTable, proposed: Sequence[str]) -> None:
     left, right = st.columns([2, 3])
     with left:
-        st.caption(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
+        show_note(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
         table(
             {_heading(c.name, c.unit): c.values[:_FIRST_ROWS].tolist() for c in log.columns}, height=400
         )

@@ -19,6 +19,7 @@ from jointid.files.store import Store
 from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
 from jointid.ui.importing.rows import forget_rows, rows_from_json, rows_to_json
+from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.workspace import keep_part, place_for, store
 
 _PART = "import"
@@ -67,9 +68,9 @@ def keep_import() -> None:
 def say_what_is_kept() -> None:
     """Say what of the import could not be kept, or is not what it was."""
     if problem := st.session_state.get(_PROBLEM):
-        st.warning(problem)
+        show_warning(problem)
     for problem in st.session_state.get(_LOST, []):
-        st.warning(problem)
+        show_warning(problem)
     place = place_for(_PART)
     if place is None:
         return
@@ -84,7 +85,7 @@ def say_what_is_kept() -> None:
     with suppress(JointIdError):
         for note in store().notes(place):
             left, right = st.columns([4, 1], vertical_alignment="center")
-            left.warning(note.text)
+            show_warning(note.text, left)
             right.button("Noted", key=f"noted_{note.id}", on_click=_dismiss, args=(place, note.id))
 
 

@@ -16,7 +16,7 @@ from jointid.importing import MappedLog, Segment, find_segments, measure_segment
 from jointid.rounding import significant
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
-from jointid.ui.shared.markdown import show_info
+from jointid.ui.shared.messages import show_info
 from jointid.wording import counted
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"

@@ -15,6 +15,8 @@ from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import date_in, study_name
 from jointid.rounding import plain
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_error
 from jointid.wording import counted
 
 T = TypeVar("T")
@@ -99,14 +101,14 @@ def ask_robot(
     # The button stands above what changes its height, so that it never moves away under a click.
     wanted = right.button("Open as study", type="primary", width="stretch")
     if not_confirmed:
-        st.caption(f":orange-badge[To check] {not_confirmed}")
+        st.caption(f":orange-badge[To check] {markdown_escape(not_confirmed)}")
     if wanted and known is None:
         problem = problem or (
             "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
             "found without them."
         )
     if problem:
-        st.error(problem)
+        show_error(problem)
     elif known is None:
         st.caption("M and M2 are shown here as the method takes them, as soon as they are entered.")
     else:
@@ -150,5 +152,6 @@ def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | Non
         if st.session_state.get(key, _NO_POSE) not in options:
             del st.session_state[key]
         place = places[number % len(places)]
-        chosen.append(place.selectbox(f"Pose of {log}", options, key=key, persist_state="session"))
+        label = markdown_escape(f"Pose of {log}")
+        chosen.append(place.selectbox(label, options, key=key, persist_state="session"))
     return tuple(None if pose == _NO_POSE else pose for pose in chosen)

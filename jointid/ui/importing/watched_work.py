@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.ui.shared.messages import show_progress
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
@@ -163,7 +164,7 @@ class Watch:
                     button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)
                     stoppable = True
             share = (self._number - 1 + job.share) / self._total
-            bar.progress(min(max(share, 0.0), 1.0), text)
+            show_progress(share, text, bar)
         self._place.empty()
 
     def _say_stopped(self, key: str) -> None:

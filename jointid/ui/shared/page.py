@@ -13,7 +13,7 @@ from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import is_dark
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.sidebar import choose_study

@@ -7,7 +7,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.files.store import Entry
 from jointid.ui.shared import workspace
-from jointid.ui.shared.markdown import literal, show_warning
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_warning
 
 _MOST_SHOWN = 20
 _NEARLY_FULL = 0.8
@@ -32,14 +33,14 @@ def show_recent() -> None:
 def _row(name: str, entry: Entry) -> None:
     with st.container(horizontal=True, vertical_alignment="center", gap="small"):
         st.button(
-            literal(name),
+            markdown_escape(name),
             key=f"open_{entry.id}",
             type="tertiary",
             width="stretch",
             on_click=_open,
             args=(entry.id,),
         )
-        with st.popover("Edit", help=f"Rename or delete {literal(name)}"):
+        with st.popover("Edit", help=f"Rename or delete {markdown_escape(name)}"):
             key = f"name_{entry.id}"
             st.text_input("Name", entry.name, key=key, on_change=_rename, args=(entry.id, key))
             st.caption(f"{entry.size_bytes / 2**20:.1f} MiB. Deleting cannot be undone.")

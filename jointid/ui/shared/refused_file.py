@@ -10,7 +10,8 @@ from jointid.figures import raw_columns
 from jointid.files.study_files import PeekedTable
 from jointid.files.table_preview import plottable
 from jointid.ui.shared.charts import is_dark, plot
-from jointid.ui.shared.markdown import literal
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.workspace import Refused
 
 _PLOTTED = 12
@@ -25,7 +26,7 @@ def show_refused() -> None:
     refused: Refused | None = st.session_state.get("refused")
     if refused is None:
         return
-    st.error(f"**{literal(refused.file)} was not opened.** {literal(refused.message)}")
+    st.error(f"**{markdown_escape(refused.file)} was not opened.** {markdown_escape(refused.message)}")
     if refused.tables:
         names = [table.name for table in refused.tables]
         culprits = [k for k, table in enumerate(refused.tables) if table.refused]
@@ -45,7 +46,7 @@ def show_refused() -> None:
 
 def _show_table(table: PeekedTable) -> None:
     if table.error or table.frame.empty:
-        st.write(table.error or f"{table.name} has no rows.")
+        show_note(table.error or f"{table.name} has no rows.")
         return
     frame, at = table.frame, table.refused_at
     place = str(frame.index.name or "Row").lower()
@@ -56,13 +57,13 @@ def _show_table(table: PeekedTable) -> None:
     shown.index = [f"▶ {line}" if line == at else str(line) for line in lines[part]]
     shown.index.name = place.capitalize()
     if marked is not None:
-        st.caption(f"Around {place} {at} of {table.name}, marked with ▶.")
+        show_note(f"Around {place} {at} of {table.name}, marked with ▶.")
     st.dataframe(shown, height=230 if marked is None else "content")
     columns = dict(list(plottable(frame).items())[:_PLOTTED])
     if columns:
         first = f"{place.capitalize()}s {lines[0]} to {lines[-1]}"
         gaps = "; gaps are cells that hold no number" if _gaps(columns) else ""
-        st.caption(f"{first}, columns of numbers{gaps}.")
+        show_note(f"{first}, columns of numbers{gaps}.")
         figure = raw_columns(columns, marked=marked, dark=is_dark())
         plot(figure, f"Columns of {table.name}", key="peeked_plot")
 

@@ -8,6 +8,8 @@ from streamlit.runtime.scriptrunner import get_script_run_ctx
 from jointid import JointIdError
 from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
+from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import IMPORT, METHOD, OVERVIEW, SIMULATE
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, say_in_address
@@ -49,7 +51,7 @@ def _choose() -> str | None:
     wanted = st.session_state.get("chosen") or st.query_params.get("study")
     if wanted is not None and wanted not in names:
         what = "The study of this address" if len(wanted) == _ID_LENGTH else f'"{wanted}"'
-        st.info(f"{what} is not in this workspace, or not any more. Open its file again.")
+        show_info(f"{what} is not in this workspace, or not any more. Open its file again.")
     if wanted not in names:
         wanted = next(iter(sample_paths()), next(iter(names), None))
     st.session_state["chosen"] = wanted
@@ -117,7 +119,7 @@ def _open_file() -> None:
 
 def _keep_or_refuse(name: str, data: bytes) -> None:
     try:
-        with st.spinner(f"Reading {name}"):
+        with st.spinner(markdown_escape(f"Reading {name}")):
             study = load_study(data)
     except JointIdError as error:
         refuse(name, error, data)

@@ -14,12 +14,12 @@ from pathlib import Path
 import streamlit as st
 
 from jointid import JointIdError, Study
+from jointid.files.application import application_folder, sample_studies
 from jointid.files.digest import study_digest
 from jointid.files.store import Entry, Note, Store, new_workspace, part_of, user_folder
 from jointid.files.study_files import PeekedTable, load_study, pack_study, peek_study
 
-SAMPLES = Path(__file__).parents[3] / "sample_data"
-_FIRST_SAMPLE = "paper"
+SAMPLES = application_folder() / "sample_data"
 _MOST_OPENED = 12
 
 
@@ -54,11 +54,7 @@ def refuse(file: str, error: JointIdError, data: bytes) -> None:
 
 def sample_paths() -> dict[str, Path]:
     """Return the sample studies by key, the paper's first."""
-    found: dict[str, Path] = {}
-    for path in sorted(SAMPLES.iterdir()) if SAMPLES.is_dir() else []:
-        if path.suffix == ".zip" or (path / "study.toml").is_file():
-            found.setdefault(path.stem.replace("_", " "), path)
-    return dict(sorted(found.items(), key=lambda item: item[0] != _FIRST_SAMPLE))
+    return {name.replace("_", " "): path for name, path in sample_studies(SAMPLES).items()}
 
 
 def store() -> Store:

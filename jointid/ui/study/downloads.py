@@ -26,7 +26,7 @@ from jointid.exporting import (
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.shared.background import aside
-from jointid.ui.shared.markdown import show_error
+from jointid.ui.shared.messages import show_error
 from jointid.ui.study.uncertainty_panels import steps_at
 
 _MOST_REPORTS = 8
@@ -161,9 +161,9 @@ def download(
     mime: str,
     *,
     kind: Literal["primary", "secondary"] = "secondary",
-    note: str | None = None,
+    hint: str | None = None,
 ) -> None:
     """Draw a button that saves a file and leaves the page as it is."""
     st.download_button(
-        label, data, file_name, mime, key=f"save {label}", help=note, on_click="ignore", type=kind
+        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
     )

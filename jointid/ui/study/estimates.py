@@ -12,6 +12,7 @@ from jointid.estimation.candidates import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.cached import ESTIMATORS
 from jointid.ui.shared.charts import Table, table
+from jointid.ui.shared.messages import show_text_table
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -21,7 +22,7 @@ def show_estimates(analysis: Analysis) -> None:
         "standard error: the noise of the phasors carried through the estimator, widened where noise "
         "does not explain the rest."
     )
-    st.table(estimates_table(analysis), hide_index=True)
+    show_text_table(estimates_table(analysis))
     with st.expander("What each estimator is"):
         st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
         st.markdown(
@@ -41,7 +42,7 @@ def show_also_fitted(fit: ElasticityFit) -> None:
             "Coulomb (N·m)": [with_error(friction.coulomb[j], error[j]) for j in range(n)],
             "Viscous (N·m·s/rad)": [with_error(friction.viscous[j], error[n + j]) for j in range(n)],
         }
-        st.table(columns, hide_index=True)
+        show_text_table(columns)
     if fit.delay is not None:
         delay = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
         st.write(f"The torque lags by {delay} ms beyond what the records state.")
@@ -57,14 +58,13 @@ def _show_candidates(candidates: Sequence[Candidate]) -> None:
         '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at '
         "the price of many parameters."
     )
-    st.table(
+    show_text_table(
         {
             "Model": [c.name + (" (taken)" if c.chosen else "") for c in candidates],
             "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
             "Left over / noise": [_left_over(c) for c in candidates],
             "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
-        },
-        hide_index=True,
+        }
     )
 
 
@@ -108,4 +108,4 @@ def show_matrix(fit: ElasticityFit) -> None:
     order = [f"K{j + 1}" for j in range(fit.n)] + [f"D{j + 1}" for j in range(fit.n)]
     rows = [[significant(float(x), 2) for x in row] for row in fit.correlation]
     columns = {name: [row[k] for row in rows] for k, name in enumerate(order)}
-    st.table({"": order} | columns, hide_index=True)
+    show_text_table({"": order} | columns)

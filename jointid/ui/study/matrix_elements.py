@@ -9,6 +9,7 @@ from jointid import TransferMatrix
 from jointid.figures import torque_condition
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.charts import Table, plot, table
+from jointid.ui.shared.messages import show_info
 
 
 def choose_pose(poses: list[str]) -> str:
@@ -56,7 +57,7 @@ def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
         what = "Condition number and reciprocity error over frequency"
         plot(torque_condition(matrix, dark=dark), what)
     for text in matrix.rejected:
-        st.info(text)
+        show_info(text)
     table(matrix_table(matrix))
     st.caption("As measured. |H| in 1/(kg·m²) with ± one standard error.")
 

@@ -9,7 +9,7 @@ from jointid import Analysis, JointIdError
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.charts import plot, side_by_side
-from jointid.ui.shared.markdown import show_info
+from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.uncertainty_panels import names_of
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
@@ -60,7 +60,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     st.markdown("**Residual of each record**")
     residuals = record_residuals(analysis.phasors, analysis.fit)
     record, joint = residuals.worst
-    st.caption(
+    show_note(
         "Torque left unexplained over what noise makes of it: about 1 when the model holds, seldom "
         f"above 3. Largest: {residuals.labels[record]}, joint {joint + 1}."
     )
@@ -126,6 +126,6 @@ def show_poses(page: Page, analysis: Analysis) -> None:
             *(with_error(v, e) for v, e in pairs),
             significant(float(fits.significance[k]), 2),
         ]
-    st.table(columns, hide_index=True)
+    show_text_table(columns)
     for problem in fits.problems:
         show_info(problem)

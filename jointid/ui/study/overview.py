@@ -10,7 +10,7 @@ from jointid import Elasticity, ElasticityFit, Finding, Study
 from jointid.answer import without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain, significant, with_error
-from jointid.ui.shared.markdown import literal
+from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.method_steps import METHOD
 from jointid.wording import counted, file_stem
 
@@ -23,7 +23,7 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 
 def show_heading(study: Study) -> None:
     """Name, where it comes from, and what it holds."""
-    st.title(literal(study.name) or "Study without a name", anchor=False)
+    st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     f = sorted(record.frequency_hz for record in study.records)
     band = f"{plain(round(f[0], 3))} Hz"
     if f[-1] > f[0] * 1.001:
@@ -38,7 +38,7 @@ def show_heading(study: Study) -> None:
         facts.append(counted(len(poses), "pose"))
     st.markdown(" &nbsp;·&nbsp; ".join(facts))
     if study.description:
-        st.caption(literal(study.description))
+        st.caption(markdown_escape(study.description))
 
 
 def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
@@ -103,8 +103,8 @@ def show_findings(findings: Sequence[Finding]) -> None:
 
 def _finding(finding: Finding) -> None:
     box = _BOXES[finding.level]
-    remedy = f"  \n*{literal(finding.remedy)}*" if finding.remedy else ""
-    box(f"**{literal(finding.title)}.** {literal(finding.detail)}{remedy}")
+    remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
+    box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
 
 
 def freed_note(fit: ElasticityFit) -> str:

@@ -18,7 +18,14 @@ from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.background import aside
 from jointid.ui.shared.charts import Table, plot
-from jointid.ui.shared.markdown import literal, show_error
+from jointid.ui.shared.messages import (
+    show_error,
+    show_info,
+    show_note,
+    show_progress,
+    show_text_table,
+    show_warning,
+)
 from jointid.ui.shared.page import Page
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
@@ -61,7 +68,7 @@ def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
         taken = monotonic() - began
         if taken > _PATIENCE_S and done > 0:
             left = taken * (1 - done) / done
-            place.progress(min(done, 1.0), f"{what}: {done:.0%}, {left:.0f} s left")
+            show_progress(done, f"{what}: {done:.0%}, {left:.0f} s left", place)
 
     return show
 
@@ -73,7 +80,7 @@ def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
     def show(done: float, what: str) -> None:
         taken = monotonic() - began
         left = f", {taken * (1 - done) / done:.0f} s left" if taken > _PATIENCE_S and done > 0.05 else ""
-        place.progress(min(done, 1.0), f"{what}: {done:.0%}{left}")
+        show_progress(done, f"{what}: {done:.0%}{left}", place)
 
     return show
 
@@ -118,9 +125,9 @@ def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: fl
         shown, below, details = st.empty(), st.empty(), st.container()
     found: InertiaSensitivity | str | None = kept(page, "inertias")
     known = found if isinstance(found, InertiaSensitivity) else None
-    shown.table(errors_table(analysis, known, share), hide_index=True)
+    show_text_table(errors_table(analysis, known, share), shown)
     if isinstance(found, str):
-        below.warning(f"What the inertias add is not known. {literal(found)}")
+        show_warning(f"What the inertias add is not known. {found}", below)
         return
     if known is None:
         stopped = str(("stopped_inertias", page.digest, page.method))
@@ -177,7 +184,7 @@ def show_inertia_line(page: Page, analysis: Analysis) -> None:
         _compute_what_the_inertias_add(page, analysis)
     elif isinstance(found, str):
         unknown = "what inertias that are off would add is not known."
-        st.caption(f"± is noise alone; {unknown} {literal(found)}")
+        show_note(f"± is noise alone; {unknown} {found}")
     else:
         st.caption(inertia_sentence(found.standard_error()))
 
@@ -220,7 +227,7 @@ def _show_sensitivity(analysis: Analysis, found: InertiaSensitivity) -> None:
         "in % for 1 % more of each inertia: rotors J_m, arm J_a, couplings J_12."
     )
     columns = {name: [_signed(x) for x in row] for name, row in zip(names, relative, strict=True)}
-    st.table({"1 % more of": list(found.names)} | columns, hide_index=True)
+    show_text_table({"1 % more of": list(found.names)} | columns)
 
 
 def _signed(percent: float) -> str:
@@ -265,11 +272,11 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     columns["68 % of the draws"] = _errors((high - low) / 2)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
-    st.table(columns, hide_index=True)
+    show_text_table(columns)
     if drawn.failed:
         st.caption(f"{drawn.failed} draws allowed no estimate and are left out.")
     if isinstance(left_out, str):
-        st.info(left_out)
+        show_info(left_out)
         return
     st.write("What leaving out a frequency changes, in standard errors:")
     plot(

@@ -1,20 +1,20 @@
-"""Text that comes from files or people, as it stands: Streamlit takes nearly every text for Markdown."""
+"""The one Markdown escape: text from files and people, to be shown unchanged where Markdown is read.
+
+Streamlit reads nearly every text as Markdown: messages, labels, help, progress, cells of ``st.table``.
+"""
 
 from __future__ import annotations
 
 import re
 
-import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
-
-__all__ = ["literal", "show_error", "show_info", "show_note", "show_warning"]
+__all__ = ["markdown_escape"]
 
 _JOINER = "\N{WORD JOINER}"
 """Invisible. Addresses, icons and arrows are sought in the finished text, where no backslash helps."""
 _ALWAYS = re.compile(r"[\\`*\[\]<$|~&]")
 _UNDERSCORES = re.compile(r"(?<![^\W_])_+|_+(?![^\W_])")
 _DIRECTIVE = re.compile(r":(?=[^\W\d_]|[:{])")
-_FIRST = re.compile(r"^([-+=#>]|\d+(?=[.)]))")
+_FIRST = re.compile(r"^([-+=#>]|\d+(?=[.)](?:\s|$)))")
 _SOUGHT = (
     re.compile(r"(?i)(?<=https:)(?=//)|(?<=http:)(?=//)|(?<=www)(?=\.)"),
     re.compile(r"(?<=@)(?=[-\w])"),
@@ -23,8 +23,8 @@ _SOUGHT = (
 )
 
 
-def literal(text: object) -> str:
-    """Return Markdown that shows a text as it stands; its lines stay lines.
+def markdown_escape(text: object) -> str:
+    """Return Markdown that shows a text unchanged, line by line.
 
     Parameters
     ----------
@@ -39,26 +39,6 @@ def literal(text: object) -> str:
     """
     lines = (_line(line.strip()) for line in str(text).splitlines())
     return "  \n".join(line for line in lines if line)
-
-
-def show_error(error: object, place: DeltaGenerator | None = None) -> None:
-    """Show an error's message as it stands, on the page or in a place of it."""
-    (place or st).error(literal(error))
-
-
-def show_warning(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show a warning as it stands."""
-    (place or st).warning(literal(text))
-
-
-def show_info(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show something to know, as it stands."""
-    (place or st).info(literal(text))
-
-
-def show_note(text: object, place: DeltaGenerator | None = None) -> None:
-    """Show a line of small print as it stands."""
-    (place or st).caption(literal(text))
 
 
 def _line(text: str) -> str:

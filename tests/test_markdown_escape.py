@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from jointid import load_study
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace, user_folder
 from jointid.files.study_files import pack_study
-from jointid.ui.shared.markdown import literal
+from jointid.ui.shared.markdown_escape import markdown_escape
 
 ROOT = Path(__file__).parents[1]
 HOSTILE = (
@@ -39,22 +41,24 @@ def shown(markdown: str) -> str:
 
 @given(st.text(st.characters(codec="utf-8", categories=("L", "N", "P", "S", "Zs")), max_size=60))
 def test_nothing_comes_of_any_text(text: str) -> None:
-    assert shown(literal(text)) == "\n".join(x for line in text.splitlines() if (x := line.strip()))
+    assert shown(markdown_escape(text)) == "\n".join(
+        x for line in text.splitlines() if (x := line.strip())
+    )
 
 
 @pytest.mark.parametrize("text", [HOSTILE, "# a", "1. b", "- c", "> d", "| a |\n| - |\n| b |", "~~x~~"])
 def test_marks_are_shown(text: str) -> None:
-    assert shown(literal(text)) == text
+    assert shown(markdown_escape(text)) == text
 
 
 def test_what_looks_like_no_mark_stays_as_it_is() -> None:
     for text in ("theta_m1_rad is 3.2 N·m (±2 %)", "Check M and M2: 1e-3 kg·m²", "C:/logs/a_b.csv"):
-        assert literal(text) == text
+        assert markdown_escape(text) == text
 
 
 def test_directives_and_bare_addresses_are_broken_up() -> None:
     """Streamlit's own marks, which the reader above does not know."""
-    text = literal(HOSTILE + " http://10.9.8.7 www.x.org")
+    text = markdown_escape(HOSTILE + " http://10.9.8.7 www.x.org")
     assert not re.search(r"(?<!\\):(red|material)", text)
     assert "http://" not in text
     assert "www." not in text
@@ -75,7 +79,43 @@ def test_a_hostile_study_is_shown_literally(tmp_path: Path, monkeypatch: pytest.
         assert "http://10" not in text.value, text.value
 
 
-def test_errors_are_shown_through_it() -> None:
+SHOWING = re.compile(
+    "markdown|write|caption|info|warning|error|success|title|(sub)?header|progress|spinner|status|toast"
+    "|expander|popover|(download_|link_)?button|checkbox|toggle|metric|(multi)?select(box)?|radio|pills"
+    "|(text|number)_input|text_area|file_uploader|segmented_control|slider|page_link"
+)
+"""Calls of streamlit that read their first arguments as Markdown."""
+FOREIGN = re.compile(
+    "labels|poses?|files?|log|columns|description|notes?|error|problems?|message|detail|remedy|rejected"
+    "|transfer_problem"
+)
+"""What texts from files, and messages that quote them, are called in the package."""
+
+
+def unescaped(node: ast.AST) -> Iterator[str]:
+    """What an expression names that may hold anything, but for the arguments of the escape."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) in ("markdown_escape", "counted", "len"):
+        return
+    if isinstance(node, ast.Name | ast.Attribute):
+        name = node.id if isinstance(node, ast.Name) else node.attr
+        if FOREIGN.fullmatch(name):
+            yield name
+    for child in ast.iter_child_nodes(node):
+        yield from unescaped(child)
+
+
+def test_foreign_texts_reach_streamlit_through_the_escape_only() -> None:
     """A message names files, columns and keys, which may hold anything."""
-    for file in [*(ROOT / "jointid" / "ui").rglob("*.py"), *(ROOT / "pages").glob("*.py")]:
-        assert not re.search(r"\.(error|warning|info)\(str\(", file.read_text("utf-8")), file.name
+    wrong = []
+    for file in [*(ROOT / "jointid" / "ui").rglob("*.py"), *ROOT.glob("pages/*.py"), ROOT / "app.py"]:
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+                continue
+            named = [word.value for word in node.keywords if word.arg in ("label", "help", "text")]
+            if SHOWING.fullmatch(node.func.attr):
+                first = node.args[: 2 if node.func.attr == "progress" else 1]
+                for part in [*first, *named]:
+                    wrong += [f"{file.name}:{node.lineno} {name}" for name in unescaped(part)]
+            if ast.unparse(node.func) == "st.table":  # its cells are Markdown, too
+                wrong.append(f"{file.name}:{node.lineno} show_text_table shows any text")
+    assert wrong == []

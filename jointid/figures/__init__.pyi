@@ -1,0 +1,10 @@
+from .condition import torque_condition as torque_condition
+from .phasor_plane import phasor_plane as phasor_plane
+from .response import element_response as element_response
+from .response import model_over_measurement as model_over_measurement
+from .response import single_record as single_record
+from .springs import dynamic_stiffness as dynamic_stiffness
+from .springs import unexplained_torque as unexplained_torque
+from .waveforms import raw_columns as raw_columns
+from .waveforms import spectra as spectra
+from .waveforms import waveforms as waveforms

@@ -1,0 +1,40 @@
+"""Where the app is, with its pages and sample studies: in a checkout or in an installed package."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+
+def application_folder() -> Path:
+    """Return the folder of app.py, pages/, sample_data/ and .streamlit/.
+
+    Returns
+    -------
+    Path
+        ``jointid/app/``, where the wheel has them (see pyproject.toml), else the root of the checkout.
+    """
+    package = Path(str(files("jointid")))
+    packaged = package / "app"
+    return packaged if packaged.is_dir() else package.parent
+
+
+def sample_studies(folder: Path | None = None) -> dict[str, Path]:
+    """Return the sample studies by name, the paper's first.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Where they are; default: ``sample_data/`` of the app.
+
+    Returns
+    -------
+    dict of Path
+        A study's name is that of its file or folder, without suffix. Empty without the folder.
+    """
+    folder = folder or application_folder() / "sample_data"
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix == ".zip" or (path / "study.toml").is_file():
+            found.setdefault(path.stem, path)
+    return dict(sorted(found.items(), key=lambda item: item[0] != "paper"))
