@@ -12,6 +12,12 @@ _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
 
 
+def model_name(fit: ElasticityFit) -> str:
+    """Return the fitted model: "elasticity", with " + friction" and " + delay" where fitted."""
+    parts = {"elasticity": True, "friction": fit.friction, "delay": fit.delay}
+    return " + ".join(name for name, part in parts.items() if part is not None)
+
+
 def without(fit: ElasticityFit) -> str:
     """Return "without friction and delay", or whichever of these the fit found; empty for neither."""
     found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)

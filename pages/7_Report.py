@@ -10,7 +10,8 @@ from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.study import downloads
-from jointid.ui.study.downloads import download, file_stem
+from jointid.ui.study.downloads import download
+from jointid.wording import file_stem
 
 page = open_page("Report")
 st.title("Report and export", anchor=False)

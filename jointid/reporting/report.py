@@ -1,6 +1,6 @@
-"""A study as a report that a person hands to a colleague: measured, answer, verdict, figures, settings.
+"""The report of a study: answer, verdict, figures, settings, records.
 
-The same study gives the same report, to the last byte: no date, no name of a machine.
+The same study gives the same report to the last byte: it has no date and no machine name.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ def make_report(
     ----------
     analysis : Analysis
     cut : bool
-        Simulate the cut of Figure 7, which takes about a second; for two joints only.
+        Include the cut of Figure 7, about a second; for two joints only.
     progress : callable, optional
-        Called with the share done and what is done next. What it raises ends the work.
+        Called with the share done and the next step. Its exceptions end the work.
 
     Returns
     -------
     Report
-        To be set by ``to_html`` or ``to_pdf``.
+        Input of ``to_html`` and ``to_pdf``.
     """
     study = analysis.study
     tell = progress or (lambda done, what: None)
@@ -134,7 +134,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
 
 
 def _inertias_add(analysis: Analysis) -> str:
-    """What the error bars leave out."""
+    """Contribution of the inertias, which the error bars exclude."""
     try:
         found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
     except JointIdError as error:
@@ -143,7 +143,7 @@ def _inertias_add(analysis: Analysis) -> str:
 
 
 def _others(analysis: Analysis) -> str:
-    """Friction and delay as one sentence, empty when neither was fitted."""
+    """Fitted friction and delay as a sentence; empty without them."""
     fit, parts = analysis.fit, []
     if fit.friction is not None:
         error = fit.friction.standard_error
@@ -160,7 +160,7 @@ def _others(analysis: Analysis) -> str:
 
 
 def _change(value: float, error: float, reference: float) -> str:
-    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
+    """Deviation from the nominal value in per cent, where it exceeds its uncertainty."""
     if reference <= 0:
         return "–"
     ratio = value / reference - 1

@@ -1,4 +1,4 @@
-"""The later pages of a report: settings, inertias, records, and every digit."""
+"""The appendix of a report: settings, inertias, records, and all digits."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.version import __version__
 
-_MOST_ROWS = 100
+_MAX_ROWS = 100
+"""Rows of the list of records."""
 
 
 def settings_blocks(analysis: Analysis) -> Iterator[Block]:
-    """Software, study, estimator and model; inertias; what other estimators say."""
+    """Software, study, estimator and model; inertias; results of other estimators."""
     study, fit = analysis.study, analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
@@ -115,7 +116,7 @@ def _inertias(study: Study) -> Table:
 
 
 def record_rows(study: Study) -> Table:
-    """One row per frequency and pose; records that are alike share it."""
+    """One row for all records of equal frequency, pose and length."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for number, record in enumerate(study.records, start=1):
         row = (
@@ -129,13 +130,13 @@ def record_rows(study: Study) -> Table:
     columns = [0, *([] if all(r.pose is None for r in study.records) else [1]), 2, 3, 4, 5]
     header = ("records", "pose", "frequency (Hz)", "periods", "used (s)", "samples per s")
     table = [header, *(("; ".join(labels), *row) for row, labels in alike.items())]
-    shown = [tuple(row[k] for k in columns) for row in table[: _MOST_ROWS + 1]]
+    shown = [tuple(row[k] for k in columns) for row in table[: _MAX_ROWS + 1]]
     more = len(table) - len(shown)
     return Table(shown[0], tuple(shown[1:]), f"And {more} more rows, see the study." if more else "")
 
 
 def digit_blocks(analysis: Analysis) -> Iterator[Block]:
-    """Every number with all its digits, and how to obtain it again."""
+    """All digits of every number, and the command to reproduce them."""
     fit = analysis.fit
     rows = [
         (name, repr(float(value)), repr(float(error)))

@@ -10,8 +10,10 @@ import streamlit as st
 
 from jointid import TrackingRun
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
-from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
+from jointid.figures.cut_shapes import Shape, shape_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
+from jointid.reporting.drawing import to_svg
+from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
@@ -31,12 +33,12 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     if not done:
         return
     rows = [
-        (capitalised(name), [_shape(zone, runs, row, LIGHT) for zone, runs in done])
-        for row, name in enumerate(names)
+        (capitalised(name), colour, [(f"zone {1e3 * zone:g} mm", runs[row]) for zone, runs in done])
+        for row, (name, colour) in enumerate(zip(names, (LIGHT.nominal, LIGHT.identified), strict=True))
     ]
     st.download_button(
         "Save the figure (.svg)",
-        data=lambda: shapes_svg(rows, title=f"Cuts of {page.study.name or 'a study'}").encode(),
+        data=lambda: to_svg(cut_figure(rows), title=f"Cuts of {page.study.name or 'a study'}").encode(),
         file_name="cuts.svg",
         mime="image/svg+xml",
         on_click="ignore",

@@ -94,5 +94,5 @@ class Checks:
 
 def _said(reason: Reason, part_of: str = "") -> str:
     """A reason in Markdown, under the name of its entry."""
-    name = reason.what.removesuffix(part_of)
-    return f"**{markdown_escape(capitalised(name))}:** {markdown_escape(reason.text)}"
+    name = capitalised(reason.what.removesuffix(part_of))
+    return f"**{markdown_escape(name)}:** {markdown_escape(reason.text)}"

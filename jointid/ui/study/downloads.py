@@ -167,9 +167,3 @@ def download(
     st.download_button(
         label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
     )
-
-
-def file_stem(name: str) -> str:
-    """Return a study's name as the beginning of a file name."""
-    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
-    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

@@ -12,7 +12,7 @@ from jointid.files.study_files import pack_study
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.method_steps import METHOD
-from jointid.wording import counted
+from jointid.wording import counted, file_stem
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
@@ -126,13 +126,8 @@ def show_steps(study: Study) -> None:
     st.download_button(
         "Save this study (.zip)",
         data=lambda: pack_study(study),
-        file_name=f"{_file_name(study.name)}.zip",
+        file_name=f"{file_stem(study.name)}.zip",
         mime="application/zip",
         on_click="ignore",
         help="study.toml and one CSV table per record: readable without this software.",
     )
-
-
-def _file_name(name: str) -> str:
-    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
-    return "_".join(part for part in kept.split("_") if part)[:60] or "study"
