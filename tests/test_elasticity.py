@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from plants import (
     BAND_HZ,
@@ -97,7 +98,7 @@ def test_truth_is_found_from_records_of_any_length(method: str, n: int, periods:
     assert np.allclose(answer(fit), truth(n), rtol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(1, 4),

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from examples import examples
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM
 
@@ -297,7 +298,7 @@ def test_nothing_to_find_is_no_segment() -> None:
     assert all(s.periods < 10 for s in find_segments(MappedLog(time, square, square)))
 
 
-@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(10, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_sequence_of_runs(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 4))
@@ -312,7 +313,7 @@ def test_any_sequence_of_runs(data: st.DataObject) -> None:
     check(log, runs, spans)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(40, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_any_signals_are_borne(data: st.DataObject) -> None:
     """Whatever a log holds, segments or none come out; nothing else is raised, nothing overflows."""
