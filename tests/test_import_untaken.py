@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_import_segments import BOTH, FIRST, SECOND, Run, check, log_of
+from test_import_segments import BOTH, FIRST, SECOND, Run, check, found_in, log_of
 
 from jointid.importing import MappedLog, find_segments
 
@@ -26,7 +26,7 @@ def test_coarse_encoder(steps: int) -> None:
     log, spans = log_of(runs, rate=1000.0, noise=0.0)
     coarse = rounded(log, float(np.abs(log.theta_rad - [0.4, -7.0]).max()) / steps / 1.4)
     check(coarse, runs, spans, accuracy=2e-3)
-    assert not any(segment.is_multisine for segment in find_segments(coarse))
+    assert not any(segment.is_multisine for segment in found_in(coarse))
 
 
 def test_run_that_the_encoder_does_not_show() -> None:
@@ -70,7 +70,7 @@ def test_a_staircase_of_sines_is_no_sweep() -> None:
     runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.05, 5.3, 5.6, 6.0, 6.4)]
     log, spans = log_of(runs)
     check(log, runs, spans)
-    assert find_segments(log).notes == ()
+    assert found_in(log).notes == ()
 
 
 def test_runs_that_are_too_short_are_told() -> None:
@@ -83,7 +83,7 @@ def test_runs_that_are_too_short_are_told() -> None:
 
 
 def test_nothing_is_told_of_rests_and_noise() -> None:
-    log, _ = log_of(LADDER, noise=1e-3, seed=1)
+    log, _ = log_of(LADDER, rate=500.0, noise=1e-3, seed=1)
     assert find_segments(log).notes == ()
 
 
