@@ -256,9 +256,25 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("shared_equations")
-@pytest.mark.parametrize("unlike", [1.0, 4.0])
 @pytest.mark.parametrize(
-    ("n", "count", "freedom"), [(1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (1, 2, 7)]
+    ("n", "count", "freedom", "unlike"),
+    [
+        (1, 1, None, 1.0),
+        (3, 3, None, 4.0),
+        (2, 2, 7, 1.0),
+        (1, 2, 7, 4.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in (
+                (1, 1, None, 4.0),
+                (3, 3, None, 1.0),
+                (2, 2, 15, 1.0),
+                (2, 2, 15, 4.0),
+                (2, 2, 7, 4.0),
+                (1, 2, 7, 1.0),
+            )
+        ),
+    ],
 )
 def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: float) -> None:
     """320 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.
