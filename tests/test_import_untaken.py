@@ -38,8 +38,15 @@ def test_run_that_the_encoder_does_not_show() -> None:
     assert "the torque swings while the position shows" in note
 
 
-@pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize("growth", ["linear", "logarithmic"])
+@pytest.mark.parametrize(
+    ("growth", "way"),
+    [
+        ("linear", -1),
+        ("logarithmic", 1),
+        pytest.param("linear", 1, marks=pytest.mark.long),
+        pytest.param("logarithmic", -1, marks=pytest.mark.long),
+    ],
+)
 def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
     time = np.arange(0, 40, 2e-3)
     hz = 2 + 20 * time / 40 if growth == "linear" else 2 * 11 ** (time / 40)

@@ -65,7 +65,10 @@ def number(text: str) -> float:
     return float(text.replace("±", "").replace("−", "-").replace("%", "").split("×")[0])
 
 
-@pytest.mark.parametrize("joints", [1, 2, 3])
+JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize("joints", JOINTS)
 class TestErrorBars:
     def test_noise_inertias_and_the_papers_answer_stand_side_by_side(
         self, app: AppTest, studies: dict[int, Study], joints: int
@@ -94,9 +97,7 @@ class TestErrorBars:
         assert len(at.get("plotly_chart")) == closed + 1 + 2 + joints
 
 
-@pytest.mark.parametrize(
-    "joints", [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("joints", JOINTS)
 def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) -> None:
     at = opened(app, ELASTICITY, joints, show_checks="true")
     at = clicked(at, "check_errors")
