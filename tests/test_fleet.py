@@ -429,7 +429,7 @@ def wait_for(condition: object, limit_s: float = 60.0) -> None:
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < limit_s
-        time.sleep(0.01)
+        time.sleep(0.05)
 
 
 @pytest.fixture

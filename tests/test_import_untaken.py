@@ -19,7 +19,7 @@ def rounded(log: MappedLog, step: float) -> MappedLog:
     return replace(log, theta_rad=step * np.round(log.theta_rad / step))
 
 
-@pytest.mark.parametrize("steps", [3, 13])
+@pytest.mark.parametrize("steps", [3, pytest.param(13, marks=pytest.mark.long)])
 def test_coarse_encoder(steps: int) -> None:
     """The driven joint moves by a few steps of its encoder: found all the same, as single sines."""
     runs = [replace(run, size=(run.hz / 3) ** 2) for run in LADDER]
