@@ -25,6 +25,7 @@ from jointid.torque_balance import Problem, make_problem
 from jointid.whitened_balance import WhitenedBalance
 
 _PASSES = 40  # small friction and a long lag together have taken thirty
+_LEAST_DAMPING = 1e-12  # of the scaled normal matrix: its rounding cannot make a step singular
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 
@@ -131,6 +132,11 @@ def gain_of_delay(
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:
+    if problem.rows == 0:
+        raise JointIdError(
+            "No motor moves visibly in any record, so that friction cannot be told from elasticity: move "
+            "the motors more, or log their positions with more digits."
+        )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
     balance = WhitenedBalance.of(problem, p, np.ones(problem.s.shape[1]))
@@ -166,7 +172,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
                 return p, normal
             damping = max(10 * damping, 1e-6)
         p, (cost, gradient, normal) = trial, new
-        damping /= 10
+        damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.small_matrices import covariance_of, whitener
 from jointid.springs import SpringEquations
 
 
@@ -64,12 +65,11 @@ def _least_squares_gain(equations: SpringEquations) -> Complexes:
 
 def _weighted_gain(equations: SpringEquations, V: Complexes) -> tuple[Complexes, Floats]:
     """Gain (r, 2n, n) and normal matrix (2n, 2n) for the error covariance V (r, n, n)."""
-    R = _regressors(equations)
-    RV = np.linalg.solve(V, R).conj().swapaxes(1, 2)  # RᴴV⁻¹
-    normal = (RV @ R).sum(axis=0).real
-    scale = 1 / np.sqrt(np.diag(normal))  # K and D differ by orders of magnitude
-    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
-    return np.asarray(inverse @ RV), normal
+    W = whitener(V)
+    R = W @ _regressors(equations)
+    rows = R.reshape(-1, R.shape[2])
+    normal = (rows.conj().T @ rows).real
+    return np.asarray(covariance_of(normal) @ R.conj().swapaxes(1, 2) @ W), normal
 
 
 def _regressors(equations: SpringEquations) -> Complexes:
@@ -105,7 +105,7 @@ def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) ->
     # Re(G e) of a circular complex e has half the covariance of the complex number.
     covariance = 0.5 * np.einsum("r,rpi,rij,rqj->pq", penalty, gain, V, gain.conj()).real
     V = V * noise.inverse_bias[:, None, None]
-    cost = float(np.einsum("ri,ri->", e.conj(), np.linalg.solve(V, e[..., None])[..., 0]).real)
+    cost = float((np.abs(whitener(V) @ e[..., None]) ** 2).sum())
     _, normal = _weighted_gain(equations, V)
     expected = float((n - leverage).sum() + np.trace(normal @ covariance)) if r > 1 else 0.0
     return Estimate(p, covariance, cost, expected, parameters=2 * n)

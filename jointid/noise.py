@@ -85,7 +85,9 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
         density = density * np.eye(channels)
         freedom = np.maximum(freedom, n + 3.0)
     covariance = density / phasors.duration_s[:, None, None, None]
-    largest = np.abs(phasors.z).max(axis=0)
+    largest = np.abs(phasors.z).max(axis=0).reshape(2, n)
+    # A signal that shows nothing is no better known than those of the same kind.
+    largest = np.where(largest > 0, largest, largest.max(axis=1, keepdims=True)).ravel()
     return Noise(covariance + np.diag((_FLOOR * largest) ** 2), freedom)
 
 

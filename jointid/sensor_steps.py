@@ -19,6 +19,7 @@ from jointid.records import SineRecord
 _LOOKED_AT = 256  # samples in which the step is looked for
 _GLANCE = 512
 _FEW = 12
+_LEAST_STEP = 1e-150  # whose square is still a number
 _LIKE = 1e-2  # share of a step within which decimals leave it
 
 
@@ -40,7 +41,7 @@ def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
         step = quantum(used[:_LOOKED_AT])
-        if step > 0:
+        if step > _LEAST_STEP:
             taken = 4 * np.abs(fit.fundamental[channel]) / step * different / period
             seen = float(scatter[channel]) / step**2
             # Rounding that does not come back exactly scatters itself: what is seen need not be added.

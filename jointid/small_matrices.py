@@ -13,6 +13,9 @@ from jointid.arrays import Complexes, Floats
 
 Numbers = TypeVar("Numbers", Complexes, Floats)
 
+_LEAST_EIGENVALUE = 1e-15  # of a matrix with a diagonal of ones, likewise
+_LEAST_PIVOT = 1e-14  # of a diagonal element: below it a difference of two numbers is their rounding
+
 
 def inverse(A: Numbers) -> Numbers:
     """Inverse of matrices of shape (..., n, n).
@@ -38,21 +41,26 @@ def inverse(A: Numbers) -> Numbers:
 
 
 def whitener(V: Complexes) -> Complexes:
-    """W with W V Wᴴ = I for Hermitian positive definite V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
+    """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
+
+    Double precision cannot tell a direction of V below ``_LEAST_PIVOT`` of its diagonal from zero, or
+    from less than zero. It counts as that much, so that a singular V has a whitener, too. Only a variance
+    of zero has none.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        When one is not positive definite.
+        When a diagonal element is not positive.
     """
     n = V.shape[-1]
     W = np.zeros_like(V)
     L = np.zeros_like(V)
     for j in range(n):
-        pivot = V[..., j, j].real - (np.abs(L[..., j, :j]) ** 2).sum(axis=-1)
-        if not np.all(pivot > 0):
-            raise np.linalg.LinAlgError("Matrix is not positive definite")
-        scale = 1 / np.sqrt(pivot)
+        variance = V[..., j, j].real
+        if not np.all(variance > 0):
+            raise np.linalg.LinAlgError("A variance is not positive")
+        pivot = variance - (np.abs(L[..., j, :j]) ** 2).sum(axis=-1)
+        scale = 1 / np.sqrt(np.maximum(pivot, _LEAST_PIVOT * variance))
         for i in range(j + 1, n):
             below = V[..., i, j] - (L[..., i, :j] * L[..., j, :j].conj()).sum(axis=-1)
             L[..., i, j] = below * scale
@@ -61,3 +69,20 @@ def whitener(V: Complexes) -> Complexes:
         for i in range(j):
             W[..., j, i] = -scale * (L[..., j, i:j] * W[..., i:j, i]).sum(axis=-1)
     return W
+
+
+def covariance_of(normal: Floats) -> Floats:
+    """Inverse of a normal matrix JᵀJ, shape (P, P): the covariance of its parameters.
+
+    It is inverted with a diagonal of ones, so that units play no part. A combination of parameters that
+    the data do not determine has a variance as large as double precision allows, a parameter without any
+    effect an infinite one.
+    """
+    size = np.sqrt(np.maximum(np.diag(normal), 0.0))
+    seen = size > 0
+    scale = np.outer(size[seen], size[seen])
+    values, vectors = np.linalg.eigh(normal[np.ix_(seen, seen)] / scale)
+    least = _LEAST_EIGENVALUE * max(1, values.size)
+    covariance = np.diag(np.where(seen, 0.0, np.inf))
+    covariance[np.ix_(seen, seen)] = (vectors / np.maximum(values, least)) @ vectors.T / scale
+    return covariance

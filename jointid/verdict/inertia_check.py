@@ -14,12 +14,14 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
+from jointid.small_matrices import covariance_of, whitener
 from jointid.springs import spring_equations
 
 _PRIOR = 0.3
 """Relative standard deviation within which inertias are looked for; holds what no record tells."""
 
 _PASSES = 25
+_LEAST_DAMPING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ def check_inertia(phasors: Phasors, inertia: Inertia, K: Floats, D: Floats) -> I
     fixed, cost_given, _ = _minimise(phasors, noise, start, size, free, n)
     found, cost, information = _minimise(phasors, noise, fixed, size, np.ones_like(free), n)
     misfit = 2 * cost / (rows - size.size)
-    covariance = np.linalg.inv(information / max(1.0, misfit))
+    covariance = covariance_of(information / max(1.0, misfit))
     error = np.sqrt(np.diag(covariance)) * size
     return InertiaCheck(
         names=(
@@ -128,7 +130,7 @@ def _minimise(
             damping *= 10
         else:
             break
-        p, damping = trial, damping / 10
+        p, damping = trial, max(damping / 10, _LEAST_DAMPING)
         if before - after < 1e-6 * max(after, 1.0):
             break
     row = whitened(p, _whitening(phasors, noise, p, n))
@@ -159,4 +161,4 @@ def _balance(phasors: Phasors, p: Floats, n: int) -> tuple[Complexes, Complexes]
 def _whitening(phasors: Phasors, noise: Complexes, p: Floats, n: int) -> Complexes:
     E = _balance(phasors, p, n)[1]
     V = E @ noise @ E.conj().swapaxes(1, 2)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+    return whitener(V)

@@ -107,7 +107,10 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
             K[j], D[j] = (
                 np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=None)[0] / scale
             )
-    left = rest - g / (K + 1j * omega * D)
+    spring = K + 1j * omega * D
+    if not np.all(spring):  # an arm at rest bends no spring
+        return LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+    left = rest - g / spring
     share = np.sqrt(np.mean(np.abs(left) ** 2, axis=0)) / size
     rigid = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0)) / size
     return LinkSide(K, D, float(share.max()), float(rigid.min()))

@@ -301,7 +301,8 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
         real = np.concatenate([(A / size).real, (A / size).imag])
         if np.linalg.cond(real) < 1e4:
             b = np.concatenate([phasors.tau[rows].real, phasors.tau[rows].imag])
-            return np.asarray((np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T)
+            inertia = (np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T
+            return np.asarray(inertia) if np.all(np.diag(inertia)) else None  # no torque, no inertia
     return None
 
 
