@@ -134,8 +134,8 @@ def gain_of_delay(
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows == 0:
         raise JointIdError(
-            "No motor moves visibly in any record, so that friction cannot be told from elasticity: move "
-            "the motors more, or log their positions with more digits."
+            "No motor moves visibly in any record, so that friction cannot be told from elasticity: "
+            "move the motors more, or log their positions with more digits."
         )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
@@ -187,6 +187,9 @@ def inverse_normal(problem: Problem, normal: Floats) -> Floats:
     """Inverse of the normal matrix; parameters without any effect stay out of it."""
     size = np.sqrt(np.diag(normal))
     seen = size > 0
+    if not np.all(seen[: 2 * problem.n]):
+        name = problem.names[int(np.argmin(seen))]
+        raise JointIdError(f"The records say nothing of {name}: move joint {name[1:]} more.")
     scaled = normal[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
     values, vectors = np.linalg.eigh(scaled)
     if values[0] < _INSEPARABLE:

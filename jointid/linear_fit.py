@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.small_matrices import covariance_of, whitener
+from jointid.small_matrices import covariance_of, root, whitener
 from jointid.springs import SpringEquations
 
 
@@ -101,9 +101,10 @@ def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) ->
     leverage = np.einsum("rpj,rjp->r", gain, _regressors(equations)).real
     penalty = np.ones(r)
     if weighted:
-        penalty += (1 - leverage / (2 * n)) * (noise.weight_penalty - 1)
+        penalty += np.maximum(1 - leverage / (2 * n), 0) * (noise.weight_penalty - 1)
     # Re(G e) of a circular complex e has half the covariance of the complex number.
-    covariance = 0.5 * np.einsum("r,rpi,rij,rqj->pq", penalty, gain, V, gain.conj()).real
+    error = np.sqrt(0.5 * penalty)[:, None, None] * (gain @ root(V))
+    covariance = np.einsum("rpi,rqi->pq", error, error.conj()).real
     V = V * noise.inverse_bias[:, None, None]
     cost = float((np.abs(whitener(V) @ e[..., None]) ** 2).sum())
     _, normal = _weighted_gain(equations, V)

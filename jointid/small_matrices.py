@@ -44,8 +44,8 @@ def whitener(V: Complexes) -> Complexes:
     """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
 
     Double precision cannot tell a direction of V below ``_LEAST_PIVOT`` of its diagonal from zero, or
-    from less than zero. It counts as that much, so that a singular V has a whitener, too. Only a variance
-    of zero has none.
+    from less than zero. It counts as that much, so that a singular V has a whitener, too. Only a
+    variance of zero has none.
 
     Raises
     ------
@@ -69,6 +69,17 @@ def whitener(V: Complexes) -> Complexes:
         for i in range(j):
             W[..., j, i] = -scale * (L[..., j, i:j] * W[..., i:j, i]).sum(axis=-1)
     return W
+
+
+def root(V: Complexes) -> Complexes:
+    """Matrix whose product with its conjugate transpose is the covariance V, (..., n, n).
+
+    V may be singular. With it a variance is a sum of squares, which rounding cannot make negative.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(V, axis1=-2, axis2=-1).real, 0.0))
+    unit = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(V / (unit[..., :, None] * unit[..., None, :]))
+    return np.asarray(size[..., None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
 
 
 def covariance_of(normal: Floats) -> Floats:

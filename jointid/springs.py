@@ -22,7 +22,8 @@ from jointid.noise import Noise, moderated_noise
 from jointid.phasors import Phasors
 from jointid.wording import counted
 
-_LEAST, _LARGEST = 1e-30, 1e30  # of signals and inertias in SI units: fourth powers are still numbers
+LEAST, LARGEST = 1e-30, 1e30
+"""Of signals and inertias, SI units: products of several are still numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ def spring_equations(
     """
     _require_plausible(phasors)
     z = phasors.z
-    empty = np.abs(z).max(axis=0) < _LEAST
+    empty = np.abs(z).max(axis=0) < LEAST
     if np.any(empty[: phasors.n] & empty[phasors.n :]):
         j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
         raise JointIdError(
@@ -159,12 +160,12 @@ def _require_plausible(phasors: Phasors) -> None:
     deviation = np.sqrt(np.abs(np.einsum("rhjj->rhj", phasors.harmonic_covariance))).max(axis=1)
     size = np.maximum(np.abs(phasors.harmonics).max(axis=1), np.maximum(np.abs(phasors.z), deviation))
     record, column = np.unravel_index(np.argmax(size), size.shape)
-    if size[record, column] > _LARGEST:
+    if size[record, column] > LARGEST:
         n = phasors.n
         name = f"theta_m{column + 1}_rad" if column < n else f"tau_m{column - n + 1}_Nm"
         raise JointIdError(
             f"{phasors.labels[record]}: {name} has an amplitude of {size[record, column]:.3g}; at most "
-            f"{_LARGEST:g} can be analysed. Check the unit and the values of this column."
+            f"{LARGEST:g} can be analysed. Check the unit and the values of this column."
         )
 
 
@@ -187,10 +188,10 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
         if each.n != n:
             raise JointIdError(f"The records have {counted(n, 'joint')}, the inertia has {each.n}.")
         sizes = np.concatenate([each.M, np.diag(each.M2)])
-        if sizes.min() < _LEAST or sizes.max() > _LARGEST:
-            wrong = sizes.min() if sizes.min() < _LEAST else sizes.max()
+        if sizes.min() < LEAST or sizes.max() > LARGEST:
+            wrong = sizes.min() if sizes.min() < LEAST else sizes.max()
             raise JointIdError(
-                f"M or M2 holds {wrong:.3g} kg·m²; from {_LEAST:g} to {_LARGEST:g} can be analysed. "
+                f"M or M2 holds {wrong:.3g} kg·m²; from {LEAST:g} to {LARGEST:g} can be analysed. "
                 "Check the unit of the inertias."
             )
     arm = np.linalg.inv(np.array([each.M2 for each in inertias]))

@@ -13,8 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from jointid import Analysis, Elasticity, Inertia, JointIdError, SineRecord, Study, analyse
-from jointid import figures, response_curves
+from jointid import (
+    Analysis,
+    Elasticity,
+    Inertia,
+    JointIdError,
+    SineRecord,
+    Study,
+    analyse,
+    figures,
+    response_curves,
+)
 from jointid.answer import answer_sentence, inertia_sentence, without
 from jointid.arrays import Complexes, Floats
 from jointid.cut.outcome import study_outcome
@@ -39,7 +48,7 @@ from jointid.figures.trust import (
 from jointid.figures.waveforms import spectra, waveforms
 from jointid.fleet.row import checked, row_of
 from jointid.joints import diagonal_zeros, locked_resonances, motor_impedance, resonances
-from jointid.planning.plan import planned_records, predict_standard_errors, suggest_records
+from jointid.planning.plan import predict_standard_errors, suggest_records
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
@@ -62,8 +71,10 @@ from jointid.uncertainty.validation import (
 METHODS = ("auto", "auto", "auto", "maximum-likelihood", "weighted", "least-squares", "explicit")
 
 
-def random_study(seed: int) -> Study:
+def random_study(seed: int, *, small: bool = False) -> Study:
     """Make a study of 1 to 6 joints: a robot at any scale, and on top of it up to five mishaps.
+
+    A small one has at most 3 joints, 4 records and some 200 samples.
 
     Raises
     ------
@@ -71,19 +82,23 @@ def random_study(seed: int) -> Study:
         When the study itself is refused.
     """
     rng = np.random.default_rng(seed)
-    n = int(rng.choice([1, 2, 2, 2, 3, 4, 6]))
+    n = int(rng.choice([1, 1, 1, 2, 2, 3, 3] if small else [1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 4, 6]))
     inertia, elasticity = _robot(rng, n)
     poses = {}
     if rng.random() < 0.15:
         poses["stretched"] = Inertia(inertia.M, inertia.M2 * rng.uniform(0.5, 2.0))
     frequencies, torques, rate = _campaign(rng, inertia, elasticity)
+    if small:
+        frequencies, torques, rate = frequencies[:4], torques[:4], min(rate, 20.0)
     mishaps = [mishap for mishap in _MISHAPS if rng.random() < 2.0 / len(_MISHAPS)]
     noise = rng.choice([0.0, 1e-6, 1e-3, 0.03]) if rng.random() < 0.8 else 1.0
     periods = float(rng.choice([1.0, 1.4, 2.6, 5.0, 10.37]))
     logs = []
     for f, torque in zip(frequencies, torques, strict=True):
         pose = "stretched" if poses and rng.random() < 0.5 else None
-        logs.append(_log(rng, poses.get(pose or "", inertia), elasticity, f, torque, rate, periods, pose))
+        logs.append(
+            _log(rng, poses.get(pose or "", inertia), elasticity, f, torque, rate, periods, pose)
+        )
     for log in logs:
         for name in ("theta", "tau"):
             size = np.abs(log[name]).max(axis=0)
@@ -127,6 +142,8 @@ def _robot(rng: np.random.Generator, n: int) -> tuple[Inertia, Elasticity]:
     coupling /= np.sqrt(np.outer(np.diag(coupling), np.diag(coupling)))
     M2 = coupling * np.sqrt(np.outer(own, own))
     resonance = 2 * np.pi * 10 ** rng.uniform(0.5, 1.7, n)
+    if rng.random() < 0.1:  # another unit of time
+        resonance *= 10 ** rng.uniform(-4, 4)
     K = own * resonance**2
     return Inertia(own * 10 ** rng.uniform(-1, 0.5, n), M2), Elasticity(K, K / resonance * 0.05)
 
@@ -145,7 +162,7 @@ def _campaign(
     elif kind < 0.2:
         frequencies = frequencies[0] * (1 + 10 ** rng.uniform(-15, -6) * np.arange(count))
     per = int(rng.choice([1, n, n]))
-    frequencies = np.repeat(frequencies, per)
+    frequencies = np.repeat(frequencies, per)[: 8 if n < 4 else 6]
     size = 10 ** rng.uniform(-4, 4) if rng.random() < 0.95 else 10 ** rng.uniform(-290, 90)
     torques = size * np.exp(2j * np.pi * rng.random((frequencies.size, n)))
     torques = torques * 10 ** rng.uniform(-1, 1, (1, n))
@@ -365,7 +382,7 @@ def method_of(seed: int) -> str:
     return METHODS[seed % len(METHODS)]
 
 
-def analysed(seed: int) -> Analysis:
+def analysed(seed: int, *, small: bool = False) -> Analysis:
     """Make and analyse the study of a seed.
 
     Raises
@@ -373,7 +390,7 @@ def analysed(seed: int) -> Analysis:
     JointIdError
         When it is refused.
     """
-    return analyse(random_study(seed), method=method_of(seed))
+    return analyse(random_study(seed, small=small), method=method_of(seed))
 
 
 def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Callable[[], object]]]:
@@ -387,16 +404,22 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     yield "toml", lambda: to_toml(identification(analysis))
     yield "mat", lambda: to_mat(analysis)
     for snippet in (mujoco_snippet, urdf_snippet, sdf_snippet):
-        yield snippet.__name__, partial(lambda write: write(identification(analysis), [100.0] * n), snippet)
+        yield (
+            snippet.__name__,
+            partial(lambda write: write(identification(analysis), [100.0] * n), snippet),
+        )
     yield "tables", lambda: (phasor_table(analysis), transfer_matrix_table(analysis))
     yield "without friction", lambda: without_friction_and_delay(analysis)
     yield "state space", lambda: state_space(study.inertia, fit.elasticity)
     for what in (resonances, locked_resonances, diagonal_zeros):
         yield what.__name__, partial(lambda of: of(study.inertia, fit.elasticity), what)
-    yield "quality", lambda: (
-        quality_table(study.records, phasors),
-        phasors_shown(phasors),
-        phasor_columns(phasors),
+    yield (
+        "quality",
+        lambda: (
+            quality_table(study.records, phasors),
+            phasors_shown(phasors),
+            phasor_columns(phasors),
+        ),
     )
     yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis, None, 0.03))
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
@@ -427,9 +450,12 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
     fitted = partial(lambda: fit_sines([record])[0].at(record.time_s, record.omega))
     yield "waveforms", lambda: waveforms(record, last, fitted(), periods=4.0)
     yield "spectra", lambda: spectra(record, last)
-    yield "phasor plane", lambda: (
-        phasor_plane(analysis.phasors),
-        phasor_plane(analysis.phasors, torque=True),
+    yield (
+        "phasor plane",
+        lambda: (
+            phasor_plane(analysis.phasors),
+            phasor_plane(analysis.phasors, torque=True),
+        ),
     )
     for pose in analysis.transfer_matrices:
         yield "element", partial(figures.element_response, analysis, last, 0, pose=pose)
@@ -498,9 +524,14 @@ def strictly() -> Iterator[Path]:
                     os.close(descriptor)
 
 
-def faults(seed: int, *, slow: bool = False) -> list[tuple[str, BaseException]]:
-    """Make the study of a seed, analyse and use it; what fails with more than a refusal, by name."""
-    found: list[tuple[str, BaseException]] = []
+def faults(
+    seed: int, *, small: bool = False, every: int = 1, slow: bool = False
+) -> list[tuple[str, Exception]]:
+    """Make the study of a seed, analyse and use it; what fails with more than a refusal, by name.
+
+    Of the uses, every so many are tried, another choice with another seed.
+    """
+    found: list[tuple[str, Exception]] = []
 
     def attempt(name: str, call: Callable[[], object]) -> object:
         try:
@@ -512,9 +543,9 @@ def faults(seed: int, *, slow: bool = False) -> list[tuple[str, BaseException]]:
             return None
 
     with strictly() as written:
-        analysis = attempt("analyse", partial(analysed, seed))
+        analysis = attempt("analyse", partial(analysed, seed, small=small))
         if isinstance(analysis, Analysis):
-            for name, call in uses(analysis, slow=slow):
+            for name, call in list(uses(analysis, slow=slow))[seed % every :: every]:
                 attempt(name, call)
         if text := written.read_text(errors="replace"):
             found.append(("output", AssertionError(text[:300])))

@@ -17,6 +17,7 @@ from jointid.elasticity import ElasticityFit
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
+from jointid.small_matrices import whitener
 from jointid.springs import spring_equations
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
@@ -170,7 +171,8 @@ def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     E = equations.of_b - spring[..., None] * equations.of_a
     CE = equations.noise.covariance[:, 0] @ E.conj().swapaxes(1, 2)
     e = equations.residual(fit.K, fit.D)[..., None]
-    correction = -(CE @ np.linalg.solve(E @ CE, e))[..., 0]
+    W = whitener(E @ CE)
+    correction = -(CE @ W.conj().swapaxes(1, 2) @ W @ e)[..., 0]
     harmonics = phasors.harmonics.copy()
     harmonics[:, 0] += correction
     return replace(

@@ -30,6 +30,7 @@ _CLOSE = 0.05
 _BETTER = 0.2
 """... and that share over what the motor's equation, and one without springs, leave."""
 _ROUNDS = 8
+_NO_SPRING = 1e-100  # N·m/rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,23 +94,29 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
     g = -(omega**2) * M * f  # rest = g / (K + iω D)
     size = np.sqrt(np.mean(np.abs(tau) ** 2, axis=0))
     n = phasors.n
+    none = LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+    if not np.all(size > 0):
+        return none
     K, D = np.ones(n), np.zeros(n)
     for _ in range(_ROUNDS):
         # Linear in K and D; the weights make of it the error of the torque.
-        weight = 1 / (np.abs(K + 1j * omega * D) + 1e-300)
+        spring = K + 1j * omega * D
+        if not np.all(np.abs(spring) > _NO_SPRING):  # an arm at rest bends none
+            return none
+        weight = 1 / np.abs(spring)
         for j in range(n):
             A = np.column_stack([rest[:, j], 1j * omega[:, 0] * rest[:, j]]) * weight[:, j : j + 1]
             b = g[:, j] * weight[:, j]
             real = np.concatenate([A.real, A.imag])
             scale = np.linalg.norm(real, axis=0)
             if not np.all(scale > 0):
-                return LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+                return none
             K[j], D[j] = (
                 np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=None)[0] / scale
             )
     spring = K + 1j * omega * D
-    if not np.all(spring):  # an arm at rest bends no spring
-        return LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+    if not np.all(np.abs(spring) > _NO_SPRING):
+        return none
     left = rest - g / spring
     share = np.sqrt(np.mean(np.abs(left) ** 2, axis=0)) / size
     rigid = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0)) / size

@@ -19,6 +19,7 @@ from jointid.elasticity import identify_elasticity
 from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.phasors import Phasors
+from jointid.springs import LARGEST, LEAST
 from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.link_side import link_side_finding
 from jointid.verdict.places import ENTRIES, FILE, INERTIAS
@@ -178,7 +179,7 @@ def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inert
     def cost(x: Floats) -> float:
         if np.any(np.abs(x) > _FARTHEST):
             return 1e3
-        return float(min(np.log(_misfit(*_mend(scaled(x), phasors, inertias))), 1e3))
+        return float(min(np.log(max(_misfit(*_mend(scaled(x), phasors, inertias)), 1e-300)), 1e3))
 
     # Beside the valley of the right ratios lie others, where springs are negative.
     count = int(free.sum())
@@ -302,7 +303,8 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
         if np.linalg.cond(real) < 1e4:
             b = np.concatenate([phasors.tau[rows].real, phasors.tau[rows].imag])
             inertia = (np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T
-            return np.asarray(inertia) if np.all(np.diag(inertia)) else None  # no torque, no inertia
+            size = np.abs(np.diag(inertia))
+            return np.asarray(inertia) if np.all((size > LEAST) & (size < LARGEST)) else None
     return None
 
 
