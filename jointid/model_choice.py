@@ -258,7 +258,7 @@ class _Search:
         for model, estimate in fitted.items():
             if self._is_clear(model, estimate):
                 free = estimate.parameters - estimate.p.size
-                penalty = float(np.log(max(rows, 1))) * estimate.p.size + 2 * free
+                penalty = float(np.log(np.maximum(rows, 1))) * estimate.p.size + 2 * free
                 criterion[model] = 2 * estimate.cost / misfit + penalty
         return criterion
 

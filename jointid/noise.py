@@ -23,6 +23,7 @@ from jointid.phasors import Phasors
 _FLOOR = 1e-9  # of the largest phasor of a signal: nothing is measured better than that
 _MOST_LENT = 1e3  # degrees of freedom that the records together can lend to one
 _LEAST_LENT = 0.5
+_NEGLIGIBLE = 1e-40  # of the largest variance: that of a record in which nothing moves
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,7 @@ def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
     H, channels = gains.shape[1], gains.shape[3]
     rows = gains.swapaxes(0, 1).reshape(H, -1, channels)
     values = variances.swapaxes(0, 1).reshape(H, -1)
-    use = values > 0
+    use = values > _NEGLIGIBLE * values.max(axis=1, keepdims=True)
     weight = np.where(use, 1 / np.where(use, values, 1.0), 0.0)
     solution = np.zeros((H, channels))
     for _ in range(8):  # relative errors count, and relative to the model they are unbiased

@@ -14,6 +14,7 @@ from jointid.arrays import Complexes, Floats
 Numbers = TypeVar("Numbers", Complexes, Floats)
 
 _LEAST_EIGENVALUE = 1e-15  # of a matrix with a diagonal of ones, likewise
+_ROUNDING = 1e-15  # of a sum of a few terms, in units of their sizes
 _LEAST_PIVOT = 1e-14  # of a diagonal element: below it a difference of two numbers is their rounding
 
 
@@ -69,6 +70,19 @@ def whitener(V: Complexes) -> Complexes:
         for i in range(j):
             W[..., j, i] = -scale * (L[..., j, i:j] * W[..., i:j, i]).sum(axis=-1)
     return W
+
+
+def propagated(E: Complexes, CE: Complexes) -> Complexes:
+    """Covariance E C Eᴴ of a linear map of signals, from E (..., n, m) and C Eᴴ (..., m, n).
+
+    Strongly correlated signals may cancel. No variance is then less than the rounding of its terms.
+    """
+    V = E @ CE
+    terms = np.abs(E) * np.abs(CE.swapaxes(-2, -1))
+    for j in range(V.shape[-1]):
+        least = _ROUNDING * terms[..., j, :].sum(axis=-1)
+        V[..., j, j] += np.maximum(least - V[..., j, j].real, 0.0)
+    return V
 
 
 def root(V: Complexes) -> Complexes:

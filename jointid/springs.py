@@ -20,6 +20,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Inertia
 from jointid.noise import Noise, moderated_noise
 from jointid.phasors import Phasors
+from jointid.small_matrices import propagated
 from jointid.wording import counted
 
 LEAST, LARGEST = 1e-30, 1e30
@@ -69,7 +70,8 @@ class SpringEquations:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
         spring = K + 1j * self.omega[:, None] * D
         E = self.of_b - spring[:, :, None] * self.of_a
-        return np.asarray(E @ (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2))
+        CE = (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2)
+        return propagated(E, CE)
 
     @property
     def excitation(self) -> Floats:

@@ -19,6 +19,7 @@ from jointid.friction import FrictionWaveforms
 from jointid.joints import Inertia, motor_impedance
 from jointid.noise import Noise
 from jointid.phasors import Phasors
+from jointid.small_matrices import propagated
 from jointid.springs import inertia_arrays, spring_equations
 
 
@@ -135,7 +136,7 @@ class Balance:
         r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
             r -= sliding(problem, p, s.shape[1])
-        return cls(problem, p, r, E @ CE, CE, stiff, lag)
+        return cls(problem, p, r, propagated(E, CE), CE, stiff, lag)
 
     def jacobian(self, pull: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
