@@ -26,6 +26,7 @@ from jointid.whitened_balance import WhitenedBalance
 
 _PASSES = 40  # small friction and a long lag together have taken thirty
 _LEAST_DAMPING = 1e-12  # of the scaled normal matrix: its rounding cannot make a step singular
+_NO_EFFECT = 1e-60  # of a parameter of 1, SI units, in standard errors: the motor stands still
 _INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
 
 
@@ -156,7 +157,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_PASSES):
         size = np.sqrt(np.diag(normal))
-        size = np.where(size > 0, size, 1.0)
+        size = np.where(size > _NO_EFFECT, size, 1.0)
         near = 1e-2 * np.sqrt(max(1.0, 2 * cost / problem.rows))
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
@@ -186,7 +187,7 @@ def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats
 def inverse_normal(problem: Problem, normal: Floats) -> Floats:
     """Inverse of the normal matrix; parameters without any effect stay out of it."""
     size = np.sqrt(np.diag(normal))
-    seen = size > 0
+    seen = size > _NO_EFFECT
     if not np.all(seen[: 2 * problem.n]):
         name = problem.names[int(np.argmin(seen))]
         raise JointIdError(f"The records say nothing of {name}: move joint {name[1:]} more.")
