@@ -138,6 +138,26 @@ def covariance_of(normal: Floats) -> Floats:
     return covariance
 
 
+_INSEPARABLE = 1e-10
+"""Smallest eigenvalue, of a normal matrix of unit diagonal, that determines a combination."""
+_INVOLVED = 1e-3
+"""Share of a parameter in an undetermined combination from which its variance is infinite."""
+
+
+def determined_covariance(normal: Floats) -> Floats:
+    """Inverse of a normal matrix, shape (P, P); infinite variances for undetermined parameters."""
+    seen, size, scaled = unit_diagonal(normal)
+    covariance = np.zeros(normal.shape)
+    covariance[~seen, ~seen] = np.inf
+    values, vectors = np.linalg.eigh(scaled)
+    known = values > _INSEPARABLE
+    inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
+    inner[unknown, unknown] = np.inf
+    covariance[np.ix_(seen, seen)] = inner / np.outer(size, size)
+    return covariance
+
+
 def one_thread() -> AbstractContextManager[object]:
     """Return a context in which BLAS uses one thread."""
     return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
