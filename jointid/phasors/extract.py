@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
 from jointid.phasors.sensor_steps import may_have_steps, step_variance
@@ -148,8 +148,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         When there is no record, the records differ in their number of joints, or one is too short.
     """
     records = _checked(records)
-    if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
-        raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
+    if harmonics is not None:
+        harmonics = whole_number("harmonics", harmonics, 1)
     fits = fit_sines(records, harmonics or 3)
     if harmonics is None and _distorted(records, fits):
         fits = fit_sines(records, MANY_HARMONICS)

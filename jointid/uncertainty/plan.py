@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
@@ -154,8 +154,7 @@ def suggest_records(
     JointIdError
         When no candidate stays within the limits, or a setting is out of range.
     """
-    if not isinstance(count, int) or not 1 <= count <= _MOST_RECORDS:
-        raise JointIdError(f"count = {count!r}: expected a whole number from 1 to {_MOST_RECORDS}.")
+    count = whole_number("count", count, 1, _MOST_RECORDS)
     now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
     free = compensated_phasors(phasors, fit)
