@@ -126,16 +126,14 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
     identified = fit.elasticity
     matching = _matching_drive([study.inertia, *study.poses.values()])
     drive = drive or matching or "parallelogram"
-    arm = PlanarArm.example(drive)
-    if matching is not None:
-        rule: Rule = "direct" if drive == matching else "springs"
-        friction = _friction(analysis, np.ones(2))
-        return CutRobot(rule, arm, identified, fit.covariance, study.nominal, friction)
+    rule: Rule = "relative"
     factor = PAPER.K / identified.K
+    if matching is not None:
+        rule, factor = "direct" if drive == matching else "springs", np.ones(2)
     both = np.concatenate([factor, factor])
     return CutRobot(
-        "relative",
-        arm,
+        rule,
+        PlanarArm.example(drive),
         _scaled(identified, factor),
         np.asarray(both[:, None] * fit.covariance * both),
         None if study.nominal is None else _scaled(study.nominal, factor),

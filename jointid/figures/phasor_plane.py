@@ -37,11 +37,8 @@ def phasor_plane(
     for j in range(phasors.n):
         symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)] + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
-        told = [
-            with_error(float(a), float(e))
-            for a, e in zip(size[:, j], errors[:, j] / np.sqrt(2), strict=True)
-        ]
-        about = [[frequency, text] for frequency, text in zip(f.tolist(), told, strict=True)]
+        amplitudes = zip(f.tolist(), size[:, j].tolist(), errors[:, j] / np.sqrt(2), strict=True)
+        about = [[frequency, with_error(a, float(e))] for frequency, a, e in amplitudes]
         traces.append(
             {
                 "type": "scatterpolar",

@@ -14,6 +14,7 @@ from jointid.arrays import Floats
 
 Trace = dict[str, Any]
 Axis = dict[str, Any]
+Shape = dict[str, Any]
 
 JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
 """Joints are told apart by their marker as well as by their place."""
@@ -91,6 +92,35 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     if error is not None:
         trace["error_y"] = {"type": "data", "color": colour, "thickness": 1.2, "width": 3} | error
     return trace
+
+
+def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
+    """Return a vertical line over the whole height of a figure."""
+    stroke = {"color": colour, "width": width, "dash": dash}
+    return {
+        "type": "line",
+        "yref": "paper",
+        "x0": x,
+        "x1": x,
+        "y0": 0,
+        "y1": 1,
+        "line": stroke,
+    } | more
+
+
+def span(first: float, last: float, colour: str, opacity: float, **more: Any) -> Shape:
+    """Return a filled span of the x axis over the whole height of a figure."""
+    return {
+        "type": "rect",
+        "yref": "paper",
+        "x0": first,
+        "x1": last,
+        "y0": 0,
+        "y1": 1,
+        "fillcolor": colour,
+        "opacity": opacity,
+        "line": {"width": 0},
+    } | more
 
 
 def frequency_axis(frequency_hz: Floats, *, title: bool = True, **more: Any) -> Axis:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array, whole_number
+from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
@@ -208,10 +208,10 @@ def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
     if value is None:
         return largest
-    limit = finite_array(name, value, ndim=1)
-    if limit.size not in (1, largest.size) or np.any(limit <= 0):
-        raise JointIdError(f"{name}: expected one positive value per joint, got {limit.tolist()}.")
-    return np.array(np.broadcast_to(limit, largest.shape))
+    limit = per_joint(name, value, largest.size)
+    if np.any(limit <= 0):
+        raise JointIdError(f"{name}: expected positive values, got {limit.tolist()}.")
+    return limit
 
 
 def _candidate_frequencies(
