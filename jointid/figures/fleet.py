@@ -163,7 +163,7 @@ def _range(spread: Spread) -> tuple[float, float]:
 
 def _whole_step(highest: int) -> int:
     """Distance of about five ticks, of 1, 2 or 5 studies and their multiples: there are no halves."""
-    return next(s for s in (10**k * m for k in range(12) for m in (1, 2, 5)) if 5 * s >= highest)
+    return next(s for s in (m * int(10.0**k) for k in range(12) for m in (1, 2, 5)) if 5 * s >= highest)
 
 
 def _dates(seconds: Floats) -> Floats:

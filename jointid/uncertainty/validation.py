@@ -9,6 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
@@ -22,16 +23,11 @@ def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     Phasors
         Without harmonics, which a linear model does not have.
     """
-    equations, n = fit.equations, fit.n
-    z = np.linalg.solve(
-        np.concatenate([equations.of_a, equations.of_b], axis=1),
-        np.concatenate([equations.a, equations.b], axis=1)[..., None],
-    )[..., 0]
     return replace(
         phasors,
-        q=z[:, :n],
-        tau=z[:, n:],
-        harmonics=z[:, None],
+        q=fit.phasors.q,
+        tau=fit.phasors.tau,
+        harmonics=fit.phasors.z[:, None],
         harmonic_covariance=phasors.covariance[:, None],
     )
 
@@ -86,9 +82,7 @@ def predict_left_out(
             f"{len(groups)} frequencies and folds = {folds!r}: each fold needs at least two "
             "frequencies, and there must be two folds or more."
         )
-    method = "weighted" if fit.method == "weighted" else "maximum-likelihood"
-    if fit.method in ("least-squares", "explicit"):
-        method = fit.method
+    method = fit.method if fit.method in LINEAR else "maximum-likelihood"
     rows, estimates = [], []
     for fold in range(folds):
         out = np.concatenate([group for _, group in groups[fold::folds]])
