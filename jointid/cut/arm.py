@@ -258,12 +258,7 @@ class PlanarArm:
 
 
 def require_two_joints(elasticity: Elasticity, what: str = "elasticity") -> None:
-    """Refuse K and D of another number of joints than the planar arm's.
-
-    Raises
-    ------
-    JointIdError
-    """
+    """Refuse K and D of another number of joints than the planar arm's."""
     if elasticity.n != 2:
         raise JointIdError(f"The {what} has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
 

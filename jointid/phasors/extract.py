@@ -274,10 +274,10 @@ def _frequency_found(
         turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
     found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
     moves = strength.max(axis=(1, 2)) > 1e-12 * offset
-    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor)) | (count[:, 0] < 3)
-    for row in np.flatnonzero(moves & suspicious).tolist():
-        record, fit, joint = records[row], fits[row], int(largest[row])
-        if order[row] > 0 or scatter[row] > 0.5 * abs(phasor[row]) or _unlike(record, fit, joint):
+    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor))
+    for row in np.flatnonzero(moves & (suspicious | (count[:, 0] < 3))).tolist():
+        record, joint = records[row], int(largest[row])
+        if suspicious[row] or _unlike(record, fits[row], joint):
             used = slice(record.start, None)
             found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
     return np.where(moves, found, stated)

@@ -246,15 +246,11 @@ def _candidates(
             inertia, elasticity, f, angle_rad=weights * velocity / omega, duration_s=duration_s
         ),
     ]
-    parts = []
-    for plan in plans:
-        speed = _speed(omega[:, 0], plan.angle_rad, plan.torque_Nm, [inertia] * f.size)
-        share = np.maximum(np.abs(plan.torque_Nm) / torque, speed / velocity).max(axis=1)
-        parts.append((plan.torque_Nm / share[:, None], plan.angle_rad / share[:, None]))
-    torques, angles = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return PlannedRecords(
-        np.tile(f, 2), torques, angles, np.tile(np.broadcast_to(float(duration_s), f.shape), 2)
-    )
+    f, torques = np.tile(f, 2), np.concatenate([plan.torque_Nm for plan in plans])
+    angles = np.concatenate([plan.angle_rad for plan in plans])
+    speed = _speed(2 * np.pi * f, angles, torques, [inertia] * f.size)
+    share = np.maximum(np.abs(torques) / torque, speed / velocity).max(axis=1)[:, None]
+    return PlannedRecords(f, torques / share, angles / share, np.full(f.size, float(duration_s)))
 
 
 def _speed(omega: Floats, q: Complexes, tau: Complexes, inertias: Sequence[Inertia]) -> Floats:

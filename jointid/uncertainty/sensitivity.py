@@ -23,6 +23,8 @@ from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_e
 
 _STEP = 1e-2
 """Relative change of an inertia for central differences, whose error is of second order."""
+_OUTLINE_POINTS = 73
+"""Points of a confidence ellipse: one every 5°, the first again at the end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +150,7 @@ class ConfidenceEllipse:
 
 
 def confidence_ellipse(
-    fit: ElasticityFit, first: str, second: str, *, level: float = 0.95, points: int = 73
+    fit: ElasticityFit, first: str, second: str, *, level: float = 0.95
 ) -> ConfidenceEllipse:
     """Ellipse of two parameters, for instance "K1" and "D1", from the fit's covariance.
 
@@ -161,17 +163,17 @@ def confidence_ellipse(
     for name in (first, second):
         if name not in names:
             raise JointIdError(f'"{name}" is not a parameter. Parameters: {", ".join(names)}.')
-    if first == second or not 0 < level < 1 or points < 4:
+    if first == second or not 0 < level < 1:
         raise JointIdError(
-            f"An ellipse needs two different parameters, a level between 0 and 1 and 4 points or more; "
-            f"got {first}, {second}, {level:g}, {points}."
+            "An ellipse needs two different parameters and a level between 0 and 1; "
+            f"got {first}, {second}, {level:g}."
         )
     index = [names.index(first), names.index(second)]
     error = fit.standard_error[index]
     values, vectors = np.linalg.eigh(fit.correlation[np.ix_(index, index)])
     radius = np.sqrt(-2 * np.log(1 - level))  # χ² with two degrees of freedom
     axes = radius * np.sqrt(np.maximum(values, 0))
-    angle = np.linspace(0, 2 * np.pi, points)
+    angle = np.linspace(0, 2 * np.pi, _OUTLINE_POINTS)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     centre = fit.estimate[index]
     return ConfidenceEllipse(

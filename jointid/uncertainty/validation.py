@@ -14,6 +14,9 @@ from jointid.joints import Elasticity, Inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
 
+_DEFLECTION_RATIO = 1.3
+"""Smallest ratio of deflections of the records compared for a nonlinear stiffness."""
+
 
 def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     """Fundamentals with the identified friction and delay subtracted from the torque.
@@ -100,16 +103,13 @@ def predict_left_out(
         floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
         covariance += floor[:, None, None] * np.eye(deviation.shape[1])
         squares = (deviation.conj() * np.linalg.solve(covariance, deviation)).real.sum((1, 2))
-        size = np.linalg.norm(matrix.H, axis=(1, 2))
-        rows.append(
-            (matrix.omega, matrix.H, predicted, np.linalg.norm(deviation[..., 0], axis=1) / size,
-             squares / deviation.shape[1])
-        )  # fmt: skip
-    omega, measured, predicted, error, score = (np.concatenate(part) for part in zip(*rows, strict=True))
-    order = np.argsort(omega)
-    return Prediction(
-        omega[order], measured[order], predicted[order], error[order], score[order], tuple(estimates)
+        error = np.linalg.norm(deviation[..., 0], axis=1) / np.linalg.norm(matrix.H, axis=(1, 2))
+        rows.append((matrix.omega, matrix.H, predicted, error, squares / deviation.shape[1]))
+    order = np.argsort(np.concatenate([row[0] for row in rows]))
+    omega, measured, predicted, error, score = (
+        np.concatenate(part)[order] for part in zip(*rows, strict=True)
     )
+    return Prediction(omega, measured, predicted, error, score, tuple(estimates))
 
 
 def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) -> Complexes:
@@ -205,17 +205,11 @@ class AmplitudeDependence:
     """Of ``change``, shape (n,); inf where no frequency has several amplitudes."""
 
 
-def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> AmplitudeDependence:
+def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:
     """Regress each record's stiffness on the logarithm of its deflection.
 
     Only records of one frequency in which the joints move in the same proportion are compared: others
     may differ for other reasons.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    ratio : float, default 1.3
-        Smallest ratio of deflections of the records compared.
     """
     equations, n = fit.equations, fit.n
     K = equations.stiffness.real
@@ -229,7 +223,7 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
         numerator, information, squares, degrees_of_freedom, used = 0.0, 0.0, 0.0, -1, []
         for group in groups:
             rows = group[deflection[group, j] > 0]
-            if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
+            if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(_DEFLECTION_RATIO):
                 continue
             x, w = np.log(deflection[rows, j]), 1 / np.maximum(variance[rows, j], 1e-300)
             x = x - (w * x).sum() / w.sum()
