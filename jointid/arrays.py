@@ -72,6 +72,35 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
     return array
 
 
+def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False) -> float:
+    """Return a setting that must be positive, or not negative if ``zero`` is allowed.
+
+    Raises
+    ------
+    JointIdError
+        When the value is not a finite number or out of range.
+    """
+    number = float(finite_array(f"{name} ({unit})", value, ndim=0))
+    if number < 0 or (number == 0 and not zero):
+        rule = "not be negative" if zero else "be positive"
+        raise JointIdError(f"{name} = {number:g} {unit}: it must {rule}.")
+    return number
+
+
+def whole_number(name: str, value: object, least: int, most: float = np.inf) -> int:
+    """Return a setting that counts something.
+
+    Raises
+    ------
+    JointIdError
+        When the value is not a whole number from ``least`` to ``most``.
+    """
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and least <= value <= most:
+        return int(value)
+    allowed = f"from {least} to {most}" if np.isfinite(most) else f"of at least {least}"
+    raise JointIdError(f"{name} = {value!r}: expected a whole number {allowed}.")
+
+
 def frozen(array: Floats) -> Floats:
     """Return a read-only copy."""
     copy = array.copy()

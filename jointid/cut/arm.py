@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.joints import Inertia
+from jointid.joints import Elasticity, Inertia
 from jointid.wording import counted
 
 Drive = Literal["parallelogram", "serial"]
@@ -255,6 +255,12 @@ class PlanarArm:
             f"and the arm works between {inner:.4g} m and {outer:.4g} m. Move the path, or change the "
             "links."
         )
+
+
+def require_two_joints(elasticity: Elasticity, what: str = "elasticity") -> None:
+    """Refuse K and D of another number of joints than the planar arm's."""
+    if elasticity.n != 2:
+        raise JointIdError(f"The {what} has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
 
 
 _UNITS = {

@@ -14,10 +14,9 @@ import pymunk
 from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
-from jointid.cut.arm import PlanarArm
+from jointid.cut.arm import PlanarArm, require_two_joints
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.wording import counted
 
 LONGEST_STEP_S = 1e-3
 """Longest step: the error grows with the square of the step, up to instability."""
@@ -77,10 +76,7 @@ class ArmSimulation:
         q_rate = finite_array("joint_rate_rad_s", joint_rate_rad_s, ndim=1)
         theta_rate = finite_array("motor_rate_rad_s", motor_rate_rad_s, ndim=1)
         require_step(dt)
-        if elasticity.n != 2:
-            raise JointIdError(
-                f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2."
-            )
+        require_two_joints(elasticity)
         require_resolved(arm, elasticity.K, elasticity.D, dt, q)
         n2 = arm.gear_ratio**2
         self._dt = float(dt)

@@ -128,7 +128,7 @@ def cut_outcome(
     prediction = predicted_cut(
         robot, toolpath, servo=servo, friction=friction, samples=samples, seed=seed
     )
-    return with_prediction(robot, toolpath, assumed, before, prediction)
+    return Outcome(robot, toolpath, assumed, before, *prediction)
 
 
 def predicted_cut(
@@ -166,17 +166,6 @@ def predicted_cut(
         p95 = Elasticity(K=distribution.K[at], D=distribution.D[at])
     after = track(robot.arm, toolpath, p95, identified, servo=servo, friction=friction)
     return Prediction(after, p95, distribution, problem)
-
-
-def with_prediction(
-    robot: CutRobot,
-    toolpath: Toolpath,
-    assumed: Elasticity | None,
-    before: TrackingRun,
-    prediction: Prediction,
-) -> Outcome:
-    """Combine a cut before with a prediction for after; both of the same robot and path."""
-    return Outcome(robot, toolpath, assumed, before, *prediction)
 
 
 def study_outcome(analysis: Analysis) -> Outcome | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TypedDict
 
 import numpy as np
 
@@ -21,18 +22,28 @@ _STRIDE = 32
 """Every so many instants give the lower bound of a run's largest contour error."""
 
 
+class CutOptions(TypedDict, total=False):
+    """Optional arguments of :func:`largest_errors`."""
+
+    servo: Servo | None
+    friction: MotorFrictionLike | None
+    elbow: Elbow
+    dt: float
+    progress: Callable[[float], None] | None
+
+
 def largest_errors(
     arm: PlanarArm,
     toolpath: Toolpath,
-    servo: Servo,
+    runs: int,
     *,
     true: tuple[Floats, Floats],
     assumed: tuple[Floats, Floats],
-    runs: int,
-    friction: MotorFrictionLike | None,
-    elbow: Elbow,
-    dt: float,
-    progress: Callable[[float], None] | None,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+    elbow: Elbow = "positive",
+    dt: float = 5e-4,
+    progress: Callable[[float], None] | None = None,
 ) -> tuple[Floats, Floats]:
     """Simulate one cut with each arm.
 
@@ -40,11 +51,11 @@ def largest_errors(
     ----------
     arm, toolpath, servo, friction, elbow, dt, progress
         As in :func:`~jointid.cut.tracking.track`.
+    runs : int
     true : tuple of ndarray
         K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms.
     assumed : tuple of ndarray
         K and D that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
-    runs : int
 
     Returns
     -------
@@ -56,6 +67,7 @@ def largest_errors(
     JointIdError
         As in :func:`~jointid.cut.tracking.track`.
     """
+    servo = servo or Servo()
     substeps = substeps_per_sample(servo, dt)
     step = servo.interval_s / substeps
     contour, tracking = np.empty(runs), np.empty(runs)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, bounded_number, finite_array, whole_number
 from jointid.cut.toolpath import STEEPEST, Toolpath
 from jointid.errors import JointIdError
 from jointid.wording import counted
@@ -77,16 +77,12 @@ def rectangle(
         "zone_m": (zone_m, "m"),
     }
     for name, (value, unit) in values.items():
-        number = float(finite_array(f"{name} ({unit})", value, ndim=0))
-        if number < 0 or (number == 0 and name not in ("zone_m", "settle_s")):
-            rule = "not be negative" if name in ("zone_m", "settle_s") else "be positive"
-            raise JointIdError(f"{name} = {number:g} {unit}: it must {rule}.")
+        bounded_number(name, unit, value, zero=name in ("zone_m", "settle_s"))
     centre = finite_array("centre_m (m)", centre_m, ndim=1)
     angle = float(finite_array("angle_rad (rad)", angle_rad, ndim=0))
     if centre.shape != (2,):
         raise JointIdError(f"centre_m has {counted(centre.size, 'value')}: give x and y in m.")
-    if isinstance(repetitions, bool) or not isinstance(repetitions, int | np.integer) or repetitions < 1:
-        raise JointIdError(f"repetitions = {repetitions!r}: give a whole number of rounds, at least 1.")
+    repetitions = whole_number("repetitions", repetitions, 1)
     if zone_m > min(width_m, height_m) / 2:
         raise JointIdError(
             f"zone_m = {zone_m:g} m does not fit: two zones share the shorter side of "
@@ -111,7 +107,7 @@ def rectangle(
     directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     lead = limits.ramp_time(peaks[0])
     pieces: list[tuple[float, Floats]] = [(lead, peaks[0] * directions[0])]
-    for _ in range(int(repetitions)):
+    for _ in range(repetitions):
         # A round begins and ends in the middle of the first side.
         half = 0.5 * limits.cruise_time(peaks[0], corner, straights[0])
         pieces.append((half, peaks[0] * directions[0]))

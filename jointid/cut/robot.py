@@ -23,12 +23,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.cut.arm import Drive, PlanarArm
+from jointid.cut.arm import Drive, PlanarArm, require_two_joints
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.rounding import with_error
 from jointid.study import Analysis
-from jointid.wording import counted
 
 Rule = Literal["direct", "springs", "relative", "demonstration"]
 Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]
@@ -127,16 +126,14 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
     identified = fit.elasticity
     matching = _matching_drive([study.inertia, *study.poses.values()])
     drive = drive or matching or "parallelogram"
-    arm = PlanarArm.example(drive)
-    if matching is not None:
-        rule: Rule = "direct" if drive == matching else "springs"
-        friction = _friction(analysis, np.ones(2))
-        return CutRobot(rule, arm, identified, fit.covariance, study.nominal, friction)
+    rule: Rule = "relative"
     factor = PAPER.K / identified.K
+    if matching is not None:
+        rule, factor = "direct" if drive == matching else "springs", np.ones(2)
     both = np.concatenate([factor, factor])
     return CutRobot(
-        "relative",
-        arm,
+        rule,
+        PlanarArm.example(drive),
         _scaled(identified, factor),
         np.asarray(both[:, None] * fit.covariance * both),
         None if study.nominal is None else _scaled(study.nominal, factor),
@@ -202,10 +199,7 @@ def assumed_elasticity(
     if chosen is None:
         what = "[nominal] of the study" if assumption == "study" else "custom"
         raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
-    if chosen.n != 2:
-        raise JointIdError(
-            f"The nominal values have {counted(chosen.n, 'joint')}; the planar arm has 2."
-        )
+    require_two_joints(chosen, "nominal controller")
     return robot.on_this_arm(chosen) if assumption == "custom" else chosen
 
 

@@ -14,7 +14,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array, per_joint
+from jointid.arrays import Floats, bounded_number, per_joint, whole_number
 from jointid.errors import JointIdError
 
 PROGRESS_CALLS = 50
@@ -95,26 +95,15 @@ class Servo:
             ("velocity_filter_hz", "Hz"),
         ]:
             value = getattr(self, name)
-            if value is None:
-                continue
-            number = float(finite_array(f"{name} ({unit})", value, ndim=0))
-            if number <= 0:
-                raise JointIdError(f"{name} = {number:g} {unit}: it must be positive.")
-            object.__setattr__(self, name, number)
+            if value is not None:
+                object.__setattr__(self, name, bounded_number(name, unit, value))
         if not 50 <= self.sample_rate_hz <= 20_000:
             raise JointIdError(
                 f"sample_rate_hz = {self.sample_rate_hz:g} Hz: expected 50 Hz to 20000 Hz."
             )
-        if not _whole(self.delay_samples) or not 0 <= self.delay_samples <= 100:
-            raise JointIdError(
-                f"delay_samples = {self.delay_samples!r}: expected a whole number of samples, 0 to 100."
-            )
-        if self.encoder_bits is not None and not (
-            _whole(self.encoder_bits) and 4 <= self.encoder_bits <= 40
-        ):
-            raise JointIdError(
-                f"encoder_bits = {self.encoder_bits!r}: expected a whole number of bits, 4 to 40."
-            )
+        whole_number("delay_samples", self.delay_samples, 0, 100)
+        if self.encoder_bits is not None:
+            whole_number("encoder_bits", self.encoder_bits, 4, 40)
         if self.velocity_filter_hz is not None and not self.differentiated_velocity:
             raise JointIdError(
                 "velocity_filter_hz filters a differentiated velocity: set differentiated_velocity too."
@@ -333,7 +322,3 @@ def require_tracking(error_rad: float) -> None:
             f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. "
             "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
         )
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)

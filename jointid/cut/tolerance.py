@@ -6,20 +6,18 @@ after an identification.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array, frozen
-from jointid.cut.arm import Elbow, PlanarArm
-from jointid.cut.path_errors import largest_errors
-from jointid.cut.servo import MotorFrictionLike, Servo
+from jointid.arrays import Floats, finite_array, frozen, whole_number
+from jointid.cut.arm import PlanarArm, require_two_joints
+from jointid.cut.path_errors import CutOptions, largest_errors
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,12 +58,7 @@ def tolerance_map(
     elasticity: Elasticity,
     ratios_1: ArrayLike | None = None,
     ratios_2: ArrayLike | None = None,
-    *,
-    servo: Servo | None = None,
-    friction: MotorFrictionLike | None = None,
-    elbow: Elbow = "positive",
-    dt: float = 5e-4,
-    progress: Callable[[float], None] | None = None,
+    **options: Unpack[CutOptions],
 ) -> ToleranceMap:
     """Simulate every combination of assumed stiffnesses; the assumed damping is the true one.
 
@@ -78,8 +71,9 @@ def tolerance_map(
     ratios_1, ratios_2 : array_like, shape (a,) and (b,), optional
         K̂1 / K1 and K̂2 / K2. By default 20 values from 1/3 to 3 with logarithmic spacing, and
         ``ratios_2`` equal to ``ratios_1``.
-    servo, friction, elbow, dt, progress
-        As in :func:`~jointid.cut.tracking.track`.
+    **options
+        ``servo``, ``friction``, ``elbow``, ``dt``, ``progress`` as in
+        :func:`~jointid.cut.tracking.track`; ``dt`` is 0.5 ms by default.
 
     Returns
     -------
@@ -93,8 +87,7 @@ def tolerance_map(
     first = _ratios("ratios_1", np.geomspace(1 / 3, 3, 20) if ratios_1 is None else ratios_1)
     second = first if ratios_2 is None else _ratios("ratios_2", ratios_2)
     grid = np.stack([g.ravel() for g in np.meshgrid(first, second, indexing="ij")])
-    options = {"servo": servo, "friction": friction, "elbow": elbow, "dt": dt, "progress": progress}
-    errors = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
+    errors = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)
     contour, tracking = (frozen(error.reshape(first.size, second.size)) for error in errors)
     return ToleranceMap(first, second, contour, tracking)
 
@@ -104,18 +97,13 @@ def errors_of_mismatch(
     toolpath: Toolpath,
     elasticity: Elasticity,
     ratios: ArrayLike,
-    *,
-    servo: Servo | None = None,
-    friction: MotorFrictionLike | None = None,
-    elbow: Elbow = "positive",
-    dt: float = 5e-4,
-    progress: Callable[[float], None] | None = None,
+    **options: Unpack[CutOptions],
 ) -> tuple[Floats, Floats]:
     """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
     Parameters
     ----------
-    arm, toolpath, elasticity, servo, friction, elbow, dt, progress
+    arm, toolpath, elasticity, **options
         As in :func:`tolerance_map`, with the same errors.
     ratios : array_like, shape (2, runs) or (runs,)
         K̂1 / K1 and K̂2 / K2 of each cut, or one ratio for both joints alike.
@@ -125,26 +113,14 @@ def errors_of_mismatch(
     tuple of ndarray, shape (runs,) each
         Largest contour error and largest tracking error of each cut, m.
     """
-    _require_two_joints(elasticity)
+    require_two_joints(elasticity)
     pairs = np.asarray(ratios, dtype=np.float64)
     if pairs.ndim == 1:
         pairs = np.stack([pairs, pairs])
     first, second = (_ratios("ratios", x) for x in pairs)
-    return largest_errors(
-        arm,
-        toolpath,
-        servo or Servo(),
-        true=(elasticity.K[:, None], elasticity.D[:, None]),
-        assumed=(
-            elasticity.K[:, None] * np.stack([first, second]),
-            np.repeat(elasticity.D[:, None], first.size, axis=1),
-        ),
-        runs=first.size,
-        friction=friction,
-        elbow=elbow,
-        dt=dt,
-        progress=progress,
-    )
+    K, D = elasticity.K[:, None], elasticity.D[:, None]
+    assumed = (K * np.stack([first, second]), np.repeat(D, first.size, axis=1))
+    return largest_errors(arm, toolpath, first.size, true=(K, D), assumed=assumed, **options)
 
 
 def path_error_distribution(
@@ -155,11 +131,7 @@ def path_error_distribution(
     *,
     samples: int = 200,
     seed: int = 0,
-    servo: Servo | None = None,
-    friction: MotorFrictionLike | None = None,
-    elbow: Elbow = "positive",
-    dt: float = 5e-4,
-    progress: Callable[[float], None] | None = None,
+    **options: Unpack[CutOptions],
 ) -> PathErrorDistribution:
     """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
 
@@ -175,8 +147,9 @@ def path_error_distribution(
         Number of arms from the normal distribution; draws with K ≤ 0 or D < 0 are repeated.
     seed : int
         The same seed gives the same arms.
-    servo, friction, elbow, dt, progress
-        As in :func:`~jointid.cut.tracking.track`.
+    **options
+        ``servo``, ``friction``, ``elbow``, ``dt``, ``progress`` as in
+        :func:`~jointid.cut.tracking.track`; ``dt`` is 0.5 ms by default.
 
     Returns
     -------
@@ -188,22 +161,11 @@ def path_error_distribution(
         When the covariance is invalid, or so large that most draws have negative stiffness or damping;
         and as in :func:`~jointid.cut.tracking.track`.
     """
-    _require_two_joints(elasticity)
-    if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
-        raise JointIdError(f"samples = {samples!r}: give a whole number of arms to draw, at least 1.")
-    drawn = _draw(elasticity, covariance, int(samples), seed)
-    contour, tracking = largest_errors(
-        arm,
-        toolpath,
-        servo or Servo(),
-        true=(drawn[:, :2].T, drawn[:, 2:].T),
-        assumed=(elasticity.K, elasticity.D),
-        runs=int(samples),
-        friction=friction,
-        elbow=elbow,
-        dt=dt,
-        progress=progress,
-    )
+    require_two_joints(elasticity)
+    samples = whole_number("samples", samples, 1)
+    drawn = _draw(elasticity, covariance, samples, seed)
+    true, assumed = (drawn[:, :2].T, drawn[:, 2:].T), (elasticity.K, elasticity.D)
+    contour, tracking = largest_errors(arm, toolpath, samples, true=true, assumed=assumed, **options)
     return PathErrorDistribution(
         K=frozen(drawn[:, :2]),
         D=frozen(drawn[:, 2:]),
@@ -249,8 +211,3 @@ def _ratios(name: str, value: ArrayLike) -> Floats:
         shown = f"{array.min():g}" if array.size else "empty"
         raise JointIdError(f"{name} (K̂ / K) is {shown}: give positive ratios.")
     return array
-
-
-def _require_two_joints(elasticity: Elasticity) -> None:
-    if elasticity.n != 2:
-        raise JointIdError(f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2.")

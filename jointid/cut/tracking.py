@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Floats, finite_array
-from jointid.cut.arm import Elbow, PlanarArm
+from jointid.cut.arm import Elbow, PlanarArm, require_two_joints
 from jointid.cut.arm_simulation import ArmSimulation, require_step
 from jointid.cut.feedforward import plan_servo
 from jointid.cut.servo import MotorFrictionLike, Servo, friction_values, run_servo
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +50,12 @@ class TrackingRun:
 
     def __post_init__(self) -> None:
         k = np.size(self.time_s)
-        for name in ("tool_m", "wanted_m", "motor_torque_Nm", "joint_angle_rad", "motor_angle_rad"):
-            value = finite_array(name, getattr(self, name), ndim=2)
-            if value.shape != (k, 2):
-                raise JointIdError(f"{name} has shape {value.shape}; expected ({k}, 2).")
-            object.__setattr__(self, name, value)
-        for name in ("time_s", "contour_error_m", "tracking_error_m"):
-            value = finite_array(name, getattr(self, name), ndim=1)
-            if value.shape != (k,):
-                raise JointIdError(f"{name} has shape {value.shape}; expected ({k},).")
+        planar = ("tool_m", "wanted_m", "motor_torque_Nm", "joint_angle_rad", "motor_angle_rad")
+        for name in (*planar, "time_s", "contour_error_m", "tracking_error_m"):
+            shape = (k, 2) if name in planar else (k,)
+            value = finite_array(name, getattr(self, name), ndim=len(shape))
+            if value.shape != shape:
+                raise JointIdError(f"{name} has shape {value.shape}; expected {shape}.")
             object.__setattr__(self, name, value)
 
     @property
@@ -120,10 +116,8 @@ def track(
     """
     servo = servo or Servo()
     substeps = substeps_per_sample(servo, dt)
-    if assumed is not None and assumed.n != 2:
-        raise JointIdError(
-            f"The assumed elasticity has {counted(assumed.n, 'joint')}; the planar arm has 2."
-        )
+    if assumed is not None:
+        require_two_joints(assumed, "assumed elasticity")
     K, D = (None, None) if assumed is None else (assumed.K, assumed.D)
     plan = plan_servo(arm, toolpath, servo, K, D, elbow)
     step = servo.interval_s / substeps

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.arrays import Floats
 from jointid.cut.outcome import Outcome
 from jointid.cut.tolerance import PathErrorDistribution
 from jointid.cut.tracking import TrackingRun
-from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis
+from jointid.figures.style import Trace, colours, figure, line, linear_axis
 
 _STRIDE = 4
 """Every millisecond is enough to look at."""
@@ -16,44 +20,20 @@ _STRIDE = 4
 
 def path_error_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
     """Contour error above, tracking error below, both controllers, against time."""
-    traces: list[Trace] = []
-    for name, run, colour in _both(outcome, dark):
-        time = 1e3 * run.time_s[::_STRIDE]
-        for kind, error, axis in (
-            ("path error", run.contour_error_m, "y"),
-            ("tracking error", run.tracking_error_m, "y2"),
-        ):
-            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} mm<extra>{name}, {kind}</extra>"
-            style = {"yaxis": axis, "showlegend": axis == "y", "legendgroup": name}
-            traces.append(line(time, 1e3 * error[::_STRIDE], name, colour, hovertemplate=hover, **style))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=_time_axis(anchor="y2"),
-        yaxis=linear_axis("Path error (mm)", domain=[0.54, 1.0], rangemode="tozero"),
-        yaxis2=linear_axis("Tracking error (mm)", domain=[0.0, 0.46], rangemode="tozero"),
+    panels = (
+        ("Path error (mm)", lambda run: 1e3 * run.contour_error_m),
+        ("Tracking error (mm)", lambda run: 1e3 * run.tracking_error_m),
     )
+    return _over_time(outcome, panels, dark, rangemode="tozero")
 
 
 def torque_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
     """Motor torques of both joints, both controllers, against time."""
-    traces: list[Trace] = []
-    for name, run, colour in _both(outcome, dark):
-        time = 1e3 * run.time_s[::_STRIDE]
-        for joint, axis in ((0, "y"), (1, "y2")):
-            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} N·m<extra>{name}, motor {joint + 1}</extra>"
-            style = {"yaxis": axis, "showlegend": joint == 0, "legendgroup": name}
-            torque = run.motor_torque_Nm[::_STRIDE, joint]
-            traces.append(line(time, torque, name, colour, hovertemplate=hover, **style))
-    return figure(
-        traces,
-        height=420,
-        dark=dark,
-        xaxis=_time_axis(anchor="y2"),
-        yaxis=linear_axis("Torque, motor 1 (N·m)", domain=[0.54, 1.0]),
-        yaxis2=linear_axis("Torque, motor 2 (N·m)", domain=[0.0, 0.46]),
+    panels = (
+        ("Torque, motor 1 (N·m)", lambda run: run.motor_torque_Nm[:, 0]),
+        ("Torque, motor 2 (N·m)", lambda run: run.motor_torque_Nm[:, 1]),
     )
+    return _over_time(outcome, panels, dark)
 
 
 def corner_detail(outcome: Outcome, corner: int = 0, *, dark: bool = False) -> go.Figure:
@@ -135,13 +115,34 @@ def path_error_histogram(distribution: PathErrorDistribution, *, dark: bool = Fa
     )
 
 
+def _over_time(
+    outcome: Outcome,
+    panels: Sequence[tuple[str, Callable[[TrackingRun], Floats]]],
+    dark: bool,
+    **axis: Any,
+) -> go.Figure:
+    """Two quantities of both controllers, one panel above the other: title with unit, and values."""
+    traces: list[Trace] = []
+    for name, run, colour in _both(outcome, dark):
+        for k, (title, values) in enumerate(panels):
+            what, _, unit = title.rstrip(")").partition(" (")
+            hover = f"%{{x:.0f}} ms<br>%{{y:.3g}} {unit}<extra>{name}, {what.lower()}</extra>"
+            style = {"yaxis": ("y", "y2")[k], "showlegend": k == 0, "legendgroup": name}
+            x, y = 1e3 * run.time_s[::_STRIDE], values(run)[::_STRIDE]
+            traces.append(line(x, y, name, colour, hovertemplate=hover, **style))
+    return figure(
+        traces,
+        height=420,
+        dark=dark,
+        xaxis=linear_axis("Time (ms)", anchor="y2"),
+        yaxis=linear_axis(panels[0][0], domain=[0.54, 1.0], **axis),
+        yaxis2=linear_axis(panels[1][0], domain=[0.0, 0.46], **axis),
+    )
+
+
 def _both(outcome: Outcome, dark: bool) -> list[tuple[str, TrackingRun, str]]:
     ink = colours(dark)
     return [
         ("nominal", outcome.before, ink.nominal),
         ("identified", outcome.after, ink.identified),
     ]
-
-
-def _time_axis(**more: object) -> Axis:
-    return linear_axis("Time (ms)", **more)

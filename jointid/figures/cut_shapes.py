@@ -28,10 +28,7 @@ class Shape:
 
 
 def shape_svg(
-    shapes: Sequence[Shape],
-    *,
-    window_m: tuple[float, float, float, float] | None = None,
-    stroke: float = 2.0,
+    shapes: Sequence[Shape], *, window_m: tuple[float, float, float, float] | None = None
 ) -> str:
     """One picture of one or several cuts over the wanted path, without text or background.
 
@@ -41,18 +38,22 @@ def shape_svg(
         Drawn in this order over the wanted path of the first.
     window_m : tuple of float, optional
         x, y, width and height of what is shown, m.
-    stroke : float
-        Width of the lines in pixels; the picture is 190 wide.
     """
     x, y, w, h = window_m or window([shape.wanted_m for shape in shapes], 0.002)
     scale = _WIDTH / w
     width, height = _WIDTH, round(h * scale)
-    parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
-        f'height="{height}">'
+    drawn = [(shape.wanted_m, "#999999", 5.0, 0.55) for shape in shapes[:1]]
+    drawn += [(shape.tool_m, shape.colour, 2.0, 1.0) for shape in shapes]
+    outlines = [
+        f'<path d="{_path(track, (x, y + h), scale)}" fill="none" stroke="{colour}" '
+        f'stroke-width="{line:g}" stroke-opacity="{opacity:g}" stroke-linejoin="round" '
+        'stroke-linecap="round"/>'
+        for track, colour, line, opacity in drawn
     ]
-    parts += _outlines(shapes, (x, y + h), scale, stroke)
-    return "".join([*parts, "</svg>"])
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
+        f'height="{height}">{"".join(outlines)}</svg>'
+    )
 
 
 def window(paths: Sequence[Floats], margin_m: float) -> tuple[float, float, float, float]:
@@ -62,20 +63,7 @@ def window(paths: Sequence[Floats], margin_m: float) -> tuple[float, float, floa
     return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])
 
 
-def _outlines(
-    shapes: Sequence[Shape], corner: tuple[float, float], scale: float, stroke: float
-) -> list[str]:
-    """The wanted path, then each cut; ``corner`` is the upper left one of the window, m."""
-    drawn = [(shapes[0].wanted_m, "#999999", 2.5 * stroke, 0.55)] if shapes else []
-    drawn += [(shape.tool_m, shape.colour, stroke, 1.0) for shape in shapes]
-    return [
-        f'<path d="{_path(track, corner, scale)}" fill="none" stroke="{colour}" '
-        f'stroke-width="{width:g}" stroke-opacity="{opacity:g}" stroke-linejoin="round" '
-        'stroke-linecap="round"/>'
-        for track, colour, width, opacity in drawn
-    ]
-
-
 def _path(track_m: Floats, corner: tuple[float, float], scale: float) -> str:
+    """Path data; ``corner`` is the upper left one of the window, m."""
     xy = (track_m[::_STRIDE] - corner) * (scale, -scale)
     return "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in xy)

@@ -50,45 +50,39 @@ def tolerance_heatmap(
     low, high = float(np.log10(error.min())), float(np.log10(error.max()))
     shades = ["#1B1B1B", "#6E6E6E"] if dark else ["#FFFFFF", "#B5B5B5"]
     hover = "K̂1/K1 = %{x:.4g}<br>K̂2/K2 = %{y:.4g}<br>%{customdata:.3g} mm<extra>path error</extra>"
-    shared = {"x": x, "y": y, "z": np.log10(error), "customdata": error}
+    shared: Trace = {"x": x, "y": y, "z": np.log10(error), "showscale": False}
     traces: list[Trace] = [
         {
             "type": "heatmap",
+            "customdata": error,
             "colorscale": [[0.0, shades[0]], [1.0, shades[1]]],
             "zmin": min(max(low, high - 2), high - _LEAST_DECADES),
             "zmax": high,
             "zsmooth": "best",
             "hovertemplate": hover,
-            "showscale": False,
         }
         | shared
     ]
     for level in levels:
+        at = float(np.log10(level))
         traces.append(
             {
                 "type": "contour",
-                "contours": {
-                    "start": float(np.log10(level)),
-                    "end": float(np.log10(level)),
-                    "size": 1,
-                    "coloring": "none",
-                    "showlabels": False,
-                },
+                "contours": {"start": at, "end": at, "size": 1, "coloring": "none"},
                 "line": {"color": ink.measured, "width": 1.2},
                 "hoverinfo": "skip",
                 "showlegend": False,
-                "showscale": False,
             }
-            | {key: shared[key] for key in ("x", "y", "z")}
+            | shared
         )
     traces += _ellipse(elasticity, covariance, ink.identified)
     if assumed is not None:
-        at = assumed.K / elasticity.K
-        if x[0] <= at[0] <= x[-1] and y[0] <= at[1] <= y[-1]:
+        ratio = assumed.K / elasticity.K
+        if x[0] <= ratio[0] <= x[-1] and y[0] <= ratio[1] <= y[-1]:
             traces.append(
                 points(
-                    at[:1],
-                    at[1:],
+                    ratio[:1],
+                    ratio[1:],
                     "nominal",
                     ink.nominal,
                     marker={"size": 12, "symbol": "x"},
@@ -188,9 +182,7 @@ def _ratio_axis(title: str, ratios: Floats) -> Axis:
         step = _round_step((high - low) / 4)
         count = int((high - 1) / step)
         ticks = [1 + step * k for k in range(-count, count + 1)]
-        text = [
-            f"{100 * step * k:+.3g} %".replace("-", "−") if k else "1" for k in range(-count, count + 1)
-        ]
+        text = [f"{100 * (t - 1):+.3g} %".replace("-", "−") if t != 1 else "1" for t in ticks]
     return linear_axis(
         title,
         type="log",

@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
-from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points
+from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points, upright
 from jointid.fleet.spread import Drift, Spread
 from jointid.rounding import with_error
 
@@ -49,11 +49,11 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     }
     traces = [bars]
     if spread.outliers.any():
-        traces.append(_outstanding(spread, low, high, ink.measured))
-    shapes = [_upright(spread.median, ink.measured, "solid")]
+        traces.append(_outliers(spread, low, high, ink.measured))
+    shapes = [upright(spread.median, ink.measured)]
     if np.isfinite(spread.spread) and spread.spread > 0:
         for side in (-1, 1):
-            shapes.append(_upright(spread.median + side * spread.spread, ink.measured, "dot"))
+            shapes.append(upright(spread.median + side * spread.spread, ink.measured, dash="dot"))
     return figure(
         traces,
         height=270,
@@ -126,7 +126,7 @@ def drift_over_time(
     )
 
 
-def _outstanding(spread: Spread, low: float, high: float, colour: str) -> Trace:
+def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
     """Crosses on the axis; arrows at its ends for what lies beyond."""
     which, unit = spread.outliers, _UNITS[spread.name[0]]
     value = spread.value[which]
@@ -163,15 +163,7 @@ def _range(spread: Spread) -> tuple[float, float]:
 
 def _whole_step(highest: int) -> int:
     """Distance of about five ticks, of 1, 2 or 5 studies and their multiples: there are no halves."""
-    step = 1
-    while 5 * step < highest:
-        step = next(s for s in (10**k * m for k in range(12) for m in (1, 2, 5)) if s > step)
-    return step
-
-
-def _upright(x: float, colour: str, dash: str) -> dict[str, object]:
-    stroke = {"color": colour, "width": 1.5, "dash": dash}
-    return {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "yref": "paper", "line": stroke}
+    return next(s for s in (m * int(10.0**k) for k in range(12) for m in (1, 2, 5)) if 5 * s >= highest)
 
 
 def _dates(seconds: Floats) -> Floats:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import Trace, colours, figure, line, linear_axis
+from jointid.figures.style import Shape, Trace, colours, figure, line, linear_axis, span
 from jointid.figures.waveforms import thinned
 from jointid.importing import MappedLog, Segment
 
@@ -42,12 +42,14 @@ def log_spans(
         "yaxis": linear_axis("Sine (Hz)", domain=[1 - 0.86 * ladder, 1.0], nticks=4, rangemode="tozero")
     }
     traces: list[Trace] = []
-    for chosen, name, colour, dash in (
-        (kept, "used", ink.identified, "solid"),
-        (dropped, "left out", ink.quiet, "dot"),
+    shapes: list[Shape] = []
+    for chosen, name, colour, dash, opacity in (
+        (kept, "used", ink.identified, "solid", 0.28),
+        (dropped, "left out", ink.quiet, "dot", 0.18),
     ):
         if chosen:
             traces.append(_ladder(chosen, name, colour, dash))
+        shapes += [span(s.start_s, s.stop_s, colour, opacity, layer="below") for s in chosen]
     if not traces:  # an axis without a curve is not drawn
         traces.append(line(log.time_s[[0, -1]], np.zeros(2), "", "rgba(0,0,0,0)", showlegend=False))
     for row, (title, values) in enumerate(rows):
@@ -58,11 +60,6 @@ def log_spans(
         x, y = thinned(log.time_s, values)
         style: Trace = {"line": {"width": 1.1}, "showlegend": False, "yaxis": f"y{row + 2}"}
         traces.append(line(x, y, title, ink.measured, hovertemplate="%{x:.5g} s: %{y:.4g}", **style))
-    shapes = [
-        _span(segment, colour, opacity)
-        for chosen, colour, opacity in ((kept, ink.identified, 0.28), (dropped, ink.quiet, 0.18))
-        for segment in chosen
-    ]
     axes["xaxis"] = linear_axis(
         "Time (s)", anchor=f"y{len(rows) + 1}", range=[float(log.time_s[0]), float(log.time_s[-1])]
     )
@@ -84,19 +81,3 @@ def _ladder(segments: Sequence[Segment], name: str, colour: str, dash: str) -> T
     hover = "%{text}<extra></extra>"
     style: Trace = {"line": {"width": 5, "dash": dash}, "text": text, "hovertemplate": hover}
     return line(np.array(x, float), np.array(y, float), name, colour, **style)
-
-
-def _span(segment: Segment, colour: str, opacity: float) -> dict[str, Any]:
-    return {
-        "type": "rect",
-        "xref": "x",
-        "yref": "paper",
-        "x0": segment.start_s,
-        "x1": segment.stop_s,
-        "y0": 0,
-        "y1": 1,
-        "layer": "below",
-        "fillcolor": colour,
-        "opacity": opacity,
-        "line": {"width": 0},
-    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
-from jointid.figures.style import JOINT_SYMBOLS, Trace, colours, figure, plain_text
+from jointid.figures.style import Trace, colours, figure, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
 from jointid.rounding import with_error
 
@@ -35,13 +35,10 @@ def phasor_plane(
     low = max(low, 1e-4 * high)  # a joint that stands still lies at the centre
     traces: list[Trace] = []
     for j in range(phasors.n):
-        symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)] + ("-open" if j % 2 else "")
+        symbol = joint_symbol(j) + ("-open" if j % 2 else "")
         f = phasors.omega / (2 * np.pi)
-        told = [
-            with_error(float(a), float(e))
-            for a, e in zip(size[:, j], errors[:, j] / np.sqrt(2), strict=True)
-        ]
-        about = [[frequency, text] for frequency, text in zip(f.tolist(), told, strict=True)]
+        amplitudes = zip(f.tolist(), size[:, j].tolist(), errors[:, j] / np.sqrt(2), strict=True)
+        about = [[frequency, with_error(a, float(e))] for frequency, a, e in amplitudes]
         traces.append(
             {
                 "type": "scatterpolar",

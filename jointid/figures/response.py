@@ -27,8 +27,8 @@ from jointid.figures.style import (
     figure,
     frequency_axis,
     line,
+    linear_axis,
     log_axis,
-    phase_axis,
     points,
 )
 from jointid.study import Analysis
@@ -104,7 +104,13 @@ def _bode(curves: list[Curve], dark: bool, magnitudes: tuple[float, float] | Non
         dark=dark,
         xaxis=frequency_axis(measured_frequencies(curves), anchor="y2"),
         yaxis=log_axis(f"Magnitude ({_UNIT})", **y),
-        yaxis2=phase_axis(domain=[0.0, 0.36], range=[min(low, 0.0) - 15, max(high, 90.0) + 15]),
+        yaxis2=linear_axis(
+            "Phase (°)",
+            domain=[0.0, 0.36],
+            range=[min(low, 0.0) - 15, max(high, 90.0) + 15],
+            tick0=0,
+            dtick=90,
+        ),
         margin={"l": 8, "r": 12, "t": 60, "b": 8},  # room for a legend of two lines
     )
 

@@ -165,8 +165,7 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
     A joint at rest gives single-record responses of any size; they stretch the range by a factor of ten
     at most.
     """
-    models = (f(analysis, pose, joint, joint) for f in (nominal, identified))
-    sizes = [np.abs(model.H) for model in models if model is not None]
+    sizes = [np.abs(curve.response.H) for curve in model_curves(analysis, pose, joint, joint)]
     for matrices in (analysis.transfer_matrices, analysis.freed_transfer_matrices):
         if pose in matrices:
             sizes.append(np.abs(matrices[pose].H[:, joint, joint]))

@@ -7,10 +7,10 @@ import plotly.graph_objects as go
 
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
-    JOINT_SYMBOLS,
     colours,
     figure,
     frequency_axis,
+    joint_symbol,
     line,
     linear_axis,
     log_axis,
@@ -55,7 +55,7 @@ def dynamic_stiffness(
         traces.append(line(band, rising, name, colour, yaxis="y2", showlegend=False, **style))
     hover = "%{x:.4g} Hz<br>%{y:.4g} ± %{customdata:.2g} N·m/rad<extra></extra>"
     shared = {"customdata": error, "error": {"array": error}, "hovertemplate": hover}
-    dots = {"marker": {"symbol": JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]}}
+    dots = {"marker": {"symbol": joint_symbol(joint)}}
     traces.append(points(f, measured.real, "each record", ink.measured, **shared, **dots))
     lower = {"yaxis": "y2", "showlegend": False}
     traces.append(points(f, measured.imag, "each record", ink.measured, **lower, **shared, **dots))
@@ -84,26 +84,15 @@ def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) ->
     ink = colours(dark)
     f = fit.equations.omega / (2 * np.pi)
     left, noise = np.abs(fit.residual[:, joint]), fit.residual_noise[:, joint]
-    hover = "%{x:.4g} Hz<br>%{y:.3g} N·m<extra>"
-    symbol = JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]
-    traces = [
-        points(
-            f,
-            np.maximum(noise, 1e-300),
-            "noise alone",
-            ink.quiet,
-            marker={"symbol": "line-ew-open", "size": 12, "line": {"width": 2, "color": ink.quiet}},
-            hovertemplate=hover + "noise alone</extra>",
-        ),
-        points(
-            f,
-            np.maximum(left, 1e-300),
-            "left unexplained",
-            ink.measured,
-            marker={"symbol": symbol},
-            hovertemplate=hover + "left unexplained</extra>",
-        ),
-    ]
+    dash = {"symbol": "line-ew-open", "size": 12, "line": {"width": 2, "color": ink.quiet}}
+    traces = []
+    for name, torque, colour, marker in (
+        ("noise alone", noise, ink.quiet, dash),
+        ("left unexplained", left, ink.measured, {"symbol": joint_symbol(joint)}),
+    ):
+        hover = f"%{{x:.4g}} Hz<br>%{{y:.3g}} N·m<extra>{name}</extra>"
+        size = np.maximum(torque, 1e-300)
+        traces.append(points(f, size, name, colour, marker=marker, hovertemplate=hover))
     axis = log_axis("Torque (N·m)", tickvals=None, dtick=1, exponentformat="power")
     sizes = np.abs(np.concatenate([fit.residual.ravel(), fit.residual_noise.ravel()]))
     sizes = sizes[np.isfinite(sizes) & (sizes > 1e-30)]

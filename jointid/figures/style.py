@@ -14,9 +14,12 @@ from jointid.arrays import Floats
 
 Trace = dict[str, Any]
 Axis = dict[str, Any]
+Shape = dict[str, Any]
 
-JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
-"""Joints are told apart by their marker as well as by their place."""
+_FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
+
+_JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
+"""Markers of the joints, which distinguish them as their place does."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,11 @@ def plain_text(text: str, *, most: int = 80) -> str:
     return escape(short, quote=False)
 
 
+def joint_symbol(joint: int) -> str:
+    """Return the marker of a joint, counted from 0."""
+    return _JOINT_SYMBOLS[joint % len(_JOINT_SYMBOLS)]
+
+
 def line(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     """Return a line trace, for instance a model."""
     style = {"color": colour, "width": 2} | more.pop("line", {})
@@ -93,7 +101,19 @@ def points(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:
     return trace
 
 
-def frequency_axis(frequency_hz: Floats, *, title: bool = True, **more: Any) -> Axis:
+def upright(x: float, colour: str, *, width: float = 1.5, dash: str = "solid", **more: Any) -> Shape:
+    """Return a vertical line over the whole height of a figure."""
+    stroke = {"color": colour, "width": width, "dash": dash}
+    return {"type": "line", "x0": x, "x1": x, "line": stroke} | _FULL_HEIGHT | more
+
+
+def span(first: float, last: float, colour: str, opacity: float, **more: Any) -> Shape:
+    """Return a filled span of the x axis over the whole height of a figure."""
+    fill = {"fillcolor": colour, "opacity": opacity, "line": {"width": 0}}
+    return {"type": "rect", "x0": first, "x1": last} | fill | _FULL_HEIGHT | more
+
+
+def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
     """Return a logarithmic frequency axis with ticks at 1, 2, 3 and 5 of every decade."""
     known = frequency_hz[np.isfinite(frequency_hz) & (frequency_hz > 0)]
     low, high = (float(known.min()), float(known.max())) if known.size else (1.0, 10.0)
@@ -105,7 +125,7 @@ def frequency_axis(frequency_hz: Floats, *, title: bool = True, **more: Any) -> 
         "range": [float(np.log10(low / margin)), float(np.log10(high * margin))],
         "tickvals": ticks,
         "ticktext": [f"{tick:g}" for tick in ticks],
-        "title": {"text": "Frequency (Hz)"} if title else None,
+        "title": {"text": "Frequency (Hz)"},
     } | more
 
 
@@ -119,13 +139,3 @@ def log_axis(title: str, **more: Any) -> Axis:
 def linear_axis(title: str, **more: Any) -> Axis:
     """Return a linear axis with its quantity and unit."""
     return {"title": {"text": title}} | more
-
-
-def phase_axis(**more: Any) -> Axis:
-    """Return a phase axis with ticks every 90°."""
-    return {
-        "title": {"text": "Phase (°)"},
-        "tickmode": "linear",
-        "tick0": 0,
-        "dtick": 90,
-    } | more

@@ -8,11 +8,11 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.figures.style import (
-    JOINT_SYMBOLS,
     Trace,
     colours,
     figure,
     frequency_axis,
+    joint_symbol,
     line,
     linear_axis,
     log_axis,
@@ -82,23 +82,21 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
     """|H_jj| measured and predicted at frequencies that were left out; below, their difference."""
     ink = colours(dark)
     f = prediction.omega / (2 * np.pi)
-    order = np.argsort(f)
     traces: list[Trace] = []
     for j in range(prediction.measured.shape[1]):
-        symbol = JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)]
+        symbol = joint_symbol(j)
         hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} 1/(kg·m²)<extra>H{j + 1}{j + 1}"
-        predicted = np.abs(prediction.predicted[order, j, j])
-        measured = np.abs(prediction.measured[order, j, j])
+        predicted, measured = (np.abs(H[:, j, j]) for H in (prediction.predicted, prediction.measured))
         style: Trace = {"marker": {"symbol": f"{symbol}-open", "size": 13}, "legendgroup": "predicted"}
         style |= {"hovertemplate": f"{hover} predicted</extra>", "showlegend": j == 0}
-        traces.append(points(f[order], predicted, "predicted", ink.identified, **style))
+        traces.append(points(f, predicted, "predicted", ink.identified, **style))
         style = {"marker": {"symbol": symbol, "size": 5}, "legendgroup": "measured"}
         style |= {"hovertemplate": f"{hover} measured</extra>", "showlegend": j == 0}
-        traces.append(points(f[order], measured, "measured", ink.measured, **style))
+        traces.append(points(f, measured, "measured", ink.measured, **style))
     traces.append(
         points(
-            f[order],
-            100 * prediction.relative_error[order],
+            f,
+            100 * prediction.relative_error,
             "difference",
             ink.measured,
             yaxis="y2",
@@ -132,7 +130,7 @@ def normalised_residuals(residuals: RecordResiduals, *, dark: bool = False) -> g
                 np.maximum(residuals.normalised[:, j], 1e-3),
                 f"joint {j + 1}",
                 ink.measured,
-                marker={"symbol": f"{JOINT_SYMBOLS[j % len(JOINT_SYMBOLS)]}{'-open' if j % 2 else ''}"},
+                marker={"symbol": joint_symbol(j) + ("-open" if j % 2 else "")},
                 text=[plain_text(label) for label in residuals.labels],
                 hovertemplate=f"%{{text}}<br>%{{x:.4g}} Hz<br>%{{y:.2g}}<extra>joint {j + 1}</extra>",
             )

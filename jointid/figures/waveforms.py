@@ -20,6 +20,8 @@ from jointid.figures.style import (
     log_axis,
     plain_text,
     points,
+    span,
+    upright,
 )
 from jointid.phasors.spectrum import amplitude_spectrum
 from jointid.records import SineRecord
@@ -85,21 +87,9 @@ def waveforms(
             traces.append(line(x, y, "fitted sine", ink.identified, **thin, **shared))
     shapes = []
     if periods is None and record.start > 0:
-        shapes.append(
-            {
-                "type": "rect",
-                "xref": "x",
-                "yref": "paper",
-                "x0": float(time[0]),
-                "x1": float(record.time_s[record.start]),
-                "y0": 0,
-                "y1": 1,
-                "fillcolor": ink.quiet,
-                "opacity": 0.25,
-                "line": {"width": 0},
-                "label": {"text": "not used", "textposition": "top left"},
-            }
-        )
+        label = {"text": "not used", "textposition": "top left"}
+        end = float(record.time_s[record.start])
+        shapes.append(span(float(time[0]), end, ink.quiet, 0.25, label=label))
     return figure(
         traces,
         height=430,
@@ -128,35 +118,24 @@ def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
         frequency, amplitude = amplitude_spectrum(record.time_s[used], signals[used, joint])
         shown = np.array([shown[0], min(shown[1], float(frequency[-1]))])
         inside = (frequency >= shown[0] / 1.2) & (frequency <= shown[1] * 1.2)
-        f, a = frequency[inside], amplitude[inside]
-        x, y = thinned(f, np.maximum(a, 1e-9 * (a.max(initial=0.0) or 1.0)), peaks_only=True)
+        a = amplitude[inside]
+        x, y = thinned(
+            frequency[inside], np.maximum(a, 1e-9 * (a.max(initial=0.0) or 1.0)), peaks_only=True
+        )
         hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
         style: Trace = {"line": {"width": 1.2}, "showlegend": False, "hovertemplate": hover}
         traces.append(line(x, y, quantity, ink.measured, xaxis="x", yaxis=f"y{row}", **style))
-    told = (("excitation", ink.identified, "solid"), ("harmonics 2, 3, 5, 7", ink.quiet, "dot"))
+    marks = []
     nowhere = np.array([np.nan])
-    for name, colour, dash in told:  # the marks are shapes, which have no place in the legend
+    for name, orders, colour, dash, width in (
+        ("excitation", (1,), ink.identified, "solid", 2),
+        ("harmonics 2, 3, 5, 7", (2, 3, 5, 7), ink.quiet, "dot", 1),
+    ):
+        # The marks are shapes, which have no place in the legend.
         mark: Trace = {"line": {"width": 2, "dash": dash}, "hoverinfo": "skip"}
         traces.append(line(nowhere, nowhere, name, colour, xaxis="x", yaxis="y1", **mark))
-    marks = [
-        {
-            "type": "line",
-            "xref": "x",
-            "yref": "paper",
-            "x0": h * record.frequency_hz,
-            "x1": h * record.frequency_hz,
-            "y0": 0,
-            "y1": 1,
-            "layer": "below",
-            "line": {
-                "color": ink.identified if h == 1 else ink.quiet,
-                "width": 2 if h == 1 else 1,
-                "dash": "solid" if h == 1 else "dot",
-            },
-        }
-        for h in (1, 2, 3, 5, 7)
-        if h * record.frequency_hz < shown[1]
-    ]
+        for f in (h * record.frequency_hz for h in orders if h * record.frequency_hz < shown[1]):
+            marks.append(upright(f, colour, width=width, dash=dash, layer="below"))
     decades = {"tickvals": None, "dtick": 1, "exponentformat": "power"}
     return figure(
         traces,
@@ -202,17 +181,8 @@ def raw_columns(
     for row, name in enumerate(shown):
         x, y = thinned(time, np.asarray(columns[name], float))
         suffix = str(row + 1) if row else ""
-        traces.append(
-            line(
-                x,
-                y,
-                plain_text(name),
-                ink.measured,
-                yaxis=f"y{suffix}",
-                line={"width": 1.2},
-                showlegend=False,
-            )
-        )
+        style: Trace = {"yaxis": f"y{suffix}", "line": {"width": 1.2}, "showlegend": False}
+        traces.append(line(x, y, plain_text(name), ink.measured, **style))
         top = 1 - row / count
         axes[f"yaxis{suffix}"] = linear_axis(
             plain_text(name, most=_LONGEST_TITLE), domain=[top - 0.88 / count, top], nticks=4
@@ -221,20 +191,8 @@ def raw_columns(
         plain_text(names[0]) if len(names) > 1 else "Row", anchor=f"y{count}" if count > 1 else "y"
     )
     if marked is not None and 0 <= marked < time.size:
-        at = float(time[marked])
-        axes["shapes"] = [
-            {
-                "type": "line",
-                "xref": "x",
-                "yref": "paper",
-                "x0": at,
-                "x1": at,
-                "y0": 0,
-                "y1": 1,
-                "line": {"color": ink.identified, "width": 1.5, "dash": "dash"},
-                "label": {"text": "refused here", "textposition": "start", "textangle": 0},
-            }
-        ]
+        label = {"text": "refused here", "textposition": "start", "textangle": 0}
+        axes["shapes"] = [upright(float(time[marked]), ink.identified, dash="dash", label=label)]
     return figure(traces, height=60 + 110 * count, dark=dark, **axes)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.phasors.fitted_sine import SineFit, Window, padded, scatter, sine_basis
 from jointid.records import SineRecord
-from jointid.small_matrices import one_thread
 
 _CHUNK = 65_536
 """Samples per pass, which bounds the memory."""
@@ -29,11 +28,6 @@ def fit_directly(window: Window, harmonics: int, *, by_scatter: bool) -> SineFit
         Estimate the noise from the scatter of the blocks; else from the spectral lines next to the
         sine, or without such lines from the residual, assumed white.
     """
-    with one_thread():
-        return _fit(window, harmonics, by_scatter)
-
-
-def _fit(window: Window, harmonics: int, by_scatter: bool) -> SineFit:
     record, block, blocks = window.record, window.block, max(window.blocks, 1)
     orders = np.arange(1, window.orders + 1)
     used = record.time_s[record.start :]

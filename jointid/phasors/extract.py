@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
 from jointid.phasors.sensor_steps import may_have_steps, step_variance
@@ -148,8 +148,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         When there is no record, the records differ in their number of joints, or one is too short.
     """
     records = _checked(records)
-    if harmonics is not None and (not isinstance(harmonics, int) or harmonics < 1):
-        raise JointIdError(f"harmonics = {harmonics!r}: must be a whole number, 1 or more.")
+    if harmonics is not None:
+        harmonics = whole_number("harmonics", harmonics, 1)
     fits = fit_sines(records, harmonics or 3)
     if harmonics is None and _distorted(records, fits):
         fits = fit_sines(records, MANY_HARMONICS)
@@ -274,10 +274,10 @@ def _frequency_found(
         turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
     found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
     moves = strength.max(axis=(1, 2)) > 1e-12 * offset
-    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor)) | (count[:, 0] < 3)
-    for row in np.flatnonzero(moves & suspicious).tolist():
-        record, fit, joint = records[row], fits[row], int(largest[row])
-        if order[row] > 0 or scatter[row] > 0.5 * abs(phasor[row]) or _unlike(record, fit, joint):
+    suspicious = (order > 0) | (scatter > 0.5 * np.abs(phasor))
+    for row in np.flatnonzero(moves & (suspicious | (count[:, 0] < 3))).tolist():
+        record, joint = records[row], int(largest[row])
+        if suspicious[row] or _unlike(record, fits[row], joint):
             used = slice(record.start, None)
             found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
     return np.where(moves, found, stated)

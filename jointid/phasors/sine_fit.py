@@ -66,7 +66,8 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
             batches.setdefault(key, {})[number] = window
         else:
             enough = window.blocks >= FEWEST_BLOCKS
-            fits[number] = fit_directly(window, harmonics, by_scatter=enough)
+            with one_thread():
+                fits[number] = fit_directly(window, harmonics, by_scatter=enough)
     with one_thread():
         for windows in batches.values():
             fitted = fit_side_by_side(tuple(windows.values()), harmonics)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array, per_joint
+from jointid.arrays import Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
@@ -75,8 +75,7 @@ def simulate_records(
     excitation, controller = excitation or Excitation(), controller or Controller()
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
-    if not isinstance(seed, int | np.integer) or seed < 0:
-        raise JointIdError(f"seed = {seed!r}: expected a whole number that is not negative.")
+    seed = whole_number("seed", seed, 0)
     robot = Robot(inertia, elasticity, controller, friction)
     weights = excitation.weights(robot.n)
     A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array, per_joint
+from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
@@ -122,11 +122,8 @@ class Excitation:
                 f'pattern = "{self.pattern}": expected "orthogonal", "one-at-a-time" or a table of '
                 "complex weights, one row per record and one column per joint."
             )
-        count = self.records_per_frequency
-        if count is not None and (not isinstance(count, int | np.integer) or not 1 <= count <= 1000):
-            raise JointIdError(
-                f"records_per_frequency = {count!r}: expected a whole number from 1 to 1000."
-            )
+        if self.records_per_frequency is not None:
+            whole_number("records_per_frequency", self.records_per_frequency, 1, 1000)
         _store(self, "velocity_rad_s", "rad/s", positive=True)
         _store(self, "acceleration_rad_s2", "rad/s²", positive=True)
         _store(self, "constant_velocity_rad_s", "rad/s", signed=True)

@@ -87,24 +87,19 @@ class Robot:
         n, shape = self.n, (before + samples, self.n, reference.omega.size)
         theta, tau = np.empty(shape), np.empty(shape)
         Z, y_before, torques = self._steady_state(reference, -before)
-        position_noise, torque_noise = (
-            (np.random.default_rng(s), per_joint(name, std, n)[:, None])
-            for s, name, std in zip(
-                np.random.SeedSequence(seed).spawn(2),
-                ("position_noise_rad", "torque_noise_Nm"),
-                (measurement.position_noise_rad, measurement.torque_noise_Nm),
-                strict=True,
-            )
-        )
+        sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+        position_source, torque_source = sources
+        position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
+        torque_noise = per_joint("torque_noise_Nm", measurement.torque_noise_Nm, n)
         count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
         proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
         has_friction = bool(np.any(self.coulomb > 0))
         bounds = np.unique(np.linspace(0, shape[0], _CHUNKS + 1).astype(int))
         for first, last in pairwise(bounds.tolist()):
             feed = self._feed(reference, np.arange(first, last) - before)
-            disturbed = _noise(position_noise, feed.shape)
+            disturbed = _noise(position_source, position_noise, feed.shape)
             for k in range(last - first):
-                y = Z[:n] + disturbed[k] if disturbed is not None else Z[:n].copy()
+                y = Z[:n] + disturbed[k]
                 if count:
                     y = np.rint(y / count) * count
                 torque = feed[k] - proportional * y + difference * y_before
@@ -117,9 +112,7 @@ class Robot:
                         step_with_friction(Z, step, self.coulomb)
                     else:
                         Z[: 4 * n] = step.EG @ Z
-            seen = _noise(torque_noise, feed.shape)
-            if seen is not None:
-                tau[first:last] += seen
+            tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:
                 progress(float(last / shape[0]))
         return theta, tau
@@ -205,9 +198,9 @@ def _gains(controller: Controller, inertia: Inertia) -> tuple[Floats, Floats]:
     return kp, kv
 
 
-def _noise(source: tuple[np.random.Generator, Floats], shape: tuple[int, ...]) -> Floats | None:
-    generator, std = source
-    return std * generator.standard_normal(shape) if np.any(std > 0) else None
+def _noise(source: np.random.Generator, std: Floats, shape: tuple[int, ...]) -> Floats:
+    """White noise of each joint's standard deviation, (N, n, R)."""
+    return std[:, None] * source.standard_normal(shape) if std.any() else np.zeros(shape)
 
 
 def _require_one_direction(velocity: Floats, amplitude: Floats) -> None:

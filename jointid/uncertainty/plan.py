@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
@@ -154,8 +154,7 @@ def suggest_records(
     JointIdError
         When no candidate stays within the limits, or a setting is out of range.
     """
-    if not isinstance(count, int) or not 1 <= count <= _MOST_RECORDS:
-        raise JointIdError(f"count = {count!r}: expected a whole number from 1 to {_MOST_RECORDS}.")
+    count = whole_number("count", count, 1, _MOST_RECORDS)
     now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
     free = compensated_phasors(phasors, fit)
@@ -211,10 +210,10 @@ def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
     if value is None:
         return largest
-    limit = finite_array(name, value, ndim=1)
-    if limit.size not in (1, largest.size) or np.any(limit <= 0):
-        raise JointIdError(f"{name}: expected one positive value per joint, got {limit.tolist()}.")
-    return np.array(np.broadcast_to(limit, largest.shape))
+    limit = per_joint(name, value, largest.size)
+    if np.any(limit <= 0):
+        raise JointIdError(f"{name}: expected positive values, got {limit.tolist()}.")
+    return limit
 
 
 def _candidate_frequencies(
@@ -249,15 +248,11 @@ def _candidates(
             inertia, elasticity, f, angle_rad=weights * velocity / omega, duration_s=duration_s
         ),
     ]
-    parts = []
-    for plan in plans:
-        speed = _speed(omega[:, 0], plan.angle_rad, plan.torque_Nm, [inertia] * f.size)
-        share = np.maximum(np.abs(plan.torque_Nm) / torque, speed / velocity).max(axis=1)
-        parts.append((plan.torque_Nm / share[:, None], plan.angle_rad / share[:, None]))
-    torques, angles = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return PlannedRecords(
-        np.tile(f, 2), torques, angles, np.tile(np.broadcast_to(float(duration_s), f.shape), 2)
-    )
+    f, torques = np.tile(f, 2), np.concatenate([plan.torque_Nm for plan in plans])
+    angles = np.concatenate([plan.angle_rad for plan in plans])
+    speed = _speed(2 * np.pi * f, angles, torques, [inertia] * f.size)
+    share = np.maximum(np.abs(torques) / torque, speed / velocity).max(axis=1)[:, None]
+    return PlannedRecords(f, torques / share, angles / share, np.full(f.size, float(duration_s)))
 
 
 def _speed(omega: Floats, q: Complexes, tau: Complexes, inertias: Sequence[Inertia]) -> Floats:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.joint_equations import pseudo_inverse, spring_equations
@@ -130,8 +130,7 @@ def bootstrap(
     JointIdError
         When fewer than half of the draws allow an estimate.
     """
-    if not isinstance(draws, int) or not 2 <= draws <= 100_000:
-        raise JointIdError(f"draws = {draws!r}: expected a whole number from 2 to 100000.")
+    draws = whole_number("draws", draws, 2, 100_000)
     rng = np.random.default_rng(seed)
     noise = spring_equations(phasors, inertia).noise
     root = _root(noise.covariance) * np.sqrt(fit.inflation)

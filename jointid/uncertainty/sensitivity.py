@@ -23,6 +23,8 @@ from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_e
 
 _STEP = 1e-2
 """Relative change of an inertia for central differences, whose error is of second order."""
+_OUTLINE_POINTS = 73
+"""Points of a confidence ellipse: one every 5°, the first again at the end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,18 +86,18 @@ def inertia_sensitivity(
     elements: list[_Element] = []
     for j in range(n):
         mean = float(np.mean([i.M[j] for i in poses.values()]))
-        elements.append(_Element(f"J_m{j + 1}", mean, mean, _rotor(j)))
+        elements.append(_Element(f"J_m{j + 1}", mean, mean, None, j, j))
     for number, (key, pose) in enumerate(poses.items(), start=1):
         suffix = f", pose {number}" if len(poses) > 1 else ""
         for name, i, j in arm_inertias(n):
             scale = float(np.sqrt(pose.M2[i, i] * pose.M2[j, j]))
-            elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, _arm(key, i, j)))
+            elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, key, i, j))
     slope = np.empty((2 * n, len(elements)))
     with one_thread():
         difference = difference_by_inertia(phasors, each, fit)
         for column, element in enumerate(elements):
             change = _STEP * element.scale
-            plus, minus = ([element.changed(pose, by) for pose in each] for by in (change, -change))
+            plus, minus = ([_changed(pose, element, by) for pose in each] for by in (change, -change))
             slope[:, column] = difference(plus, minus) / (2 * change)
             if progress is not None:
                 progress((column + 1) / len(elements))
@@ -115,26 +117,21 @@ class _Element(NamedTuple):
     name: str
     value: float
     scale: float  # reference of the step, since a coupling may be zero
-    changed: Callable[[Inertia, float], Inertia]
+    pose: bytes | None  # key of its pose; None for a rotor, whose inertia is that of all poses
+    i: int
+    j: int
 
 
-def _rotor(j: int) -> Callable[[Inertia, float], Inertia]:
-    """Change of rotor j in every pose: rotor inertias do not depend on the pose."""
-    return lambda pose, by: Inertia(pose.M + by * (np.arange(pose.n) == j), pose.M2)
-
-
-def _arm(key: bytes, i: int, j: int) -> Callable[[Inertia, float], Inertia]:
-    """Change of one arm inertia in one pose."""
-
-    def changed(pose: Inertia, by: float) -> Inertia:
-        if _key(pose) != key:
-            return pose
-        M2 = pose.M2.copy()
-        M2[i, j] += by
-        M2[j, i] = M2[i, j]
-        return Inertia(pose.M, M2)
-
-    return changed
+def _changed(pose: Inertia, element: _Element, by: float) -> Inertia:
+    """The inertia of a pose after the change of one element."""
+    if element.pose is None:
+        return Inertia(pose.M + by * (np.arange(pose.n) == element.j), pose.M2)
+    if element.pose != _key(pose):
+        return pose
+    M2 = pose.M2.copy()
+    M2[element.i, element.j] += by
+    M2[element.j, element.i] = M2[element.i, element.j]
+    return Inertia(pose.M, M2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +150,7 @@ class ConfidenceEllipse:
 
 
 def confidence_ellipse(
-    fit: ElasticityFit, first: str, second: str, *, level: float = 0.95, points: int = 73
+    fit: ElasticityFit, first: str, second: str, *, level: float = 0.95
 ) -> ConfidenceEllipse:
     """Ellipse of two parameters, for instance "K1" and "D1", from the fit's covariance.
 
@@ -166,17 +163,17 @@ def confidence_ellipse(
     for name in (first, second):
         if name not in names:
             raise JointIdError(f'"{name}" is not a parameter. Parameters: {", ".join(names)}.')
-    if first == second or not 0 < level < 1 or points < 4:
+    if first == second or not 0 < level < 1:
         raise JointIdError(
-            f"An ellipse needs two different parameters, a level between 0 and 1 and 4 points or more; "
-            f"got {first}, {second}, {level:g}, {points}."
+            "An ellipse needs two different parameters and a level between 0 and 1; "
+            f"got {first}, {second}, {level:g}."
         )
     index = [names.index(first), names.index(second)]
     error = fit.standard_error[index]
     values, vectors = np.linalg.eigh(fit.correlation[np.ix_(index, index)])
     radius = np.sqrt(-2 * np.log(1 - level))  # χ² with two degrees of freedom
     axes = radius * np.sqrt(np.maximum(values, 0))
-    angle = np.linspace(0, 2 * np.pi, points)
+    angle = np.linspace(0, 2 * np.pi, _OUTLINE_POINTS)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     centre = fit.estimate[index]
     return ConfidenceEllipse(

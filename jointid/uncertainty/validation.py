@@ -9,9 +9,13 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
+
+_DEFLECTION_RATIO = 1.3
+"""Smallest ratio of deflections of the records compared for a nonlinear stiffness."""
 
 
 def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
@@ -22,16 +26,11 @@ def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     Phasors
         Without harmonics, which a linear model does not have.
     """
-    equations, n = fit.equations, fit.n
-    z = np.linalg.solve(
-        np.concatenate([equations.of_a, equations.of_b], axis=1),
-        np.concatenate([equations.a, equations.b], axis=1)[..., None],
-    )[..., 0]
     return replace(
         phasors,
-        q=z[:, :n],
-        tau=z[:, n:],
-        harmonics=z[:, None],
+        q=fit.phasors.q,
+        tau=fit.phasors.tau,
+        harmonics=fit.phasors.z[:, None],
         harmonic_covariance=phasors.covariance[:, None],
     )
 
@@ -86,9 +85,7 @@ def predict_left_out(
             f"{len(groups)} frequencies and folds = {folds!r}: each fold needs at least two "
             "frequencies, and there must be two folds or more."
         )
-    method = "weighted" if fit.method == "weighted" else "maximum-likelihood"
-    if fit.method in ("least-squares", "explicit"):
-        method = fit.method
+    method = fit.method if fit.method in LINEAR else "maximum-likelihood"
     rows, estimates = [], []
     for fold in range(folds):
         out = np.concatenate([group for _, group in groups[fold::folds]])
@@ -109,11 +106,11 @@ def predict_left_out(
         with np.errstate(divide="ignore"):  # motors that do not move
             error = np.linalg.norm(deviation[..., 0], axis=1) / np.linalg.norm(matrix.H, axis=(1, 2))
         rows.append((matrix.omega, matrix.H, predicted, error, squares / deviation.shape[1]))
-    omega, measured, predicted, error, score = (np.concatenate(part) for part in zip(*rows, strict=True))
-    order = np.argsort(omega)
-    return Prediction(
-        omega[order], measured[order], predicted[order], error[order], score[order], tuple(estimates)
+    order = np.argsort(np.concatenate([row[0] for row in rows]))
+    omega, measured, predicted, error, score = (
+        np.concatenate(part)[order] for part in zip(*rows, strict=True)
     )
+    return Prediction(omega, measured, predicted, error, score, tuple(estimates))
 
 
 def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) -> Complexes:
@@ -209,17 +206,11 @@ class AmplitudeDependence:
     """Of ``change``, shape (n,); inf where no frequency has several amplitudes."""
 
 
-def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> AmplitudeDependence:
+def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:
     """Regress each record's stiffness on the logarithm of its deflection.
 
     Only records of one frequency in which the joints move in the same proportion are compared: others
     may differ for other reasons.
-
-    Parameters
-    ----------
-    fit : ElasticityFit
-    ratio : float, default 1.3
-        Smallest ratio of deflections of the records compared.
     """
     equations, n = fit.equations, fit.n
     K = equations.stiffness.real
@@ -233,7 +224,7 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
         numerator, information, squares, degrees_of_freedom, used = 0.0, 0.0, 0.0, -1, []
         for group in groups:
             rows = group[deflection[group, j] > 0]
-            if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
+            if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(_DEFLECTION_RATIO):
                 continue
             x, w = np.log(deflection[rows, j]), 1 / np.maximum(variance[rows, j], 1e-300)
             x = x - (w * x).sum() / w.sum()

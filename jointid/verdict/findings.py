@@ -10,7 +10,7 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
-from jointid.verdict.evidence import Evidence, Finding, good, number, percent
+from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
 from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
     against_the_paper,
@@ -123,17 +123,12 @@ def _physical_misfit(fit: ElasticityFit) -> float:
 
 
 def _all_well(fit: ElasticityFit) -> Finding:
-    p = np.abs(fit.estimate)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.nan_to_num(fit.standard_error / p)
+    share = relative(fit.standard_error, fit.estimate)
     errors = ", ".join(
         f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)
     )
-    beyond = [
-        text
-        for text, there in (("friction", fit.friction is not None), ("delay", fit.delay is not None))
-        if there
-    ]
+    fitted = (("friction", fit.friction), ("delay", fit.delay))
+    beyond = [name for name, part in fitted if part is not None]
     parts = " with " + " and ".join(beyond) if beyond else ""
     return good(
         "The model explains the data",

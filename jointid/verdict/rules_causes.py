@@ -16,7 +16,8 @@ from jointid.uncertainty.validation import amplitude_dependence, harmonic_conten
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
 from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
 
-_CLEAR = 4.0  # standard errors that are not by chance
+CLEAR = 4.0
+"""Standard errors that are not by chance."""
 
 
 def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
@@ -30,7 +31,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     by_noise = paper.standard_error / np.sqrt(paper.inflation)
     error = np.hypot(fit.standard_error, by_noise)
     share = relative(other - p, p)
-    clear = (np.abs(other - p) > _CLEAR * error) & (share > 2e-3)
+    clear = (np.abs(other - p) > CLEAR * error) & (share > 2e-3)
     if not clear.any():
         return
     names = elasticity_labels(fit.n)
@@ -75,7 +76,7 @@ def lag_size(evidence: Evidence) -> str | None:
     """Delay or lead of the torque, if it was fitted and is significant; else None."""
     lag, error = evidence.fit.delay, evidence.fit.delay_error
     interval = float(np.median([record.interval_s for record in evidence.records]))
-    if lag is None or error is None or abs(lag) < max(0.01 * interval, _CLEAR * error):
+    if lag is None or error is None or abs(lag) < max(0.01 * interval, CLEAR * error):
         return None
     if abs(lag) >= 1e-3:
         return f"{number(1e3 * abs(lag))} ms"
@@ -148,7 +149,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         return
     if len(fits.names) < 2:
         return
-    apart = np.where(fits.significance > _CLEAR, fits.spread, 0.0)
+    apart = np.where(fits.significance > CLEAR, fits.spread, 0.0)
     worst = int(np.argmax(apart))
     if apart[worst] < 5e-3 or fits.probability > 1e-4:
         return

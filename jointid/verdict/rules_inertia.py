@@ -20,9 +20,7 @@ from jointid.verdict.evidence import Evidence, Finding, number, percent, problem
 from jointid.verdict.inertia_check import InertiaCheck, check_inertia
 from jointid.verdict.places import FILE, INERTIAS
 from jointid.verdict.plausibility import low_frequency_inertia
-from jointid.verdict.rules_causes import distortion, has_unmodelled_friction
-
-_CLEAR = 4.0  # standard errors that are not by chance
+from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
@@ -36,7 +34,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         return
     pose, check = min(wrong, key=lambda item: item[1].misfit_found)
     scale = np.maximum(np.abs(check.given), 1e-3 * np.abs(check.given).max())
-    off = np.where(check.significance > _CLEAR, np.abs(check.found - check.given) / scale, 0.0)
+    off = np.where(check.significance > CLEAR, np.abs(check.found - check.given) / scale, 0.0)
     worst = int(np.argmax(off))
     p = fit.estimate
     change = relative(check.estimate - p, p)
@@ -166,7 +164,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
 def _is_wrong(check: InertiaCheck) -> bool:
     """Whether significantly different inertias explain the data and the given ones do not."""
     off = np.abs(check.found - check.given) / np.maximum(np.abs(check.given), 1e-12)
-    clear = np.any((check.significance > _CLEAR) & (off > 0.01))
+    clear = np.any((check.significance > CLEAR) & (off > 0.01))
     left = check.misfit_found / check.misfit_given
     explained = (left < 0.3 and check.misfit_found < 4) or left < 0.05
     return bool(clear and explained and check.misfit_given > 3)

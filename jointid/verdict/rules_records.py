@@ -11,7 +11,17 @@ from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
-from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
+from jointid.verdict.evidence import (
+    Evidence,
+    Finding,
+    note,
+    number,
+    percent,
+    problem,
+    relative,
+    some,
+    warning,
+)
 from jointid.verdict.places import ENTRIES, FILE, RUNS
 from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
@@ -87,13 +97,13 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
     if never:
         verb = "does" if len(never) == 1 else "do"
         parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
-    wait = "Wait longer before recording."
     if not steady:
-        return " ".join(parts), f"Measure again. {wait}"
+        return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(steady) == 1 else "these times"
     return " ".join(parts), (
         f"Let the records begin at {ones}: by the start of the run {RUNS}, or by start_s of the record "
-        f"{FILE}. {'Measure the others again. ' if never else ''}Next time: {wait[:1].lower()}{wait[1:]}"
+        f"{FILE}. {'Measure the others again. ' if never else ''}Next time: wait longer before "
+        "recording."
     )
 
 
@@ -267,6 +277,4 @@ def _proportional(evidence: Evidence, first: int, second: int) -> bool:
 
 def _worst_error(evidence: Evidence) -> float:
     """Largest relative standard error of K and D."""
-    p = np.abs(evidence.fit.estimate)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return float(min(1.0, np.nan_to_num(evidence.fit.standard_error / p, posinf=1.0).max()))
+    return float(min(1.0, relative(evidence.fit.standard_error, evidence.fit.estimate).max()))

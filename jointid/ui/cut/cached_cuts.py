@@ -10,7 +10,7 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import ZONES_M, Outcome, Prediction, predicted_cut, with_prediction
+from jointid.cut.outcome import ZONES_M, Outcome, Prediction, predicted_cut
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
@@ -34,7 +34,7 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
     before = _before(digest, method, settings, robot, assumed)
     prediction = _prediction(digest, method, settings.after, robot)
     awaited("Cutting", before, prediction)
-    return with_prediction(robot, settings.toolpath, assumed, before.result(), prediction.result())
+    return Outcome(robot, settings.toolpath, assumed, before.result(), *prediction.result())
 
 
 def pairs(
