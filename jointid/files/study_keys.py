@@ -81,6 +81,16 @@ def read_nominal(top: CheckedTable) -> Elasticity | None:
 
 
 @contextmanager
+def in_file(file: str) -> Iterator[None]:
+    """Name the file in an error whose message already begins with it."""
+    try:
+        yield
+    except JointIdError as error:
+        error.file = error.file or file
+        raise
+
+
+@contextmanager
 def in_place(where: str, file: str) -> Iterator[None]:
     """Put the place of a refused value before its message, unless the message names the file."""
     try:
