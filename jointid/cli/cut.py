@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.files import analysed, require_spared, write_file
+from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
 
 
 @reported

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointid.cli.files import analysed, require_spared, write_file
+from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
 from jointid.study import Analysis
 
 if TYPE_CHECKING:

@@ -178,6 +178,12 @@ def identify_elasticity(
     return fits[method]
 
 
+def require_method(method: str) -> None:
+    """Refuse an estimator that is not one of ``METHODS``."""
+    if method not in METHODS:
+        raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
+
+
 def identify_each(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia],
@@ -192,8 +198,7 @@ def identify_each(
     """
     names = list(dict.fromkeys(methods))
     for method in names:
-        if method not in METHODS:
-            raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
+        require_method(method)
     equations = spring_equations(phasors, inertia)
     return {name: _identified(name, phasors, inertia, equations, friction, delay) for name in names}
 

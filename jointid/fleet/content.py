@@ -93,7 +93,11 @@ def packed(path: Path) -> bytes:
                     size = os.fstat(held.fileno()).st_size
                     left -= size
                     if left < 0 or _is_long(name, file):
-                        raise _too_long(path, name)
+                        raise JointIdError(
+                            f"{path} cannot be sent to a cluster, {name} is too long. Analyse it on "
+                            "this computer, without a scheduler: here it is read in parts when it is "
+                            "Parquet."
+                        )
                     with archive.open(zipfile.ZipInfo(name), "w") as member:
                         for chunk in _chunks(held, size):
                             member.write(chunk)
@@ -111,13 +115,6 @@ def _is_long(name: str, file: Path) -> bool:
             columns = pa_parquet.read_schema(file).names
             return is_long(name, file, sum(column.startswith("theta_m") for column in columns))
     return False
-
-
-def _too_long(folder: Path, name: str) -> JointIdError:
-    return JointIdError(
-        f"{folder} cannot be sent to a cluster, {name} is too long. Analyse it on this computer, "
-        "without a scheduler: here it is read in parts when it is Parquet."
-    )
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Path | JointIdError]]:
