@@ -57,14 +57,10 @@ def cut(
         from jointid.reporting.drawing import to_svg
         from jointid.reporting.figures import cut_figure
 
-        labels = [f"corner zone {zone:g} mm" for zone in zones]
+        named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
         rows = [
-            (
-                f"Before: {choice}",
-                LIGHT.nominal,
-                [*zip(labels, (o.before for o in outcomes), strict=True)],
-            ),
-            ("After", LIGHT.identified, [*zip(labels, (o.after for o in outcomes), strict=True)]),
+            (f"Before: {choice}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
+            ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:
