@@ -48,9 +48,8 @@ def identify(
     for k, name in enumerate(elasticity_labels(fit.n)):
         unit = "N·m/rad" if k < fit.n else "N·m·s/rad"
         known = "" if nominal is None else plain(float([*nominal.K, *nominal.D][k]))
-        rows.append(
-            [name, with_error(float(fit.estimate[k]), float(fit.standard_error[k])), unit, known]
-        )
+        value = with_error(float(fit.estimate[k]), float(fit.standard_error[k]))
+        rows.append([name, value, unit, known])
     if fit.friction is not None:
         values = [*fit.friction.coulomb, *fit.friction.viscous]
         for k, (value, error) in enumerate(zip(values, fit.friction.standard_error, strict=True)):

@@ -52,7 +52,7 @@ def read_inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia
         return Inertia(M=M, M2=M2)
 
 
-def read_poses(top: CheckedTable, default: Inertia) -> dict[str, Inertia]:
+def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, Inertia]:
     """Return the inertia of each named pose, none when there is no [poses.NAME].
 
     Raises
