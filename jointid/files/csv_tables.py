@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -162,16 +163,12 @@ def read_columns(
     return columns
 
 
-def text_lines(
-    file: str, data: bytes, *, errors: str, at_most: int | None = None, begin: int = 0
-) -> Iterator[str]:
+def text_lines(file: str, data: bytes, *, errors: str, begin: int) -> Iterator[str]:
     """Yield lines from an offset, with only one line in memory."""
     stream = io.BytesIO(data)
     stream.seek(begin)
     text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors=errors, newline="")
-    number = 0
-    while (line := text.readline(MAX_LINE)) and number != at_most:
-        number += 1
+    for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), start=1):
         if len(line) == MAX_LINE:
             raise row_error(
                 (file, "line", lines_above(data, begin) + number),

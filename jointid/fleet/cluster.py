@@ -59,8 +59,8 @@ class Cluster:
         When the scheduler cannot be reached, has no worker, or a worker lacks this version of jointid.
     """
 
-    def __init__(self, address: str, limits: Limits | None = None) -> None:
-        self._limits = limits or Limits()
+    def __init__(self, address: str, limits: Limits) -> None:
+        self._limits = limits
         self._address = address
         self._batch = uuid.uuid4().hex
         try:

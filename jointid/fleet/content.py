@@ -9,19 +9,17 @@ from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
-from typing import BinaryIO
 
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
-from jointid.files.container_limits import MAX_TOTAL_BYTES
+from jointid.files.container_limits import MAX_TOTAL_BYTES, chunks
 from jointid.files.containers import open_container
 from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.files.study_parts import is_long
 from jointid.files.study_saving import STUDY_FILE
 
 _RECORDS = (".csv", ".parquet")
-_CHUNK = 1 << 20
 
 
 def content_digest(source: Path | bytes) -> str:
@@ -61,11 +59,11 @@ def content_digest(source: Path | bytes) -> str:
             state.update(f"{name}\0{size}\0{fault}\0".encode("utf-8", "surrogateescape"))
             if held is not None:
                 with held:
-                    for chunk in _chunks(held, size):
+                    for chunk in chunks(held, size):
                         state.update(chunk)
     else:
         with source.open("rb") as archive:
-            for chunk in _chunks(archive):
+            for chunk in chunks(archive):
                 state.update(chunk)
     return state.hexdigest()
 
@@ -99,7 +97,7 @@ def packed(path: Path) -> bytes:
                             "Parquet."
                         )
                     with archive.open(zipfile.ZipInfo(name), "w") as member:
-                        for chunk in _chunks(held, size):
+                        for chunk in chunks(held, size):
                             member.write(chunk)
             except OSError as error:
                 raise JointIdError(
@@ -130,14 +128,3 @@ def _files(folder: Path) -> Iterator[tuple[str, Path | JointIdError]]:
                 continue
             assert place is not None  # a folder's file lies somewhere
             yield name, place
-
-
-def _chunks(file: BinaryIO, size: int | None = None) -> Iterator[bytes]:
-    """The bytes of a file, or its first ``size``; at most _CHUNK at a time."""
-    left = size
-    while left is None or left > 0:
-        chunk = file.read(_CHUNK if left is None else min(_CHUNK, left))
-        if not chunk:
-            return
-        left = None if left is None else left - len(chunk)
-        yield chunk
