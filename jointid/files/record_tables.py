@@ -6,7 +6,6 @@ import io
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
@@ -31,25 +30,13 @@ from jointid.wording import counted, listed, nearest
 _JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
 
 
-@dataclass(frozen=True, eq=False)
-class RecordTable:
-    """The columns of one record, finite and in order of time."""
-
-    time_s: Floats
-    """Sample times, shape (N,), s."""
-    theta_rad: Floats
-    """Motor angles, shape (N, n), rad."""
-    tau_Nm: Floats
-    """Motor torques, shape (N, n), N·m."""
-
-
 def column_names(joints: int) -> list[str]:
     """Return the columns of a record of ``joints`` joints: time, motor angles, motor torques."""
     numbers = range(1, joints + 1)
     return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
 
 
-def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
+def read_record_table(file: str, data: bytes, joints: int) -> tuple[Floats, Floats, Floats]:
     """Read the columns of one record; others are ignored.
 
     Parameters
@@ -60,6 +47,13 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
         The file's content.
     joints : int
         Number of joints of the study.
+
+    Returns
+    -------
+    time_s : ndarray, shape (N,)
+        Ascending.
+    theta_rad, tau_Nm : ndarray, shape (N, n)
+        Motor side, finite.
 
     Raises
     ------
@@ -81,7 +75,7 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
     theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
     for j in range(joints):
         theta[:, j], tau[:, j] = columns[1 + j], columns[1 + joints + j]
-    return RecordTable(columns[0], theta, tau)
+    return columns[0], theta, tau
 
 
 def write_record_table(record: SineRecord, record_format: str) -> bytes:

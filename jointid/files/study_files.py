@@ -129,9 +129,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     JointIdError
         When the folder or archive itself cannot be read.
     """
-    tables = []
-    refused = _refusal(path_or_file)
-    culprit, line = (refused.file, refused.line) if refused is not None else (None, None)
+    tables, culprit, line = [], None, None
+    try:
+        load_study(path_or_file)
+    except JointIdError as refusal:
+        culprit, line = refusal.file, refusal.line
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         for name in container.names():
             at = line if name == culprit else None
@@ -147,15 +149,6 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
                 frame, error = pd.DataFrame(), str(fault)
             tables.append(PeekedTable(name, frame, error, name == culprit, at))
     return tuple(tables)
-
-
-def _refusal(source: Source) -> JointIdError | None:
-    """Why ``load_study`` refuses a study; None when it does not."""
-    try:
-        load_study(source)
-    except JointIdError as error:
-        return error
-    return None
 
 
 def _require_format_1(top: CheckedTable) -> None:
@@ -216,13 +209,11 @@ def _record(
         with in_place(file, file):
             return read_long_record(file, path, joints, **known)
     with in_file(file):
-        columns = read_record_table(file, container.read(file), joints)
+        time, theta, tau = read_record_table(file, container.read(file), joints)
     try:
-        return SineRecord(
-            time_s=columns.time_s, theta_rad=columns.theta_rad, tau_Nm=columns.tau_Nm, **known
-        )
+        return SineRecord(time_s=time, theta_rad=theta, tau_Nm=tau, **known)
     except JointIdError as error:
-        unit = _other_time_unit(known["frequency_hz"], columns.time_s)
+        unit = _other_time_unit(known["frequency_hz"], time)
         raise JointIdError(f"{file}: {error}{unit}", file=file) from error
 
 
