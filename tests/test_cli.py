@@ -20,11 +20,12 @@ from typer.testing import CliRunner
 import jointid
 from jointid import Inertia, Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
-from jointid.cli.files import robot_from, write_file
+from jointid.cli.files import robot_from
 from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
 from jointid.files.application import sample_studies
+from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
 from jointid.rounding import with_error

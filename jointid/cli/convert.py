@@ -10,12 +10,12 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.documents import study_document
-from jointid.cli.files import require_free, robot_from, write_file
-from jointid.cli.options import JSON, named, numbers
+from jointid.cli.files import require_free, robot_from
+from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, nominal, require_ending
 from jointid.cli.output import made, print_json, print_table, progress, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import write_file
 from jointid.rounding import significant
 from jointid.study import Study
 from jointid.wording import counted
@@ -52,14 +52,14 @@ def convert(
         bool,
         typer.Option("--separate", help="Runs of one joint, also where it looks like many at once."),
     ] = False,
-    nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
-    nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
+    nominal_K: Annotated[str, NOMINAL_K] = "",
+    nominal_D: Annotated[str, NOMINAL_D] = "",
     name: Annotated[
         str, typer.Option(help="Name of the study; else that in the inertia file, else the logs'.")
     ] = "",
     which: Annotated[str, typer.Option("--robot", help="Which robot it is, for a fleet.")] = "",
     date: Annotated[str, typer.Option(help="When it was measured, as in 2026-11-20.")] = "",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace what exists.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Make a study of the sine runs in any controller's logs."""
@@ -68,12 +68,11 @@ def convert(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
         )
     if guess is not None:
-        if guess.suffix.lower() != ".json":
-            raise typer.BadParameter(f"--guess {guess}: expected a name that ends in .json.")
+        require_ending("--guess", guess, ".json")
         require_free(guess, overwrite, [*logs, inertia])
     elif output is not None:
         require_free(output, overwrite, [*logs, mapping, inertia])
-    from jointid import Elasticity, save_study
+    from jointid import save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
     from jointid.importing.map.joined_logs import join_logs
     from jointid.importing.study import parse_date
@@ -103,8 +102,9 @@ def convert(
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
     robot = robot_from(inertia)
-    if nominal_K or nominal_D:
-        robot = replace(robot, nominal=Elasticity(K=numbers(nominal_K), D=numbers(nominal_D)))
+    robot = replace(
+        robot, nominal=nominal(nominal_K, nominal_D) or robot.nominal, name=name or robot.name
+    )
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         raise typer.BadParameter(
@@ -112,13 +112,11 @@ def convert(
         )
     measured_on = parse_date(date)
     with progress("Looking for sine runs", quiet=as_json) as report:
-        study, notes = mapped_study(
-            tables, chosen, robot if not name else replace(robot, name=name), poses, report
-        )
+        study, notes = mapped_study(tables, chosen, robot, poses, report)
     notes = (*together, *notes)
     study = replace(study, robot=which.strip(), date=measured_on)
     save_study(study, output, overwrite=overwrite)
-    made(study_document(study, output) | {"notes": list(notes)}, study, as_json)
+    made(study, output, as_json, notes=list(notes))
     for note in notes:
         typer.echo(note, err=True)
 
@@ -127,8 +125,8 @@ def mapped_study(
     tables: Sequence[Any],
     mapping: Any,
     robot: Any,
-    poses: Sequence[str | None] = (None,),
-    report: Callable[[float], None] = lambda share: None,
+    poses: Sequence[str | None],
+    report: Callable[[float], None],
 ) -> tuple[Study, tuple[str, ...]]:
     """Return a study of the sine segments of logs with the same columns, and notes on omissions."""
     import numpy as np

@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from jointid.cli.files import analysed, require_spared, write_file
+from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
 
 
 @reported
@@ -56,14 +57,10 @@ def cut(
         from jointid.reporting.drawing import to_svg
         from jointid.reporting.figures import cut_figure
 
-        labels = [f"corner zone {zone:g} mm" for zone in zones]
+        named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
         rows = [
-            (
-                f"Before: {choice}",
-                LIGHT.nominal,
-                [*zip(labels, (o.before for o in outcomes), strict=True)],
-            ),
-            ("After", LIGHT.identified, [*zip(labels, (o.after for o in outcomes), strict=True)]),
+            (f"Before: {choice}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
+            ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from jointid.cli.files import analysed, require_spared, write_file
+from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
 from jointid.study import Analysis
 
 if TYPE_CHECKING:
@@ -72,21 +74,18 @@ def _exported(
     ending: str, analysis: Analysis, result: Identification, ratio: list[float] | None
 ) -> bytes:
     from jointid import exporting
+    from jointid.files.study_files import pack_study
 
-    if ending == ".mat":
-        return exporting.to_mat(analysis)
-    if ending == ".zip":
-        from jointid.files.study_files import pack_study
-
-        return pack_study(analysis.study)
-    if ending in (".phasors.csv", ".h.csv"):
-        table = exporting.phasor_table if ending == ".phasors.csv" else exporting.transfer_matrix_table
-        return table(analysis).encode()
-    if ending in (".json", ".toml"):
-        return (exporting.to_json if ending == ".json" else exporting.to_toml)(result).encode()
-    snippets = {
-        ".xml": exporting.mujoco_snippet,
-        ".urdf": exporting.urdf_snippet,
-        ".sdf": exporting.sdf_snippet,
+    contents: dict[str, Callable[[], str | bytes]] = {
+        ".mat": lambda: exporting.to_mat(analysis),
+        ".zip": lambda: pack_study(analysis.study),
+        ".phasors.csv": lambda: exporting.phasor_table(analysis),
+        ".h.csv": lambda: exporting.transfer_matrix_table(analysis),
+        ".json": lambda: exporting.to_json(result),
+        ".toml": lambda: exporting.to_toml(result),
+        ".xml": lambda: exporting.mujoco_snippet(result, ratio or []),
+        ".urdf": lambda: exporting.urdf_snippet(result, ratio or []),
+        ".sdf": lambda: exporting.sdf_snippet(result, ratio or []),
     }
-    return snippets[ending](result, ratio or []).encode()
+    content = contents[ending]()
+    return content if isinstance(content, bytes) else content.encode()

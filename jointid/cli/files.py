@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from jointid.cli.output import status
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
-from jointid.files.atomic_write import new_file, write_error
 from jointid.study import Analysis, Study
 from jointid.wording import listed, nearest
 
@@ -86,14 +85,3 @@ def _in_study(path: Path) -> bool:
 
 def _same_file(source: Path, target: Path) -> bool:
     return source.exists() and target.exists() and source.samefile(target)
-
-
-def write_file(path: Path, data: bytes) -> None:
-    """Write a file atomically."""
-    if not path.parent.is_dir():
-        raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
-    try:
-        with new_file(path) as file:
-            file.write(data)
-    except OSError as error:
-        raise write_error(path, error) from error

@@ -9,6 +9,7 @@ from jointid.cli.files import analysed
 from jointid.cli.options import JSON, METHOD, STUDY
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
+from jointid.estimation.parameters import elasticity_labels
 from jointid.study import Analysis
 
 _SHARE = 0.03
@@ -44,11 +45,11 @@ def identify(
 
     fit, nominal = analysis.fit, analysis.study.nominal
     rows = []
-    for k, name in enumerate(f"{letter}{j + 1}" for letter in "KD" for j in range(fit.n)):
-        value = float([*fit.K, *fit.D][k])
+    for k, name in enumerate(elasticity_labels(fit.n)):
         unit = "N·m/rad" if k < fit.n else "N·m·s/rad"
         known = "" if nominal is None else plain(float([*nominal.K, *nominal.D][k]))
-        rows.append([name, with_error(value, float(fit.standard_error[k])), unit, known])
+        value = with_error(float(fit.estimate[k]), float(fit.standard_error[k]))
+        rows.append([name, value, unit, known])
     if fit.friction is not None:
         values = [*fit.friction.coulomb, *fit.friction.viscous]
         for k, (value, error) in enumerate(zip(values, fit.friction.standard_error, strict=True)):

@@ -8,6 +8,7 @@ import typer
 
 from jointid.estimation.elasticity import METHODS
 from jointid.files.application import sample_studies
+from jointid.joints import Elasticity
 
 
 def known_method(value: str) -> str:
@@ -25,6 +26,13 @@ def numbers(text: str) -> list[float]:
         raise typer.BadParameter(
             f'"{text}": expected numbers with commas between, as in 43,7.5'
         ) from None
+
+
+def nominal(stiffness: str, damping: str) -> Elasticity | None:
+    """Return the values of --nominal-K and --nominal-D; None without them."""
+    if not (stiffness or damping):
+        return None
+    return Elasticity(K=numbers(stiffness), D=numbers(damping))
 
 
 def named(text: str) -> Path:
@@ -48,6 +56,6 @@ STUDY = typer.Argument(
 )
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace an existing study.")
+OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
 NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")
 NOMINAL_D = typer.Option("--nominal-D", help="The controller's damping, N·m·s/rad.")

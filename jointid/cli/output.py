@@ -71,13 +71,24 @@ def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
         yield lambda fraction: bar.update(task, completed=fraction)
 
 
-def made(document: dict[str, Any], study: Study, as_json: bool) -> None:
+def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     """Print the contents of a new study."""
-    if as_json:
-        print_json(document)
+    from jointid.files.digest import study_digest
+
+    digest, n = study_digest(study), study.inertia.n
+    if not as_json:
+        print(f"{path}: {len(study.records)} records of {counted(n, 'joint')}, digest {digest}")
         return
-    count, n = len(study.records), study.inertia.n
-    print(f"{document['study']}: {count} records of {counted(n, 'joint')}, digest {document['digest']}")
+    records = [
+        {
+            "label": r.label,
+            "frequency_hz": r.frequency_hz,
+            "periods": r.periods,
+            "samples": int(r.time_s.size),
+        }
+        for r in study.records
+    ]
+    print_json({"study": str(path), "digest": digest, "joints": n, "records": records} | more)
 
 
 def written(files: list[Path], as_json: bool) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -14,7 +13,9 @@ from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
 from jointid.estimation.elasticity import identify_elasticity
-from jointid.study import Study
+
+if TYPE_CHECKING:
+    from jointid.uncertainty.plan import Suggestion
 
 
 @reported
@@ -30,18 +31,25 @@ def plan(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Suggest the next records and predict the standard errors after each."""
+    from jointid.phasors.extract import extract_phasors
+    from jointid.uncertainty.plan import suggest_records
+
     torque = numbers(torque_limit) if torque_limit else None
     velocity = numbers(velocity_limit) if velocity_limit else None
     known = loaded(study)
     with status("Planning", quiet=as_json):
-        document = plan_document(
-            known,
-            method=method,
+        phasors = extract_phasors(known.records)
+        suggestion = suggest_records(
+            phasors,
+            known.inertias,
+            identify_elasticity(phasors, known.inertias, method=method),
             count=count,
             duration_s=duration_s,
-            torque_limit=torque,
-            velocity_limit=velocity,
+            torque_limit_Nm=torque,
+            velocity_limit_rad_s=velocity,
+            highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
+    document = _document(suggestion)
     if as_json:
         print_json(document)
         return
@@ -58,31 +66,8 @@ def plan(
     )
 
 
-def plan_document(
-    study: Study,
-    *,
-    method: str,
-    count: int,
-    duration_s: float,
-    torque_limit: Sequence[float] | None,
-    velocity_limit: Sequence[float] | None,
-) -> dict[str, Any]:
+def _document(suggestion: Suggestion) -> dict[str, Any]:
     """Suggested records, and the relative standard errors of K and D after each."""
-    from jointid.phasors.extract import extract_phasors
-    from jointid.uncertainty.plan import suggest_records
-
-    phasors = extract_phasors(study.records)
-    fit = identify_elasticity(phasors, study.inertias, method=method)
-    suggestion = suggest_records(
-        phasors,
-        study.inertias,
-        fit,
-        count=count,
-        duration_s=duration_s,
-        torque_limit_Nm=torque_limit,
-        velocity_limit_rad_s=velocity_limit,
-        highest_hz=0.25 / max(record.interval_s for record in study.records),
-    )
     records, errors = suggestion.records, suggestion.relative_error
     return {
         "parameters": list(suggestion.names),

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.files import analysed, require_spared, write_file
+from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, STUDY, require_ending
 from jointid.cli.output import status, written
 from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
 
 
 @reported

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from jointid.cli.documents import study_document
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, numbers
+from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, nominal, numbers
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -68,9 +67,7 @@ def simulate(
     true = Elasticity(K=numbers(stiffness), D=numbers(damping))
     friction = MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
     noise = numbers(torque_noise)
-    nominal = None
-    if nominal_K or nominal_D:
-        nominal = Elasticity(K=numbers(nominal_K), D=numbers(nominal_D))
+    assumed = nominal(nominal_K, nominal_D)
     if inertia is None:
         arm = PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
         known = arm.inertia(arm.inverse((1.15, 0.0)))
@@ -91,6 +88,6 @@ def simulate(
             seed=seed,
             progress=tell,
         )
-    study = Study(records=records, inertia=known, nominal=nominal, name=name, origin="simulated")
+    study = Study(records=records, inertia=known, nominal=assumed, name=name, origin="simulated")
     save_study(study, output, overwrite=overwrite)
-    made(study_document(study, output), study, as_json)
+    made(study, output, as_json)

@@ -206,6 +206,12 @@ def identify_elasticity(
     return identify_each(phasors, prior, [method], friction=friction, delay=delay)[method]
 
 
+def require_method(method: str) -> None:
+    """Refuse an estimator that is not one of ``METHODS``."""
+    if method not in METHODS:
+        raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
+
+
 def identify_each(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia] | InertiaPrior,
@@ -220,8 +226,7 @@ def identify_each(
     """
     names = list(dict.fromkeys(methods))
     for method in names:
-        if method not in METHODS:
-            raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
+        require_method(method)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
     return {name: _identified(name, phasors, prior, equations, friction, delay) for name in names}

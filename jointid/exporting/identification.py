@@ -9,7 +9,7 @@ import numpy as np
 from jointid.answer import model_name
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import METHODS, Friction
+from jointid.estimation.elasticity import Friction, require_method
 from jointid.files.digest import study_digest
 from jointid.joints import Elasticity, Inertia
 from jointid.study import Analysis
@@ -75,18 +75,14 @@ class Identification:
 
     def __post_init__(self) -> None:
         n = self.inertia.n
-        shapes = {"K": (n,), "D": (n,), "covariance": (2 * n, 2 * n)}
-        for name, shape in shapes.items():
-            value = finite_array(name, getattr(self, name), ndim=len(shape))
-            _require_shape(name, value, shape)
-            object.__setattr__(self, name, value)
+        for name, shape in {"K": (n,), "D": (n,), "covariance": (2 * n, 2 * n)}.items():
+            object.__setattr__(self, name, _of_shape(name, getattr(self, name), shape))
         if self.friction is not None:
             parts = {"coulomb": (n,), "viscous": (n,), "standard_error": (2 * n,)}
-            checked = {}
-            for name, shape in parts.items():
-                value = finite_array(f"friction.{name}", getattr(self.friction, name), ndim=1)
-                _require_shape(f"friction.{name}", value, shape)
-                checked[name] = value
+            checked = {
+                name: _of_shape(f"friction.{name}", getattr(self.friction, name), shape)
+                for name, shape in parts.items()
+            }
             object.__setattr__(self, "friction", Friction(**checked))
         for name in ("delay", "delay_error"):
             if getattr(self, name) is not None:
@@ -96,10 +92,7 @@ class Identification:
                 raise JointIdError(
                     f"The inertia has {counted(n, 'joint')}, nominal or a pose has {joints.n}."
                 )
-        if self.obtained.method not in METHODS:
-            raise JointIdError(
-                f'method = "{self.obtained.method:.60}" is not known. Methods: {", ".join(METHODS)}.'
-            )
+        require_method(self.obtained.method)
 
     @property
     def n(self) -> int:
@@ -162,6 +155,8 @@ def identification(analysis: Analysis) -> Identification:
     )
 
 
-def _require_shape(name: str, value: Floats, shape: tuple[int, ...]) -> None:
-    if value.shape != shape:
-        raise JointIdError(f"{name} has shape {value.shape}; expected {shape}.")
+def _of_shape(name: str, value: Floats, shape: tuple[int, ...]) -> Floats:
+    array = finite_array(name, value, ndim=len(shape))
+    if array.shape != shape:
+        raise JointIdError(f"{name} has shape {array.shape}; expected {shape}.")
+    return array

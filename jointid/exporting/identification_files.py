@@ -28,7 +28,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal
+from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
 from jointid.joints import Inertia
 from jointid.version import __version__
 from jointid.wording import shown
@@ -138,7 +138,11 @@ def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
     JointIdError
         When it is not JSON or not such a document; the message names the key.
     """
-    _require_size(where, data)
+    if len(data) > MAX_TOML_BYTES:
+        raise JointIdError(
+            f"{where} has more than {MAX_TOML_BYTES} bytes; an identification is far smaller.",
+            file=where,
+        )
     try:
         values = json.loads(data, parse_constant=_no_constant)
     except RecursionError:
@@ -185,39 +189,32 @@ def _identification(top: CheckedTable) -> Identification:
         raise top.error(f"format = {shown(number)}, but this version reads format 1.")
     if (side := top.text("side", "motor")) != "motor":
         raise top.error(f'side = "{side:.60}"; expected side = "motor".')
-    friction = delay = error = None
+    known: dict[str, Any] = dict.fromkeys(("friction", "delay", "delay_error"))
     if "friction" in top:
         table = top.table("friction", _FRICTION)
         parts: dict[str, Any] = {name: table.numbers(name) for name in _FRICTION}
-        friction = Friction(**parts)  # checked and converted by Identification
+        known["friction"] = Friction(**parts)  # checked and converted by Identification
     if "delay" in top:
         table = top.table("delay", _DELAY)
-        delay = table.number("seconds")
-        error = table.number("standard_error") if "standard_error" in table else None
-    inertia = read_inertia(top.table("inertia", INERTIA_KEYS))
-    poses = {name: read_inertia(t) for name, t in top.named_tables("poses", INERTIA_KEYS).items()}
+        known["delay"] = table.number("seconds")
+        if "standard_error" in table:
+            known["delay_error"] = table.number("standard_error")
+    known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
+    known["poses"] = read_poses(top)
     how = top.table("obtained", _OBTAINED)
     texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
-    nominal = read_nominal(top)
-    arrays: dict[str, Any] = {name: top.numbers(name) for name in "KD"}
-    arrays["covariance"] = top.matrix("covariance")
+    known["nominal"] = read_nominal(top)
+    known |= {name: top.numbers(name) for name in "KD"}
+    known["covariance"] = top.matrix("covariance")
+    known["obtained"] = Obtained(
+        **texts,
+        free_reversal=how.number("free_reversal"),
+        records=how.integer("records"),
+        frequencies_hz=tuple(how.numbers("frequencies_hz")),
+        misfit=how.number("misfit"),
+    )
     with in_place(top.where, top.file):
-        return Identification(
-            **arrays,
-            friction=friction,
-            delay=delay,
-            delay_error=error,
-            inertia=inertia,
-            poses=poses,
-            nominal=nominal,
-            obtained=Obtained(
-                **texts,
-                free_reversal=how.number("free_reversal"),
-                records=how.integer("records"),
-                frequencies_hz=tuple(how.numbers("frequencies_hz")),
-                misfit=how.number("misfit"),
-            ),
-        )
+        return Identification(**known)
 
 
 def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
@@ -226,11 +223,3 @@ def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
 
 def _no_constant(name: str) -> float:
     raise ValueError(f"{name} is not a number")
-
-
-def _require_size(where: str, data: str | bytes) -> None:
-    if len(data) > MAX_TOML_BYTES:
-        raise JointIdError(
-            f"{where} has more than {MAX_TOML_BYTES} bytes; an identification is far smaller.",
-            file=where,
-        )

@@ -28,6 +28,12 @@ if TYPE_CHECKING:
 
 Output = Literal["acceleration", "velocity", "position"]
 
+_INTEGRATIONS: dict[str, tuple[str, ...]] = {
+    "acceleration": (),
+    "velocity": ("velocity",),
+    "position": ("velocity", "position"),
+}
+"""Quantities to integrate from the acceleration, in order."""
 _UNITS = {"acceleration": "rad/s²", "velocity": "rad/s", "position": "rad"}
 _SYMBOLS = {"acceleration": "ddtheta_m", "velocity": "dtheta_m", "position": "theta_m"}
 
@@ -87,7 +93,7 @@ def state_space(
     B = np.vstack([none, motor])
     states = [f"{name}{j + 1}" for name in ("x", "dx") for j in range(n)]
     C, D = acceleration, motor
-    for level in _integrations(output):
+    for level in _INTEGRATIONS[output]:
         A = np.block([[A, np.zeros((len(A), n))], [C, np.zeros((n, n))]])
         B = np.vstack([B, D])
         C, D = np.hstack([np.zeros((n, len(A) - n)), eye]), none
@@ -176,11 +182,6 @@ def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "me
         inputs=[f"tau_m{j + 1}" for j in range(n)],
         outputs=[f"ddtheta_m{j + 1}" for j in range(n)],
     )
-
-
-def _integrations(output: Output) -> tuple[str, ...]:
-    """Quantities to integrate from the acceleration, in order."""
-    return {"acceleration": (), "velocity": ("velocity",), "position": ("velocity", "position")}[output]
 
 
 def _python_control() -> Any:

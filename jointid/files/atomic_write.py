@@ -47,6 +47,23 @@ def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
         raise
 
 
+def write_file(path: Path, data: bytes) -> None:
+    """Write a file atomically.
+
+    Raises
+    ------
+    JointIdError
+        When it cannot be written.
+    """
+    if not path.parent.is_dir():
+        raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
+    try:
+        with new_file(path) as file:
+            file.write(data)
+    except OSError as error:
+        raise write_error(path, error) from error
+
+
 def write_error(path: Path, error: OSError) -> JointIdError:
     """Return the error for a file that cannot be written."""
     return JointIdError(

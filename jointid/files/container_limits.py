@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
-from typing import Protocol
+from typing import IO, Protocol
 
 from jointid.errors import JointIdError
 from jointid.wording import listed, nearest
@@ -14,6 +15,8 @@ MAX_TOTAL_BYTES = 1 << 30
 """Largest sum of the files read from one container, and largest single file, unpacked, bytes."""
 MAX_MEMBERS = 10_000
 """Most files in one container."""
+CHUNK = 1 << 20
+"""Most bytes read from a file at a time."""
 
 
 class MissingFileError(JointIdError):
@@ -113,6 +116,14 @@ class Budget:
                 hint="Split the study, log less, or give its folder with the records as Parquet: long "
                 "ones are read in parts.",
             )
+
+
+def chunks(file: IO[bytes], size: int | None = None) -> Iterator[bytes]:
+    """Yield the bytes of a file, or its first ``size``, in chunks of at most ``CHUNK``."""
+    left = sys.maxsize if size is None else size
+    while left > 0 and (chunk := file.read(min(CHUNK, left))):
+        left -= len(chunk)
+        yield chunk
 
 
 def mebibytes(size: int) -> str:

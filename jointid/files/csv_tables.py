@@ -6,6 +6,8 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -35,6 +37,17 @@ ARROW_FAULTS = (
     OverflowError,
 )
 """Exceptions of Arrow for a file it cannot read."""
+
+
+@contextmanager
+def parquet_faults(file: str) -> Iterator[None]:
+    """Report Arrow's exceptions for a Parquet file as its error."""
+    try:
+        yield
+    except JointIdError:
+        raise
+    except ARROW_FAULTS as error:
+        raise unreadable(file, "Parquet", error) from error
 
 
 def read_header(file: str, data: bytes) -> tuple[list[str], int]:
@@ -69,14 +82,13 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
             break
         begin = body
     if _SOMETHING.search(data, body) is None:
-        raise JointIdError(f"{file} has a header but no rows: export the record again.", file=file)
+        raise JointIdError(f"{file} has a header but no rows: export the record again.")
     for delimiter, what in DELIMITERS.items():
         if "time_s" not in names and text.count(delimiter) > text.count(","):
             raise JointIdError(
                 f"{file} has {what} between its columns: expected commas. Save it with commas between "
                 "columns and points as decimal marks (0.25, not 0,25), or import it as a log, which "
-                "accepts it unchanged.",
-                file=file,
+                "accepts it unchanged."
             )
     return names, body
 
@@ -86,18 +98,15 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
     start = _SOMETHING.search(data, begin)
     if start is None:
         what = "comments and blank lines" if COMMENT in data[:begin] else "blank lines"
-        raise JointIdError(f"{file} holds only {what}: export the record again.", file=file)
+        raise JointIdError(f"{file} holds only {what}: export the record again.")
     line = data[start.start() : start.start() + MAX_LINE]
     end = re.search(rb"[\r\n]", line)
     if end is None and len(line) == MAX_LINE:
-        raise JointIdError(
-            f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.", file=file
-        )
+        raise JointIdError(f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.")
     line = line[: end.start()] if end else line
     if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in line:
         raise JointIdError(
             f"{file} is not UTF-8 text but binary or UTF-16.",
-            file=file,
             hint="Export it as CSV with the encoding UTF-8.",
         )
     try:
@@ -106,7 +115,6 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
     except UnicodeDecodeError as error:
         raise JointIdError(
             f"{file} is not UTF-8 text: its first line has the byte 0x{line[error.start]:02X}.",
-            file=file,
             hint="Save it with the encoding UTF-8.",
         ) from None
     except csv.Error as error:
@@ -155,16 +163,12 @@ def read_columns(
     return columns
 
 
-def text_lines(
-    file: str, data: bytes, *, errors: str, at_most: int | None = None, begin: int = 0
-) -> Iterator[str]:
+def text_lines(file: str, data: bytes, *, errors: str, begin: int) -> Iterator[str]:
     """Yield lines from an offset, with only one line in memory."""
     stream = io.BytesIO(data)
     stream.seek(begin)
     text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors=errors, newline="")
-    number = 0
-    while (line := text.readline(MAX_LINE)) and number != at_most:
-        number += 1
+    for number, line in enumerate(iter(partial(text.readline, MAX_LINE), ""), start=1):
         if len(line) == MAX_LINE:
             raise row_error(
                 (file, "line", lines_above(data, begin) + number),
@@ -213,9 +217,7 @@ def unreadable(file: str, kind: str, error: object, *, line: int | None = None) 
     where = file if line is None else f"{file}, line {line}"
     message = " ".join(str(error).split())
     return JointIdError(
-        f"{where} cannot be read as {kind} ({message:.200}): export the record again.",
-        file=file,
-        line=line,
+        f"{where} cannot be read as {kind} ({message:.200}): export the record again.", line=line
     )
 
 

@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.joints import Elasticity, Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.study import Study
 
@@ -38,9 +37,10 @@ def study_digest(study: Study) -> str:
     _texts(state, (study.name, study.origin, study.description))
     if study.robot or study.date is not None:  # without them, the digest is that of version 0.1
         _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
-    _inertias(state, [study.inertia, *study.poses.values()])
+    inertias = [study.inertia, *study.poses.values()]
+    _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
     _texts(state, study.poses)
-    _elasticity(state, study.nominal)
+    _arrays(state, [] if study.nominal is None else [study.nominal.K, study.nominal.D])
     for record in study.records:
         _texts(state, (record.label, "pose " + record.pose if record.pose is not None else ""))
         begins = float("nan") if record.start_s is None else record.start_s
@@ -61,17 +61,9 @@ def _texts(state: _Hash, texts: Iterable[str]) -> None:
     state.update(b"\xff")
 
 
-def _inertias(state: _Hash, inertias: Iterable[Inertia]) -> None:
-    for inertia in inertias:
-        _array(state, inertia.M)
-        _array(state, inertia.M2)
-    state.update(b"\xff")
-
-
-def _elasticity(state: _Hash, elasticity: Elasticity | None) -> None:
-    if elasticity is not None:
-        _array(state, elasticity.K)
-        _array(state, elasticity.D)
+def _arrays(state: _Hash, arrays: Iterable[Floats]) -> None:
+    for array in arrays:
+        _array(state, array)
     state.update(b"\xff")
 
 

@@ -6,7 +6,6 @@ import io
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NoReturn
 
 import numpy as np
@@ -18,30 +17,17 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.csv_tables import (
-    ARROW_FAULTS,
     are_usable,
+    parquet_faults,
     read_columns,
     read_header,
     row_error,
     time_error,
-    unreadable,
 )
 from jointid.records import SineRecord
 from jointid.wording import counted, listed, nearest
 
 _JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
-
-
-@dataclass(frozen=True, eq=False)
-class RecordTable:
-    """The columns of one record, finite and in order of time."""
-
-    time_s: Floats
-    """Sample times, shape (N,), s."""
-    theta_rad: Floats
-    """Motor angles, shape (N, n), rad."""
-    tau_Nm: Floats
-    """Motor torques, shape (N, n), N·m."""
 
 
 def column_names(joints: int) -> list[str]:
@@ -50,7 +36,7 @@ def column_names(joints: int) -> list[str]:
     return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
 
 
-def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
+def read_record_table(file: str, data: bytes, joints: int) -> tuple[Floats, Floats, Floats]:
     """Read the columns of one record; others are ignored.
 
     Parameters
@@ -62,6 +48,13 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
     joints : int
         Number of joints of the study.
 
+    Returns
+    -------
+    time_s : ndarray, shape (N,)
+        Ascending.
+    theta_rad, tau_Nm : ndarray, shape (N, n)
+        Motor side, finite.
+
     Raises
     ------
     JointIdError
@@ -69,7 +62,7 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
         the times do not increase; with file, row, column, value and remedy.
     """
     if not data:
-        raise JointIdError(f"{file} is empty (0 bytes): export the record again.", file=file)
+        raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
     kind = file.lower().rpartition(".")[2]
     if kind == "csv":
         header, body = read_header(file, data)
@@ -77,12 +70,12 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
     elif kind == "parquet":
         columns = _read_parquet(file, data, joints)
     else:
-        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.", file=file)
+        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
     n = columns[0].size
     theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
     for j in range(joints):
         theta[:, j], tau[:, j] = columns[1 + j], columns[1 + joints + j]
-    return RecordTable(columns[0], theta, tau)
+    return columns[0], theta, tau
 
 
 def write_record_table(record: SineRecord, record_format: str) -> bytes:
@@ -109,7 +102,6 @@ def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
             raise JointIdError(
                 f"{file} has the column {name}, but the inertia in study.toml has "
                 f"{counted(joints, 'joint')}.",
-                file=file,
                 column=name,
                 hint=f"Give M and M2 of all {number} joints, or remove the columns of joint {number}.",
             )
@@ -119,16 +111,13 @@ def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
         count = found.count(name)
         if count > 1:
             raise JointIdError(
-                f"{file} has {count} columns {name}: keep one and rename the others.",
-                file=file,
-                column=name,
+                f"{file} has {count} columns {name}: keep one and rename the others.", column=name
             )
         if count == 0:
             others = [other for other in found if other not in expected]
             raise JointIdError(
                 f"{_meaning(name)} is missing in {file}: expected a column {name}."
                 f"{_conversion(name, others)} Columns found: {listed(found)}.",
-                file=file,
                 column=name,
             )
         positions.append(found.index(name))
@@ -168,34 +157,26 @@ def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise JointIdError(
                 f"{file}, column {schema.names[k]}: holds {kind}; expected numbers (float64).",
-                file=file,
                 column=schema.names[k],
             )
     return positions
 
 
 def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
-    try:
+    columns = []
+    with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
-        schema, rows = source.schema_arrow, source.metadata.num_rows
-    except ARROW_FAULTS as error:
-        raise unreadable(file, "Parquet", error) from error
-    names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
-    if rows == 0:
-        raise JointIdError(f"{file} has columns but no rows: export the record again.", file=file)
-    try:
+        schema = source.schema_arrow
+        names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
+        if source.metadata.num_rows == 0:
+            raise JointIdError(f"{file} has columns but no rows: export the record again.")
         _require_bounded(file, source.metadata, len(names))
         table = source.read(columns=names)
-        columns = []
         for name in names:
             column = table.column(name)
             if column.null_count:
                 raise empty_cell(file, int(np.argmax(column.is_null().to_numpy())) + 1, name)
             columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
-    except JointIdError:
-        raise
-    except ARROW_FAULTS as error:
-        raise unreadable(file, "Parquet", error) from error
     if not are_usable(columns):
         explain_fault(file, column_names(joints), columns)
     return columns
@@ -209,7 +190,6 @@ def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int)
     if size > MAX_TOTAL_BYTES:
         raise JointIdError(
             f"{file} would take {mebibytes(size)}, more than the limit of {mebibytes(MAX_TOTAL_BYTES)}.",
-            file=file,
             hint="Split the record, or log less.",
         )
 

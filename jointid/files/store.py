@@ -30,18 +30,18 @@ from hashlib import blake2b
 from pathlib import Path
 
 from jointid.errors import JointIdError
+from jointid.files.container_limits import mebibytes
 from jointid.files.store_files import (
+    DAMAGED,
     MAX_NAME,
     Entry,
     Note,
-    changed_s,
     checksum,
     holds,
     latest_name,
     one_line,
     part_of,
     read_entry,
-    size_text,
     user_folder,
     write_entry,
     write_whole,
@@ -61,6 +61,8 @@ _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFT_OVER_S = 3600.0
 """Age at which an incomplete entry counts as left over by a crash: no write takes that long."""
+_ENDINGS = (".json", ".data", ".name")
+"""Files of an entry, in the order of their removal."""
 _TOUCH_EVERY_S = 60.0
 """Resolution of the time of last use."""
 
@@ -100,11 +102,11 @@ class Store:
                     found.append(read_entry(file))
                 except FileNotFoundError:  # without a .json it was deleted meanwhile
                     why = "its data are missing" if file.exists() else ""
-                except (ValueError, KeyError, TypeError, RecursionError):
+                except DAMAGED:
                     why = "its description or its size is wrong"
                 if why:
-                    with suppress(OSError):  # on a read-only disk the other entries are still readable
-                        self._set_aside(file, why)
+                    with suppress(JointIdError):  # on a read-only disk the others are still readable
+                        self.set_aside(workspace, file.stem, why)
         return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
 
     def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:
@@ -130,7 +132,7 @@ class Store:
         place = self._place(workspace)
         if len(data) > self.limit_bytes:
             raise JointIdError(
-                f"{name} needs {size_text(len(data))}, the store holds {size_text(self.limit_bytes)}: "
+                f"{name} needs {mebibytes(len(data))}, the store holds {mebibytes(self.limit_bytes)}: "
                 "shorten the records."
             )
         same = [entry.id for entry in self.entries(workspace) if entry.digest == digest]
@@ -155,13 +157,12 @@ class Store:
             When there is no such entry, or its data are damaged; these are set aside.
         """
         file = self._file(workspace, entry)
-        try:
-            data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
-        except (FileNotFoundError, ValueError, KeyError, TypeError, RecursionError):
-            self.entries(workspace)  # sets it aside, when it is damaged
-            raise JointIdError("This is not in the store any more: open its file again.") from None
-        except OSError as error:
-            raise self._error("read", error) from error
+        with self._failing("read"):
+            try:
+                data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
+            except (FileNotFoundError, *DAMAGED):
+                self.entries(workspace)  # sets it aside, when it is damaged
+                raise JointIdError("This is not in the store any more: open its file again.") from None
         if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(
@@ -204,18 +205,24 @@ class Store:
 
     def set_aside(self, workspace: str, entry: str, why: str) -> None:
         """Move an unusable entry to the folder ``damaged`` and leave a note."""
+        file, aside = self._file(workspace, entry), self.folder / "damaged"
         with self._failing("written"):
-            self._set_aside(self._file(workspace, entry), why)
+            aside.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._leave_note(file, f"was damaged ({why}) and set aside in {aside}. Open its file again.")
+            for ending in _ENDINGS:
+                part = file.with_suffix(ending)
+                with suppress(FileNotFoundError):
+                    part.replace(aside / part.name)
 
     def notes(self, workspace: str) -> tuple[Note, ...]:
         """Return notes on entries that were dropped or set aside, oldest first."""
         found = []
         with self._failing("read"):
-            files = sorted(self._place(workspace).glob("*.note"), key=changed_s)
-            for file in files:
+            for file in self._place(workspace).glob("*.note"):
                 with suppress(FileNotFoundError):
-                    found.append(Note(file.stem, file.read_text("utf-8", "replace")))
-        return tuple(found)
+                    note = Note(file.stem, file.read_text("utf-8", "replace"))
+                    found.append((file.stat().st_mtime, note))
+        return tuple(note for _, note in sorted(found, key=lambda pair: pair[0]))
 
     def dismiss(self, workspace: str, note: str) -> None:
         """Remove a note."""
@@ -267,29 +274,20 @@ class Store:
             if file.parent.name != "damaged":
                 self._leave_note(
                     file,
-                    f"was dropped: the store was full ({size_text(self.limit_bytes)}), and it had not "
+                    f"was dropped: the store was full ({mebibytes(self.limit_bytes)}), and it had not "
                     "been opened for longest.",
                 )
             self._remove(file.with_suffix(".json"))
             total -= size
 
     def _remove(self, file: Path) -> None:
-        for ending in (".json", ".data", ".name"):
+        for ending in _ENDINGS:
             file.with_suffix(ending).unlink(missing_ok=True)
-
-    def _set_aside(self, file: Path, why: str) -> None:
-        aside = self.folder / "damaged"
-        aside.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._leave_note(file, f"was damaged ({why}) and set aside in {aside}. Open its file again.")
-        for ending in (".json", ".data", ".name"):
-            part = file.with_suffix(ending)
-            with suppress(FileNotFoundError):
-                part.replace(aside / part.name)
 
     def _leave_note(self, file: Path, what: str) -> None:
         try:
             name = latest_name(file) or str(json.loads(file.with_suffix(".json").read_bytes())["name"])
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        except (OSError, *DAMAGED):
             name = ""
         name = one_line(name) or "A kept study"
         write_whole(file.with_suffix(".note"), f"{name} {what}".encode("utf-8", "replace"))
@@ -299,10 +297,7 @@ class Store:
         try:
             yield
         except OSError as error:
-            raise self._error(what, error) from error
-
-    def _error(self, what: str, error: OSError) -> JointIdError:
-        return JointIdError(
-            f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
-            "permit it, or name another folder in JOINTID_DATA_DIR."
-        )
+            raise JointIdError(
+                f"The store {self.folder} cannot be {what}: {error.strerror or error}. Free space or "
+                "permit it, or name another folder in JOINTID_DATA_DIR."
+            ) from error

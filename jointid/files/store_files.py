@@ -17,6 +17,8 @@ from jointid.files.atomic_write import new_file
 
 MAX_NAME = 120
 """Longest name of an entry, characters."""
+DAMAGED = (ValueError, KeyError, TypeError, RecursionError)
+"""Exceptions for a damaged .json of an entry."""
 
 
 def user_folder() -> Path:
@@ -72,7 +74,7 @@ def read_entry(file: Path) -> Entry:
     ------
     OSError
         When one of them is missing or cannot be read.
-    ValueError, KeyError, TypeError, RecursionError
+    DAMAGED
         When the .json is damaged, or the data have another size.
     """
     meta: dict[str, Any] = json.loads(file.read_bytes())
@@ -148,16 +150,3 @@ def one_line(name: str) -> str:
 def checksum(data: bytes) -> str:
     """Return 32 hexadecimal digits (blake2b)."""
     return blake2b(data, digest_size=16).hexdigest()
-
-
-def changed_s(file: Path) -> float:
-    """Return a file's modification time, seconds since 1970; 0 when it is gone."""
-    try:
-        return file.stat().st_mtime
-    except FileNotFoundError:
-        return 0.0
-
-
-def size_text(size: int) -> str:
-    """Return bytes as "1.5 MiB"."""
-    return f"{size / 2**20:.3g} MiB"

@@ -32,6 +32,7 @@ from jointid.files.study_keys import (
     RECORD_KEYS,
     STUDY_KEYS,
     TIMING_KEYS,
+    in_file,
     in_place,
     read_inertia,
     read_nominal,
@@ -101,9 +102,11 @@ def load_study(path_or_file: Source) -> Study:
         poses, nominal = read_poses(top, inertia), read_nominal(top)
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
-        _require_different_files(tables)
-        _require_files(tables, container)
-        records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
+        files = _record_files(tables, container)
+        records = [
+            _record(table, file, timing, container, inertia.n, tuple(poses))
+            for table, file in zip(tables, files, strict=True)
+        ]
     with in_place(STUDY_FILE, STUDY_FILE):
         return Study(tuple(records), inertia, nominal, name, origin, description, poses, robot, date)
 
@@ -126,9 +129,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     JointIdError
         When the folder or archive itself cannot be read.
     """
-    tables = []
-    refused = _refusal(path_or_file)
-    culprit, line = (refused.file, refused.line) if refused is not None else (None, None)
+    tables, culprit, line = [], None, None
+    try:
+        load_study(path_or_file)
+    except JointIdError as refusal:
+        culprit, line = refusal.file, refusal.line
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         for name in container.names():
             at = line if name == culprit else None
@@ -146,94 +151,69 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     return tuple(tables)
 
 
-def _refusal(source: Source) -> JointIdError | None:
-    """Why ``load_study`` refuses a study; None when it does not."""
-    try:
-        load_study(source)
-    except JointIdError as error:
-        return error
-    return None
-
-
 def _require_format_1(top: CheckedTable) -> None:
     with suppress(JointIdError):  # reported below
         if top.number("format") == 1:
             return
-    version = top.integer("format")
-    if version != 1:
-        raise top.error(
-            f"format = {shown(version)}, but this version reads format 1. Update jointid, or write "
-            "format = 1 if the file follows it."
-        )
+    raise top.error(
+        f"format = {shown(top.integer('format'))}, but this version reads format 1. Update jointid, or "
+        "write format = 1 if the file follows it."
+    )
 
 
-def _require_different_files(tables: Sequence[CheckedTable]) -> None:
+def _record_files(tables: Sequence[CheckedTable], container: Container) -> list[str]:
+    """Files of the records, all different and present; for a missing one suggest one without record."""
     seen: dict[str, str] = {}
     for table in tables:
-        file = _record_file(table)
+        with in_place(table.where, table.file):
+            file = safe_name(table.text("file"))
         if file in seen:
             raise table.error(f"{file} is also the file of {seen[file]}. Give each record its own file.")
         seen[file] = table.where
-
-
-def _require_files(tables: Sequence[CheckedTable], container: Container) -> None:
-    """Refuse a missing file; suggest the most similar one without a record."""
-    files = [_record_file(table) for table in tables]
     there = set(container.names())
-    for file in files:
-        if file not in there:
-            try:
-                container.read(file, at_most=1)  # another spelling may name the same file
-            except MissingFileError:
-                raise missing(file, container, taken=[STUDY_FILE, *files]) from None
-
-
-def _record_file(table: CheckedTable) -> str:
-    file = table.text("file")
-    with in_place(table.where, table.file):
-        return safe_name(file)
+    for file in [file for file in seen if file not in there]:
+        try:
+            container.read(file, at_most=1)  # another spelling may name the same file
+        except MissingFileError:
+            raise missing(file, container, taken=[STUDY_FILE, *seen]) from None
+    return list(seen)
 
 
 def _record(
     table: CheckedTable,
+    file: str,
     timing: CheckedTable | None,
     container: Container,
     joints: int,
     poses: tuple[str, ...],
 ) -> SineRecord:
-    file = _record_file(table)
-    frequency = table.number("frequency_hz")
-    start = table.number("start_s") if "start_s" in table else None
-    pose = table.text("pose") if "pose" in table else None
-    label = table.text("label", PurePosixPath(file).name)
     hold = timing.flag("torque_hold", False) if timing else False
     delay = timing.number("torque_delay_s", 0.0) if timing else 0.0
-    hold, delay = table.flag("torque_hold", hold), table.number("torque_delay_s", delay)
+    pose = table.text("pose") if "pose" in table else None
+    known: dict[str, Any] = {
+        "frequency_hz": table.number("frequency_hz"),
+        "torque_hold": table.flag("torque_hold", hold),
+        "torque_delay_s": table.number("torque_delay_s", delay),
+        "start_s": table.number("start_s") if "start_s" in table else None,
+        "pose": pose,
+        "label": table.text("label", PurePosixPath(file).name),
+    }
     if pose is not None and pose not in poses:
         raise JointIdError(
             f'{table.where} ({file}): pose "{pose:.60}" is not defined.{nearest(pose, poses)} '
             f"Known poses: {listed(poses)}.",
             file=table.file,
         )
-    known: dict[str, Any] = {
-        "frequency_hz": frequency,
-        "torque_hold": hold,
-        "torque_delay_s": delay,
-        "start_s": start,
-        "pose": pose,
-        "label": label,
-    }
     path = container.path(file)
     if path is not None and is_long(file, path, joints):
         with in_place(file, file):
             return read_long_record(file, path, joints, **known)
-    columns = read_record_table(file, container.read(file), joints)
+    with in_file(file):
+        time, theta, tau = read_record_table(file, container.read(file), joints)
     try:
-        return SineRecord(
-            time_s=columns.time_s, theta_rad=columns.theta_rad, tau_Nm=columns.tau_Nm, **known
-        )
+        return SineRecord(time_s=time, theta_rad=theta, tau_Nm=tau, **known)
     except JointIdError as error:
-        unit = _other_time_unit(frequency, columns.time_s)
+        unit = _other_time_unit(known["frequency_hz"], time)
         raise JointIdError(f"{file}: {error}{unit}", file=file) from error
 
 

@@ -52,7 +52,7 @@ def read_inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia
         return Inertia(M=M, M2=M2)
 
 
-def read_poses(top: CheckedTable, default: Inertia) -> dict[str, Inertia]:
+def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, Inertia]:
     """Return the inertia of each named pose, none when there is no [poses.NAME].
 
     Raises
@@ -78,6 +78,16 @@ def read_nominal(top: CheckedTable) -> Elasticity | None:
     K, D = table.numbers("K"), table.numbers("D")
     with in_place(table.where, table.file):
         return Elasticity(K=K, D=D)
+
+
+@contextmanager
+def in_file(file: str) -> Iterator[None]:
+    """Name the file in an error whose message already begins with it."""
+    try:
+        yield
+    except JointIdError as error:
+        error.file = error.file or file
+        raise
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.csv_tables import ARROW_FAULTS, are_usable, unreadable
+from jointid.files.csv_tables import ARROW_FAULTS, are_usable, parquet_faults
 from jointid.files.record_tables import column_names, empty_cell, explain_fault, numeric_columns
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
@@ -69,8 +69,7 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
     with _opened(name, path) as source:
         numeric_columns(name, source.schema_arrow, joints)
         rows = source.metadata.num_rows
-        first = 0 if start is None else _first_row(name, source, start)
-        time = _first_times(source, first)
+        first, time = _beginning(name, source, start)
     if time.size < 2:
         raise JointIdError(f"start_s = {start:g} s lies after the last sample: correct start_s.")
     interval = float(np.median(np.diff(time)))
@@ -155,38 +154,27 @@ class _LongFile:
 
 
 def _opened(name: str, path: Path) -> pa_parquet.ParquetFile:
-    try:
+    with parquet_faults(name):
         return pa_parquet.ParquetFile(path, buffer_size=_BUFFER_BYTES, pre_buffer=False)
-    except ARROW_FAULTS as error:
-        raise unreadable(name, "Parquet", error) from error
 
 
 def _batches(name: str, source: pa_parquet.ParquetFile, columns: list[str]) -> Iterator[Any]:
-    try:
+    with parquet_faults(name):
         yield from source.iter_batches(batch_size=_BATCH, columns=columns)
-    except ARROW_FAULTS as error:
-        raise unreadable(name, "Parquet", error) from error
 
 
-def _first_row(name: str, source: pa_parquet.ParquetFile, start_s: float) -> int:
-    """Row of the first sample at or after ``start_s``."""
+def _beginning(name: str, source: pa_parquet.ParquetFile, start_s: float | None) -> tuple[int, Floats]:
+    """Row of the first sample at or after ``start_s``, and the first times from there."""
     row = 0
+    first = 0 if start_s is None else None
     for batch in _batches(name, source, ["time_s"]):
         time = batch.column("time_s").to_numpy(zero_copy_only=False)
-        if (late := time >= start_s - 1e-9).any():
-            return row + int(np.argmax(late))
-        row += batch.num_rows
-    return row
-
-
-def _first_times(source: pa_parquet.ParquetFile, first: int) -> Floats:
-    row = 0
-    for batch in _batches("", source, ["time_s"]):
-        time = batch.column("time_s").to_numpy(zero_copy_only=False)
-        if first < row + batch.num_rows - 1:
-            return np.asarray(time[max(first - row, 0) :][:1024], float)
-        row += batch.num_rows
-    return np.empty(0)
+        if first is None and start_s is not None and (late := time >= start_s - 1e-9).any():
+            first = row + int(np.argmax(late))
+        if first is not None and first < row + time.size - 1:
+            return first, np.asarray(time[max(first - row, 0) :][:1024], float)
+        row += time.size
+    return row, np.empty(0)
 
 
 def _digest(path: Path) -> str:

@@ -102,14 +102,8 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
 def _toml(study: Study, files: Sequence[str]) -> bytes:
     timings = {(record.torque_hold, record.torque_delay_s.hex()) for record in study.records}
     head: dict[str, Any] = {"format": 1, "name": study.name}
-    if study.origin:
-        head["origin"] = study.origin
-    if study.description:
-        head["description"] = study.description
-    if study.robot:
-        head["robot"] = study.robot
-    if study.date is not None:
-        head["date"] = study.date
+    optional = ("origin", "description", "robot", "date")
+    head |= {key: value for key in optional if (value := getattr(study, key))}
     head["inertia"] = {"M": study.inertia.M.tolist(), "M2": study.inertia.M2.tolist()}
     if study.nominal is not None:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}

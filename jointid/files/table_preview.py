@@ -14,9 +14,9 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.csv_tables import (
-    ARROW_FAULTS,
     DELIMITERS,
     lines_above,
+    parquet_faults,
     read_header,
     text_lines,
     unreadable,
@@ -99,7 +99,7 @@ def plottable(frame: pd.DataFrame) -> dict[str, Floats]:
 
 
 def _peek_parquet(file: str, data: bytes, first: int, rows: int) -> pd.DataFrame:
-    try:
+    with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
         passed, parts = 0, []
         for batch in source.iter_batches(batch_size=rows):
@@ -113,8 +113,6 @@ def _peek_parquet(file: str, data: bytes, first: int, rows: int) -> pd.DataFrame
             frame: pd.DataFrame = pa.Table.from_batches(parts).to_pandas(ignore_metadata=True)
             frame.index = pd.RangeIndex(first + 1, first + 1 + len(frame), name="Row")
             return frame
-    except ARROW_FAULTS as error:
-        raise unreadable(file, "Parquet", error) from error
     return pd.DataFrame()
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import stat
 import struct
-import sys
 import zipfile
 import zlib
 from pathlib import PurePosixPath
@@ -16,7 +15,9 @@ from typing import BinaryIO
 
 from jointid.errors import JointIdError
 from jointid.files.container_limits import (
+    CHUNK,
     Budget,
+    chunks,
     is_clutter,
     mebibytes,
     missing,
@@ -29,7 +30,6 @@ MAX_RATIO = 200
 MAX_DIRECTORY_BYTES = 4 << 20
 """Largest directory of an archive: bounds the work of opening one with millions of names."""
 
-_CHUNK = 1 << 20
 _ZIP_FAULTS = (
     zipfile.BadZipFile,
     zlib.error,
@@ -89,21 +89,19 @@ class Zip:
         member = self._members.get(name)
         if member is None:
             raise missing(name, self)
-        left = sys.maxsize if at_most is None else at_most
-        chunks = []
+        data = bytearray()
         try:
             with self._zip.open(member) as file:
-                while left > 0 and (chunk := file.read(min(_CHUNK, left))):
+                for chunk in chunks(file, at_most):
                     self._budget.spend(len(chunk), name)
-                    left -= len(chunk)
-                    chunks.append(chunk)
+                    data += chunk
         except JointIdError:
             raise
         except _ZIP_FAULTS as error:
             raise JointIdError(
                 f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again.", file=name
             ) from error
-        return b"".join(chunks)
+        return bytes(data)
 
     def path(self, name: str) -> None:
         """Return None: a member of an archive has no path."""
@@ -112,7 +110,7 @@ class Zip:
         require_few_files(self.name, len(members))
         self._budget.require(sum(member.file_size for member in members))
         for member in members:
-            if member.file_size > _CHUNK and member.file_size > MAX_RATIO * member.compress_size:
+            if member.file_size > CHUNK and member.file_size > MAX_RATIO * member.compress_size:
                 raise JointIdError(
                     f"{member.filename!r:.200} in {self.name} would unpack to "
                     f"{mebibytes(member.file_size)}, more than {MAX_RATIO} times its packed size, which "

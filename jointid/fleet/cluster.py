@@ -59,8 +59,8 @@ class Cluster:
         When the scheduler cannot be reached, has no worker, or a worker lacks this version of jointid.
     """
 
-    def __init__(self, address: str, limits: Limits | None = None) -> None:
-        self._limits = limits or Limits()
+    def __init__(self, address: str, limits: Limits) -> None:
+        self._limits = limits
         self._address = address
         self._batch = uuid.uuid4().hex
         try:
@@ -102,7 +102,7 @@ class Cluster:
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
         """Yield finished jobs; closing the generator cancels the others."""
         done = queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception]()
-        slots, stopped = _Slots(_SENT_PER_THREAD), threading.Event()
+        slots, stopped = _Slots(), threading.Event()
         reader = Child(WORKER, self._limits)
 
         def send() -> None:
@@ -198,9 +198,8 @@ class Cluster:
 class _Slots:
     """Limit of studies sent but not finished; follows the size of the cluster."""
 
-    def __init__(self, ahead: int) -> None:
+    def __init__(self) -> None:
         self.size = 1
-        self._ahead = ahead
         self._inside = 0
         self._open = False
         self._changed = threading.Condition()
@@ -208,7 +207,7 @@ class _Slots:
     def wait(self) -> None:
         """Take a slot when one is free."""
         with self._changed:
-            while not self._open and self._inside >= self._ahead * self.size:
+            while not self._open and self._inside >= _SENT_PER_THREAD * self.size:
                 self._changed.wait(0.1)
             self._inside += 1
 

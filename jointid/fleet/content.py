@@ -14,14 +14,13 @@ from typing import BinaryIO
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
-from jointid.files.container_limits import MAX_TOTAL_BYTES
-from jointid.files.containers import open_container
+from jointid.files.container_limits import MAX_TOTAL_BYTES, chunks
+from jointid.files.containers import Folder
 from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.files.study_parts import is_long
 from jointid.files.study_saving import STUDY_FILE
 
 _RECORDS = (".csv", ".parquet")
-_CHUNK = 1 << 20
 
 
 def content_digest(source: Path | bytes) -> str:
@@ -50,22 +49,15 @@ def content_digest(source: Path | bytes) -> str:
         state.update(source)
     elif source.is_dir():
         for name, file in _files(source):
-            size, fault, held = 0, "", None
-            try:
-                if isinstance(file, JointIdError):
-                    raise file
-                held = file.open("rb")
-                size = os.fstat(held.fileno()).st_size
-            except (JointIdError, OSError) as error:
-                fault = str(error)
+            fault = str(file) if isinstance(file, Exception) else ""
+            size = 0 if isinstance(file, Exception) else os.fstat(file.fileno()).st_size
             state.update(f"{name}\0{size}\0{fault}\0".encode("utf-8", "surrogateescape"))
-            if held is not None:
-                with held:
-                    for chunk in _chunks(held, size):
-                        state.update(chunk)
+            if not isinstance(file, Exception):
+                for chunk in chunks(file, size):
+                    state.update(chunk)
     else:
         with source.open("rb") as archive:
-            for chunk in _chunks(archive):
+            for chunk in chunks(archive):
                 state.update(chunk)
     return state.hexdigest()
 
@@ -89,14 +81,18 @@ def packed(path: Path) -> bytes:
             if isinstance(file, JointIdError):  # a link to nowhere: missing there too
                 continue
             try:
-                with file.open("rb") as held:
-                    size = os.fstat(held.fileno()).st_size
-                    left -= size
-                    if left < 0 or _is_long(name, file):
-                        raise _too_long(path, name)
-                    with archive.open(zipfile.ZipInfo(name), "w") as member:
-                        for chunk in _chunks(held, size):
-                            member.write(chunk)
+                if isinstance(file, OSError):
+                    raise file
+                size = os.fstat(file.fileno()).st_size
+                left -= size
+                if left < 0 or _is_long(name, Path(file.name)):
+                    raise JointIdError(
+                        f"{path} cannot be sent to a cluster, {name} is too long. Analyse it on this "
+                        "computer, without a scheduler: here it is read in parts when it is Parquet."
+                    )
+                with archive.open(zipfile.ZipInfo(name), "w") as member:
+                    for chunk in chunks(file, size):
+                        member.write(chunk)
             except OSError as error:
                 raise JointIdError(
                     f"{name} in {path} cannot be read: {error.strerror or error}."
@@ -113,34 +109,16 @@ def _is_long(name: str, file: Path) -> bool:
     return False
 
 
-def _too_long(folder: Path, name: str) -> JointIdError:
-    return JointIdError(
-        f"{folder} cannot be sent to a cluster, {name} is too long. Analyse it on this computer, "
-        "without a scheduler: here it is read in parts when it is Parquet."
-    )
-
-
-def _files(folder: Path) -> Iterator[tuple[str, Path | JointIdError]]:
-    """Name and path of every file of a study, or the error instead of the path."""
-    with open_container(folder, marker=STUDY_FILE) as container:
-        for name in container.names():
-            if name != STUDY_FILE and not name.lower().endswith(_RECORDS):
-                continue
-            try:
-                place = container.path(name)
-            except JointIdError as error:
-                yield name, error
-                continue
-            assert place is not None  # a folder's file lies somewhere
-            yield name, place
-
-
-def _chunks(file: BinaryIO, size: int | None = None) -> Iterator[bytes]:
-    """The bytes of a file, or its first ``size``; at most _CHUNK at a time."""
-    left = size
-    while left is None or left > 0:
-        chunk = file.read(_CHUNK if left is None else min(_CHUNK, left))
-        if not chunk:
-            return
-        left = None if left is None else left - len(chunk)
-        yield chunk
+def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError]]:
+    """Name of every file of a study, and the open file or the error instead."""
+    folder = Folder(path)
+    for name in folder.names():
+        if name != STUDY_FILE and not name.lower().endswith(_RECORDS):
+            continue
+        try:
+            file = folder.path(name).open("rb")
+        except (JointIdError, OSError) as error:
+            yield name, error
+            continue
+        with file:
+            yield name, file

@@ -33,16 +33,12 @@ class Local:
     """
 
     def __init__(
-        self,
-        workers: int = 1,
-        limits: Limits | None = None,
-        *,
-        waiting: Callable[[], None] | None = None,
+        self, workers: int, limits: Limits, *, waiting: Callable[[], None] | None = None
     ) -> None:
         if workers < 1:
             raise JointIdError(f"workers = {workers}: at least one is needed.")
         self._workers = workers
-        self._limits = limits or Limits()
+        self._limits = limits
         self._waiting = waiting
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:

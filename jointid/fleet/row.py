@@ -19,13 +19,9 @@ FAILURES = ("", REFUSED, TIME, MEMORY, CRASH, LOST, FAULT)
 VERDICTS = ("", "good", "warning", "problem")
 MAX_JOINTS = 64
 """Most joints of a row read from a file; larger numbers are damage."""
-JOINTWISE = (
-    "K", "K_error", "D", "D_error", "K_unseen", "D_unseen", "K_nominal", "D_nominal",
-    "coulomb", "viscous",
-)  # fmt: skip
-"""Fields with a value for each joint."""
 
 Numbers = tuple[float, ...]
+"""A value for each joint."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +185,10 @@ def checked(row: Row) -> Row:
         value = getattr(row, f.name)
         if not _is_of_kind(str(f.type), value):
             raise ValueError(f"{f.name} = {value!r:.60}")
+        if f.type == "Numbers" and len(value) not in (0, row.joints):
+            raise ValueError(f"{f.name} = {value!r:.60} for {row.joints} joints")
+        if f.type == "Numbers" and f.name.endswith("_error") and any(x < 0 for x in value):
+            raise ValueError(f"{f.name} = {value!r:.60}")
     if not 0 <= row.joints <= MAX_JOINTS:
         raise ValueError(f"joints = {row.joints}")
     if row.verdict not in VERDICTS or row.failure not in FAILURES:
@@ -197,12 +197,6 @@ def checked(row: Row) -> Row:
         datetime.datetime.fromisoformat(row.date)
     if not math.isfinite(row.time_s):
         raise ValueError(f"time_s = {row.time_s}")
-    for name in JOINTWISE:
-        values = getattr(row, name)
-        if len(values) not in (0, row.joints):
-            raise ValueError(f"{name} = {values!r:.60} for {row.joints} joints")
-        if name.endswith("_error") and any(value < 0 for value in values):
-            raise ValueError(f"{name} = {values!r:.60}")
     return row
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import METHODS
+from jointid.estimation.elasticity import require_method
 from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
@@ -113,8 +113,7 @@ def analyse_fleet(
         When there is no study, ``out`` is another kind of file or cannot be written, another batch
         writes it, or the cluster cannot be reached.
     """
-    if method not in METHODS:
-        raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
+    require_method(method)
     if workers is not None and scheduler is not None:
         raise JointIdError("workers are of this computer, a scheduler has its own: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))

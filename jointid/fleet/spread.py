@@ -74,8 +74,7 @@ def fleet_spread(
         Compare a study with those of the same robot, not with the whole fleet.
     """
     having = tuple(row for row in rows if _has(row, quantity, joint))
-    value = np.array([getattr(row, quantity)[joint - 1] for row in having])
-    error = np.array([getattr(row, f"{quantity}_error")[joint - 1] for row in having])
+    value, error = _of_joint(having, quantity, joint), _of_joint(having, f"{quantity}_error", joint)
     keys = np.array([row.robot if within_robot else "" for row in having], dtype=object)
     centre, scale = np.full(value.size, np.nan), np.full(value.size, np.nan)
     for key in set(keys):
@@ -102,6 +101,10 @@ def _has(row: Row, quantity: str, joint: int) -> bool:
         return False
     both = (getattr(row, name)[joint - 1] for name in (quantity, f"{quantity}_error"))
     return all(np.isfinite(value) for value in both)
+
+
+def _of_joint(rows: Sequence[Row], quantity: str, joint: int) -> Floats:
+    return np.array([getattr(row, quantity)[joint - 1] for row in rows])
 
 
 def robust_spread(values: Floats) -> float:
@@ -155,23 +158,18 @@ def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> D
         From 1.
     robot : str
     """
-    having = [
-        (seconds(row.date), row)
-        for row in rows
-        if row.robot == robot and row.date and _has(row, quantity, joint)
-    ]
-    having.sort(key=lambda pair: (pair[0], pair[1].study))
-    time = np.array([at for at, _ in having])
-    value = np.array([getattr(row, quantity)[joint - 1] for _, row in having])
-    error = np.array([getattr(row, f"{quantity}_error")[joint - 1] for _, row in having])
+    of_robot = (row for row in rows if row.robot == robot and row.date and _has(row, quantity, joint))
+    having = sorted(of_robot, key=lambda row: (seconds(row.date), row.study))
+    time = np.array([seconds(row.date) for row in having])
+    value = _of_joint(having, quantity, joint)
     slope, slope_error, level = _theil_sen(time, value)
     return Drift(
         name=f"{quantity}{joint}",
         robot=robot,
         time_s=time,
         value=value,
-        error=error,
-        rows=tuple(row for _, row in having),
+        error=_of_joint(having, f"{quantity}_error", joint),
+        rows=tuple(having),
         slope_per_s=slope,
         slope_error_per_s=slope_error,
         level=level,

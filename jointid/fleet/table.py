@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
-from jointid.files.atomic_write import new_file, write_error
+from jointid.files.atomic_write import write_file
 from jointid.fleet.row import MAX_JOINTS, Row, checked
 
 MAX_ROWS = 1_000_000
@@ -35,15 +36,14 @@ _TAIL = (
     "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
     "method", "version", "digest", "content",
 )  # fmt: skip
-_TYPES = {
-    "joints": pa.int32(),
-    "records": pa.int32(),
-    "delay_s": pa.float64(),
-    "delay_error_s": pa.float64(),
-    "misfit": pa.float64(),
-    "time_s": pa.float64(),
-    "findings": pa.list_(pa.string()),
+_ARROW_TYPES = {
+    "str": pa.string(),
+    "int": pa.int32(),
+    "float": pa.float64(),
+    "float | None": pa.float64(),
+    "tuple[str, ...]": pa.list_(pa.string()),
 }
+_TYPES = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row) if f.name not in _JOINTWISE}
 _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
@@ -55,11 +55,7 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
     JointIdError
         When it cannot be written.
     """
-    try:
-        with new_file(path) as file:
-            pa_parquet.write_table(as_table(rows), file)
-    except OSError as error:
-        raise write_error(path, error) from error
+    write_file(path, to_parquet(rows))
 
 
 def to_parquet(rows: Sequence[Row]) -> bytes:
@@ -79,14 +75,14 @@ def as_table(rows: Sequence[Row]) -> Any:
         schema.append(pa.field(name, kind, metadata={b"unit": unit} if unit else None))
 
     for name in _HEAD:
-        add(name, [_text(getattr(row, name)) for row in rows], _TYPES.get(name, pa.string()))
+        add(name, [_text(getattr(row, name)) for row in rows], _TYPES[name])
     for j in range(joints):
         for name, column in _JOINTWISE.items():
             values = [v[j] if j < len(v := getattr(row, name)) else None for row in rows]
             add(column.format(j + 1), values, pa.float64(), _UNITS[name[0]])
     for name in _TAIL:
         values = [_text(getattr(row, name)) for row in rows]
-        add(name, values, _TYPES.get(name, pa.string()), b"s" if name.endswith("_s") else b"")
+        add(name, values, _TYPES[name], b"s" if name.endswith("_s") else b"")
     return pa.Table.from_arrays(columns, schema=pa.schema(schema, metadata=_KIND))
 
 

@@ -25,20 +25,8 @@ _GAP = 12.0
 """Between two figures side by side, points."""
 
 
-class FigureNumbers:
-    """Counter of the figures."""
-
-    def __init__(self) -> None:
-        self._last = 0
-
-    def next(self) -> str:
-        """Return "Figure 1.", then "Figure 2." and so on."""
-        self._last += 1
-        return f"Figure {self._last}."
-
-
-def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Block]:
-    """Figures 3 to 5 of the paper, for every pose that allows them."""
+def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block]:
+    """Figures 3 to 5 of the paper, for every pose that allows them; ``numbers`` names them."""
     n = analysis.study.inertia.n
     text = (
         "Acceleration of each motor over its torque. One record alone (first figure) shows the "
@@ -63,7 +51,7 @@ def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Bloc
         if n > 1:
             yield Figure(
                 (single_record_figure(analysis, 0, pose=pose),),
-                f"{figures.next()} Motor 1, each record alone{suffix} (Figure 3 of the paper).",
+                f"{next(numbers)} Motor 1, each record alone{suffix} (Figure 3 of the paper).",
             )
         if pose not in analysis.transfer_matrices:
             continue
@@ -74,7 +62,7 @@ def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Bloc
             width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
             yield Figure(
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
-                f"{figures.next()} {names}{suffix}{paper.get(first, '')}.",
+                f"{next(numbers)} {names}{suffix}{paper.get(first, '')}.",
             )
 
 
@@ -90,7 +78,7 @@ def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
         return None, f"No cut is shown. {error}"
 
 
-def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) -> Iterator[Block]:
+def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) -> Iterator[Block]:
     """Figure 7 of the paper with its assumptions."""
     if outcome is None:
         yield Paragraph(problem)
@@ -132,7 +120,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         ]
         yield Figure(
             (cut_figure(rows),),
-            f"{figures.next()} Cut paths and their largest path errors; grey is the wanted path "
+            f"{next(numbers)} Cut paths and their largest path errors; grey is the wanted path "
             "(Figure 7 of the paper).",
         )
     yield Paragraph(

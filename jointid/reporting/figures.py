@@ -81,36 +81,30 @@ def element_figure(
     return _bode(curves, magnitude_limits(analysis, pose, joint), name, f"|{name}|", width)
 
 
-def single_record_figure(
-    analysis: Analysis, joint: int, *, pose: str = "", width: float = PAGE_WIDTH
-) -> Drawing:
+def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> Drawing:
     """Figure 3: acceleration over torque of one joint from each record alone, beside the model of H_jj.
 
     The other joints' controllers are in it; drawn to the scale of ``element_figure``.
     """
     curves = single_record_curves(analysis, pose, joint)
     name = f"acceleration over torque of motor {joint + 1}"
-    return _bode(curves, magnitude_limits(analysis, pose, joint), name, "Magnitude", width)
+    return _bode(curves, magnitude_limits(analysis, pose, joint), name, "Magnitude", PAGE_WIDTH)
 
 
-def cut_figure(
-    rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]], *, width: float = PAGE_WIDTH
-) -> Drawing:
+def cut_figure(rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]]) -> Drawing:
     """Figure 7: rows of cuts over the reference path, to one scale, with their largest path errors.
 
     Parameters
     ----------
     rows : sequence of (str, str, sequence of (str, TrackingRun))
         Heading and colour of each row, and its cuts with their labels.
-    width : float
-        Points.
     """
     runs = [run for _, _, cuts in rows for _, run in cuts]
     paths = [path[::_STRIDE] for run in runs for path in (run.wanted_m, run.tool_m)]
     low = np.min([p.min(axis=0) for p in paths], axis=0)
     high = np.max([p.max(axis=0) for p in paths], axis=0)
     columns = max(len(cuts) for _, _, cuts in rows)
-    cell = width / columns
+    cell = PAGE_WIDTH / columns
     scale = min((cell - 24) / (high[0] - low[0]), 118 / (high[1] - low[1]))
     size = scale * (high - low)
     shapes: list[Line | Marks | Text] = []
@@ -130,15 +124,16 @@ def cut_figure(
             shapes.append(Text(middle, below + 22, label, 7.5, "middle"))
         top += size[1] + 34
     ten = 0.01 * scale
-    bar = np.array([[width - ten, 3.0], [width - ten, 7.0], [width - ten, 5.0], [width, 5.0]])
-    shapes += [Line(np.vstack([bar, [[width, 3.0], [width, 7.0]]]), _INK, 0.7)]
-    shapes.append(Text(width - ten / 2, 15, "10 mm", 7, "middle"))
+    begin, end = PAGE_WIDTH - ten, PAGE_WIDTH
+    bar = [[begin, 3.0], [begin, 7.0], [begin, 5.0], [end, 5.0], [end, 3.0], [end, 7.0]]
+    shapes.append(Line(np.array(bar), _INK, 0.7))
+    shapes.append(Text(end - ten / 2, 15, "10 mm", 7, "middle"))
     errors = "; ".join(
         f"{heading}: " + ", ".join(f"{label} {millimetres(r.max_contour_error_m)}" for label, r in cuts)
         for heading, _, cuts in rows
     )
     description = f"Cut paths with their largest path errors. {errors}."
-    return Drawing(width, top - 8, tuple(shapes), description, to_scale=True, least=0.8)
+    return Drawing(PAGE_WIDTH, top - 8, tuple(shapes), description, to_scale=True, least=0.8)
 
 
 def _bode(

@@ -155,11 +155,10 @@ def _figure(figure: Figure) -> str:
 
 
 def _finding(finding: Finding) -> str:
-    level = finding.level if finding.level in LEVELS else "note"
     remedy = f"<p><em>{_clean(finding.remedy)}</em></p>" if finding.remedy else ""
     return (
-        f'<div class="finding {level}"><p><strong>{LEVELS[level]}: {_clean(finding.title)}.</strong> '
-        f"{_clean(finding.detail)}</p>{remedy}</div>\n"
+        f'<div class="finding {finding.level}"><p><strong>{LEVELS[finding.level]}: '
+        f"{_clean(finding.title)}.</strong> {_clean(finding.detail)}</p>{remedy}</div>\n"
     )
 
 

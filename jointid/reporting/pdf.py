@@ -129,15 +129,11 @@ def _build(
 def _story(report: Report, width: float, share: float, painted: bool) -> list[Any]:
     """The flowables of the report, in order."""
     from reportlab.platypus import CondPageBreak, KeepTogether
-    from reportlab.platypus import Paragraph as Set
 
     styles = page_styles()
-    story: list[Any] = [
-        Set(clean(report.title), styles["title"]),
-        Set(clean(report.facts), styles["facts"]),
-    ]
+    story = [_set(report.title, styles["title"]), _set(report.facts, styles["facts"])]
     for section in report.sections:
-        heading = [CondPageBreak(_HEADING_NEEDS), Set(clean(section.title), styles["heading"])]
+        heading = [CondPageBreak(_HEADING_NEEDS), _set(section.title, styles["heading"])]
         for block in section.blocks:
             if isinstance(block, Figure):
                 pieces, together = [figure_piece(block, styles, share, painted=painted)], False
@@ -152,10 +148,8 @@ def _block(
     block: Paragraph | Table | Verdict, styles: dict[str, Any], width: float
 ) -> tuple[list[Any], bool]:
     """Flowables of a block, and whether they stay on one page."""
-    from reportlab.platypus import Paragraph as Set
-
     if isinstance(block, Paragraph):
-        return [Set(clean(block.text), styles[block.kind])], False
+        return [_set(block.text, styles[block.kind])], False
     if isinstance(block, Table):
         return [_table(block, styles, width)], len(block.rows) < 2 * _TOGETHER
     assert isinstance(block, Verdict)
@@ -171,20 +165,15 @@ def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
     sides = ["left" if side == "l" else "right" for side in table.sides]
     rows = []
     if table.header:
-        rows.append(
-            [
-                _cell(h, styles, f"{size}-{side}-bold")
-                for h, side in zip(table.header, sides, strict=True)
-            ]
-        )
+        bold = [styles[f"{size}-{side}-bold"] for side in sides]
+        rows.append([_set(text, style) for text, style in zip(table.header, bold, strict=True)])
+    usual = [
+        styles[f"{size}-{side}" + ("-bold" if answer and k == 1 else "")] for k, side in enumerate(sides)
+    ]
     for row in table.rows:
-        names = [
-            f"{size}-{side}" + ("-bold" if answer and k == 1 else "") for k, side in enumerate(sides)
-        ]
-        rows.append([_cell(text, styles, name) for text, name in zip(row, names, strict=True)])
-    columns = len(rows[0])
+        rows.append([_set(text, style) for text, style in zip(row, usual, strict=True)])
     if table.caption:
-        rows.append([_cell(table.caption, styles, "caption"), *[""] * (columns - 1)])
+        rows.append([_set(table.caption, styles["caption"]), *[""] * (len(sides) - 1)])
     grid = Grid(
         rows,
         colWidths=_columns(table, width, 9.5 if answer else 8),
@@ -240,25 +229,25 @@ def _shared(width: float, wanted: list[float]) -> list[float]:
     return [min(one, most) for one in wanted]
 
 
-def _cell(text: str, styles: dict[str, Any], style: str) -> Any:
+def _set(text: str, style: Any) -> Any:
+    """A paragraph or cell of plain text."""
     from reportlab.platypus import Paragraph as Set
 
-    return Set(clean(text), styles[style])
+    return Set(clean(text), style)
 
 
 def _finding(finding: Finding, styles: dict[str, Any], width: float) -> Any:
     from reportlab.platypus import Paragraph as Set
     from reportlab.platypus import Table as Grid
 
-    level = finding.level if finding.level in LEVELS else "note"
-    text = f"<b>{LEVELS[level]}: {clean(finding.title)}.</b> {clean(finding.detail)}"
+    text = f"<b>{LEVELS[finding.level]}: {clean(finding.title)}.</b> {clean(finding.detail)}"
     parts = [Set(text, styles["plain"])]
     if finding.remedy:
-        parts.append(Set(clean(finding.remedy), styles["quiet"]))
+        parts.append(_set(finding.remedy, styles["quiet"]))
     box = Grid([[parts]], colWidths=[width], hAlign="LEFT", spaceAfter=5)
     box.setStyle(
         [
-            ("LINEBEFORE", (0, 0), (0, -1), 3, _LEVEL_COLOURS[level]),
+            ("LINEBEFORE", (0, 0), (0, -1), 3, _LEVEL_COLOURS[finding.level]),
             ("LEFTPADDING", (0, 0), (-1, -1), 9),
             ("RIGHTPADDING", (0, 0), (-1, -1), 0),
             ("TOPPADDING", (0, 0), (-1, -1), 0),

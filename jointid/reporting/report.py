@@ -6,6 +6,7 @@ The same study gives the same report to the last byte: it has no date and no mac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import count
 
 from jointid.answer import answer_sentence, inertia_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
@@ -13,7 +14,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
-from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
+from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
@@ -53,17 +54,17 @@ def make_report(
     tell = progress or (lambda done, what: None)
     tell(0.0, "Cutting the path before and after")
     outcome, problem = outcome_of(analysis) if cut else (None, "")
-    figures = FigureNumbers()
+    numbers = (f"Figure {k}." for k in count(1))
     tell(0.4, "Drawing the transfer matrix")
     sections = [
         Section("Answer", tuple(_answer(analysis, outcome))),
         Section("Verdict", (Verdict(analysis.findings),)),
-        Section("Model over measurement", tuple(response_blocks(analysis, figures))),
+        Section("Model over measurement", tuple(response_blocks(analysis, numbers))),
     ]
     tell(0.5, "Cutting the three corner zones")
     if outcome is not None or problem:
         sections.append(
-            Section("What it is worth on the path", tuple(cut_blocks(outcome, problem, figures)))
+            Section("What it is worth on the path", tuple(cut_blocks(outcome, problem, numbers)))
         )
     tell(0.9, "Writing how it was obtained")
     sections += [
