@@ -6,22 +6,19 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from typing import TypeVar
 
-import streamlit as st
-
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promise
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
-from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
+from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.background import Kept, awaited
+from jointid.ui.shared.background import awaited
+from jointid.ui.shared.results import result_cache
 
 Found = TypeVar("Found")
-MapKey = tuple[str, str, CutSettings, str]
 OFFSETS = (0.01, 0.03, 0.10)
-"""Errors of K̂ whose cost is said in figures."""
-_MOST_MAPS = 60
+"""Relative errors of K̂ in the table of path errors."""
 
 
 def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
@@ -70,11 +67,6 @@ def pairs(
     return found
 
 
-@st.cache_resource(show_spinner=False)
-def _cuts() -> Kept:
-    return Kept(600)
-
-
 def _before(
     digest: str, method: str, settings: CutSettings, robot: CutRobot, assumed: Elasticity | None
 ) -> Future[TrackingRun]:
@@ -113,7 +105,7 @@ def _begin(
         refused.set_exception(error)
         return refused
     options = {"servo": servo, "friction": settings.friction}
-    return _cuts().begin(key, compute, who, path, *springs, **options)
+    return result_cache().begin(key, compute, who, path, *springs, **options)
 
 
 def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
@@ -130,21 +122,3 @@ def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
     if robot.rule == "demonstration":
         return None
     return outcome(digest, method, usual(robot), analysis)
-
-
-@st.cache_resource(show_spinner=False)
-def _maps() -> dict[MapKey, ToleranceMap]:
-    return {}
-
-
-def kept_map(key: MapKey) -> ToleranceMap | None:
-    """Return a tolerance map that was computed before."""
-    return _maps().get(key)
-
-
-def keep_map(key: MapKey, tolerance: ToleranceMap) -> None:
-    """Keep a tolerance map; a function that shows progress cannot be cached by itself."""
-    maps = _maps()
-    maps[key] = tolerance
-    while len(maps) > _MOST_MAPS:
-        maps.pop(next(iter(maps)), None)

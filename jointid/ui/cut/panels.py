@@ -13,7 +13,7 @@ from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
-from jointid.cut.tolerance import tolerance_map
+from jointid.cut.tolerance import ToleranceMap, tolerance_map
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import colours
@@ -21,10 +21,11 @@ from jointid.rounding import significant
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.background import aside, awaited
+from jointid.ui.shared.background import awaited, run_in_background
 from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_note, show_warning
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import result_cache
 from jointid.wording import counted
 
 CUT_PAGE = "pages/5_Cut.py"
@@ -198,8 +199,8 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         bind="query-params",
     )
     span = chosen or _RANGES[0]
-    key = (page.digest, page.method, cut, span)
-    tolerance = cut_cached.kept_map(key)
+    key = ("tolerance map", page.digest, page.method, cut, span)
+    tolerance: ToleranceMap | None = result_cache().get(key)
     if tolerance is None:
         place = st.empty()
         if not place.button(
@@ -217,7 +218,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
 
         robot = outcome.robot
         ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
-        tolerance = aside(
+        tolerance = run_in_background(
             tolerance_map,
             robot.arm,
             outcome.toolpath,
@@ -227,7 +228,7 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
             friction=settings.friction,
             progress=show,
         )
-        cut_cached.keep_map(key, tolerance)
+        result_cache().put(key, tolerance)
         place.empty()
     robot = outcome.robot
     plot(

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.ui.shared.messages import show_progress
+from jointid.ui.shared.results import result_cache
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
@@ -24,7 +24,6 @@ SHOWN_AFTER_S = 0.5
 STOPPABLE_AFTER_S = 5.0
 _LOOK_S = 0.1
 _JOBS = "import_jobs"
-_MOST_DONE = 48
 
 
 class StoppedError(JointIdError):
@@ -56,29 +55,6 @@ class Job(Generic[T]):
         self.share = share
         if self.stopped.is_set():
             raise StoppedError("Stopped.")
-
-
-class _Done:
-    """Outcomes of the latest pieces of work."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[str, Any] = OrderedDict()
-
-    def get(self, key: str) -> Any:
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-            return self._kept.get(key)
-
-    def put(self, key: str, outcome: Any) -> None:
-        with self._lock:
-            self._kept[key] = outcome
-            while len(self._kept) > _MOST_DONE:
-                self._kept.popitem(last=False)
-
-
-_done = _Done()
 
 
 class Watch:
@@ -119,10 +95,10 @@ class Watch:
             What the task raises.
         """
         self._number += 1
-        outcome = _done.get(key)
+        outcome = result_cache().get(key)
         if outcome is None:
             outcome = self._await(key, label, task)
-            _done.put(key, outcome)
+            result_cache().put(key, outcome)
         if isinstance(outcome, JointIdError):
             raise outcome
         finished: T = outcome

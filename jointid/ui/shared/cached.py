@@ -10,7 +10,7 @@ from jointid import Analysis, Phasors, Study, analyse, extract_phasors
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import METHODS
 from jointid.phasors.sine_fit import fit_sines
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 
 DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
 """The estimator that ``analyse`` takes when nobody chooses."""
@@ -26,7 +26,7 @@ MOST_ANALYSES = 64
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines, identifying the springs")
 def analysis(digest: str, method: str, _study: Study) -> Analysis:
     """Run the whole method."""
-    return aside(analyse, _study, method=method)
+    return run_in_background(analyse, _study, method=method)
 
 
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines")

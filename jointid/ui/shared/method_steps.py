@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jointid.verdict.evidence import Action
+
 
 @dataclass(frozen=True)
 class Step:
@@ -34,3 +36,10 @@ SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot w
 IMPORT = Step(
     "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
 )
+
+ACTIONS: dict[Action, tuple[Step, str]] = {
+    "edit mapping": (IMPORT, "All entries"),
+    "edit runs": (IMPORT, "Correct the runs"),
+    "edit inertias": (IMPORT, "The robot"),
+}
+"""Page of each action that a finding asks for, and how the label of its part begins."""

@@ -25,11 +25,10 @@ from jointid.exporting import (
     urdf_snippet,
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.results import result_cache
 from jointid.ui.study.uncertainty_panels import steps_at
-
-_MOST_REPORTS = 8
 
 _SNIPPETS = {
     "MuJoCo": (".xml", mujoco_snippet),
@@ -78,31 +77,26 @@ def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, 
     return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
 
 
-@st.cache_resource(show_spinner=False)
-def _reports() -> dict[tuple[str, str], MadeReport]:
-    return {}
-
-
 def made_report(digest: str, method: str) -> MadeReport | None:
     """Return a report that was made before."""
-    return _reports().get((digest, method))
+    made: MadeReport | None = result_cache().get(("report", digest, method))
+    return made
 
 
 def write_report(
     digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
 ) -> MadeReport:
-    """Make the report and keep it; a function that shows progress cannot be cached by itself."""
-    report = aside(make_report, analysis, progress=lambda done, what: progress(0.6 * done, what))
+    """Make the report and keep it."""
+    report = run_in_background(
+        make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
+    )
     progress(0.6, "Setting the pages for the screen")
-    html = aside(to_html, report)
+    html = run_in_background(to_html, report)
     paper = "Setting the pages for paper"
     progress(0.65, paper)
-    pdf = aside(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
+    pdf = run_in_background(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
     made = MadeReport(html, pdf)
-    kept = _reports()
-    kept[digest, method] = made
-    while len(kept) > _MOST_REPORTS:
-        kept.pop(next(iter(kept)), None)
+    result_cache().put(("report", digest, method), made)
     return made
 
 

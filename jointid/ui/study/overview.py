@@ -11,7 +11,7 @@ from jointid.answer import without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.method_steps import METHOD
+from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.wording import counted
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
@@ -104,6 +104,9 @@ def show_findings(findings: Sequence[Finding]) -> None:
 def _finding(finding: Finding) -> None:
     box = _BOXES[finding.level]
     remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
+    if finding.action:
+        step, part = ACTIONS[finding.action]
+        remedy += f"  \nIn the app: page {step.name}, {part}"
     box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
 
 

@@ -10,7 +10,7 @@ import streamlit as st
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
@@ -101,7 +101,7 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
 def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
     """Choose the records that would cut the worst error bar most."""
-    return aside(
+    return run_in_background(
         suggest_records,
         _analysis.phasors,
         _analysis.study.inertias,
@@ -212,7 +212,7 @@ def _predicted(
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
         duration_s=table["Length (s)"],
     )
-    return aside(
+    return run_in_background(
         predict_standard_errors,
         plan,
         _analysis.phasors,

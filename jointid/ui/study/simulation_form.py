@@ -21,7 +21,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.rounding import plain
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
 _RECORDS = {
@@ -122,7 +122,7 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
-    records = aside(
+    records = run_in_background(
         simulate_records,
         settings.inertia,
         settings.elasticity,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from time import monotonic
-from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -16,7 +15,7 @@ from jointid.answer import inertia_sentence
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
     show_error,
@@ -27,6 +26,7 @@ from jointid.ui.shared.messages import (
     show_warning,
 )
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import result_cache
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
     InertiaSensitivity,
@@ -34,30 +34,9 @@ from jointid.uncertainty.sensitivity import (
     inertia_sensitivity,
 )
 
-_MOST_KEPT = 200
-"""Small results; twenty persons have several each."""
 _PATIENCE_S = 0.5
 _SOON_S = 0.2
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
-
-
-@st.cache_resource(show_spinner=False)
-def _kept() -> dict[tuple[str, ...], Any]:
-    """Results by study, estimator and kind; what shows progress cannot be cached by streamlit."""
-    return {}
-
-
-def kept(page: Page, kind: str) -> Any:
-    """Return a result of this study and estimator that was computed before, or None."""
-    return _kept().get((page.digest, page.method, kind))
-
-
-def keep(page: Page, kind: str, result: Any) -> None:
-    """Keep a result; the oldest one makes room."""
-    results = _kept()
-    results[page.digest, page.method, kind] = result
-    while len(results) > _MOST_KEPT:
-        results.pop(next(iter(results)), None)
 
 
 def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
@@ -123,7 +102,7 @@ def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: fl
     """Both error bars and the paper's answer; what is slow is computed when the page stands."""
     with place:
         shown, below, details = st.empty(), st.empty(), st.container()
-    found: InertiaSensitivity | str | None = kept(page, "inertias")
+    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
     known = found if isinstance(found, InertiaSensitivity) else None
     show_text_table(errors_table(analysis, known, share), shown)
     if isinstance(found, str):
@@ -161,7 +140,7 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
         bar.caption("± is noise alone. What inertias that are off would add is computed next.")
         return
     try:
-        found: InertiaSensitivity | str = aside(
+        found: InertiaSensitivity | str = run_in_background(
             inertia_sensitivity,
             analysis.phasors,
             page.study.inertias,
@@ -170,7 +149,7 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
         )
     except JointIdError as error:
         found = str(error)
-    keep(page, "inertias", found)
+    result_cache().put(("inertias", page.digest, page.method), found)
     del st.session_state["inertias_wait"]
     st.rerun()
 
@@ -179,7 +158,7 @@ def show_inertia_line(page: Page, analysis: Analysis) -> None:
     """What the error bars leave out, in a line; it is computed when the page stands."""
     if any(finding.level == "problem" for finding in analysis.findings):
         return  # an answer that cannot be used has no error bars worth completing
-    found: InertiaSensitivity | str | None = kept(page, "inertias")
+    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
     if found is None:
         _compute_what_the_inertias_add(page, analysis)
     elif isinstance(found, str):
@@ -246,7 +225,8 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
         "what 68 % of its draws say of an estimate that some noise throws far off."
     )
-    checks: tuple[Bootstrap, Jackknife | str] | None = kept(page, "checks")
+    key = ("checks", page.digest, page.method)
+    checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
     if checks is None:
         place, working = st.empty(), st.empty()
         slow = analysis.fit.friction is not None or analysis.fit.delay is not None
@@ -262,7 +242,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         except JointIdError as error:
             show_error(error, working)
             return
-        keep(page, "checks", checks)
+        result_cache().put(key, checks)
         place.empty()
         working.empty()
     drawn, left_out = checks
@@ -288,9 +268,11 @@ def _checks(
     page: Page, analysis: Analysis, draws: int, bar: DeltaGenerator
 ) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
-    drawn = aside(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
+    drawn = run_in_background(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
     try:
-        return drawn, aside(jackknife, *given, progress=reporter(bar, "Leaving out frequencies"))
+        return drawn, run_in_background(
+            jackknife, *given, progress=reporter(bar, "Leaving out frequencies")
+        )
     except JointIdError as error:
         return drawn, str(error)
 
