@@ -5,7 +5,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import quality_table
@@ -32,29 +32,19 @@ fitted = cached.fitted_sine(page.digest, number, page.study)
 views = st.tabs(["A few periods", "Whole record", "Spectrum"])
 for view, periods in zip(views, (4.0, None), strict=False):
     with view:
-        for joint, place in enumerate(side_by_side(record.n)):
-            place.markdown(f"**Joint {joint + 1}**")
-            with place:
-                what = f"Angle and torque of joint {joint + 1} over time with the fitted sine"
-                figure = page.drawn(
-                    f"waveforms {number} {joint} {periods}",
-                    lambda joint=joint, periods=periods: waveforms(
-                        record, joint, fitted, periods=periods, dark=page.dark
-                    ),
-                )
-                # A short record is no longer than a few periods: equal figures need keys of their own.
-                plot(figure, what, key=f"waveforms_{joint}_{periods}")
+        page.show_per_joint(
+            f"waveforms {number} {periods}",
+            lambda joint, periods=periods: waveforms(
+                record, joint, fitted, periods=periods, dark=page.dark
+            ),
+            "Angle and torque of joint {0} over time with the fitted sine",
+        )
 with views[2]:
-    for joint, place in enumerate(side_by_side(record.n)):
-        place.markdown(f"**Joint {joint + 1}**")
-        with place:
-            what = f"Spectra of angle and torque of joint {joint + 1}"
-            figure = page.drawn(
-                f"spectra {number} {joint}",
-                lambda joint=joint: spectra(record, joint, dark=page.dark),
-            )
-            plot(figure, what, key=f"spectra_{joint}")
-with views[2]:
+    page.show_per_joint(
+        f"spectra {number}",
+        lambda joint: spectra(record, joint, dark=page.dark),
+        "Spectra of angle and torque of joint {0}",
+    )
     st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 
 st.subheader("Quality of every record", anchor=False)

@@ -21,10 +21,10 @@ from jointid.ui.importing.saved_import import (
     forget_import,
     keep_import,
     kept_import,
-    say_what_is_kept,
+    show_storage_state,
 )
 from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing.study import ROBOT, ask_robot, say_way
+from jointid.ui.importing.study import ROBOT, ask_robot, show_next_step
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
@@ -41,7 +41,7 @@ st.write(
 with kept_import():
     logs = drop_logs(clear_entries)
     keep_import()
-    say_what_is_kept()
+    show_storage_state()
     if not logs:
         st.caption(
             "For instance a CSV with `time; position; torque`, a header line and one row per sample."
@@ -107,7 +107,7 @@ with kept_import():
             plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
 
     with way:
-        say_way(kept, bool(not_confirmed))
+        show_next_step(kept, bool(not_confirmed))
     st.subheader("The robot", anchor=ROBOT)
     try:
         ratios = [joint.gear_ratio for joint in mapping.joints]

@@ -24,7 +24,7 @@ def script() -> None:
     from jointid.ui.importing.watched_work import StoppedError, Watch
 
     tasks = st.session_state["tasks"]
-    watch = Watch("Go on", len(tasks))
+    watch = Watch(len(tasks))
     for key, task in tasks.items():
         try:
             st.write(f"{key}: {watch.do(key, f'Doing {key}', task)}")

@@ -84,13 +84,13 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
     if never:
         verb = "does" if len(never) == 1 else "do"
         parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
-    wait = "Wait longer before recording."
     if not told:
-        return " ".join(parts), f"Measure again. {wait}"
+        return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(told) == 1 else "these times"
     return " ".join(parts), (
         f"Let the records begin at {ones}: by the start of the run on import, or by start_s in "
-        f"study.toml. {'Measure the others again. ' if never else ''}Next time: wait longer before recording."
+        f"study.toml. {'Measure the others again. ' if never else ''}"
+        "Next time: wait longer before recording."
     )
 
 

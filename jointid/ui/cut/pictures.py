@@ -12,7 +12,7 @@ from jointid import TrackingRun
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
 from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
-from jointid.ui.cut import cached_cuts as cut_cached
+from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
 
@@ -21,7 +21,7 @@ _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
 def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: str) -> None:
     """Three corner zones, nominal above, identified below, with the picture as a file."""
-    pairs = cut_cached.pairs(page.digest, page.method, settings, outcome)
+    pairs = cached_cuts.pairs(page.digest, page.method, settings, outcome)
     names = (nominal, "identified")
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
     html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))

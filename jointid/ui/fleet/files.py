@@ -136,7 +136,7 @@ def _analyse(fleet: OpenFleet) -> None:
     if fleet.stopped:
         left, right = st.columns([4, 1], vertical_alignment="center")
         left.info(f"{counted(len(fleet.todo), 'study')} not analysed yet.")
-        right.button("Go on", on_click=_go_on, width="stretch")
+        right.button("Resume", on_click=_resume, width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
     total, count, failed, began = len(jobs), 0, 0, time.monotonic()
@@ -179,7 +179,7 @@ def _stop() -> None:
     _current().stopped = True
 
 
-def _go_on() -> None:
+def _resume() -> None:
     _current().stopped = False
 
 

@@ -12,10 +12,9 @@ from jointid.fleet.row import Row
 from jointid.fleet.spread import LEAST, OUTSTANDING, Spread, fleet_spread
 from jointid.rounding import significant, with_error
 from jointid.ui.fleet.studies import SIGNS, label
-from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
 from jointid.wording import counted
 
-_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 _VERDICTS = ("good", "warning", "problem")
 
@@ -40,34 +39,25 @@ def choose(rows: Sequence[Row]) -> tuple[int, bool]:
     joints = max((row.joints for row in rows), default=0)
     left, right = st.columns(2)
     with left:
-        joint = st.segmented_control(
-            "Joint",
-            range(1, joints + 1),
-            default=1,
-            required=True,
-            format_func=lambda j: f"Joint {j}",
-            key="fleet_joint",
-            bind="query-params",
+        joint = choose_segment(
+            "Joint", range(1, joints + 1), "fleet_joint", format_func=lambda j: f"Joint {j}"
         )
     choices = ["the fleet", "the same robot"]
     with right:
-        against = st.segmented_control(
+        against = choose_segment(
             "Every study is compared with",
             choices,
-            default=choices[0],
-            required=True,
-            key="fleet_against",
-            bind="query-params",
-            help="Where robots differ by design, compare each with its own studies.",
+            "fleet_against",
+            hint="Where robots differ by design, compare each with its own studies.",
         )
-    return min(int(joint or 1), joints), against == choices[1]
+    return min(joint, joints), against == choices[1]
 
 
 def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
     """Stiffness and damping side by side, with their median and spread in words."""
     for spread, place in zip(spreads, side_by_side(len(spreads)), strict=True):
         with place:
-            quantity, unit = spread.name[0], _UNITS[spread.name[0]]
+            quantity, unit = spread.name[0], UNITS[spread.name[0]]
             st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)} {unit}")
             plot(
                 distribution(spread, dark=dark),

@@ -40,7 +40,7 @@ class Checks:
         """Take in the reasons for what was proposed later."""
         self._reasons |= {reason.what: reason for reason in reasons}
 
-    def say_how(self) -> None:
+    def show_instructions(self) -> None:
         """Say what to do about what is marked, if anything is."""
         if self.unsure or self.assumed:
             st.caption(_HOW)

@@ -57,7 +57,7 @@ class Entries:
             held, delay = self._timing()
             st.caption("  \n".join(self.checks.sure))
         with self._summary:
-            self.checks.say_how()
+            self.checks.show_instructions()
         for number, (position, torque, _) in enumerate(self.asked, start=1):
             for role, channel in (("position", position), ("torque", torque)):
                 if not channel.column:

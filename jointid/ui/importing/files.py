@@ -66,7 +66,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
         right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
-    watch = Watch("Read on", len(files))
+    watch = Watch(len(files))
     for file in files:
         try:
             tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))

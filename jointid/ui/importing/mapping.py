@@ -21,6 +21,7 @@ from jointid.importing import (
 from jointid.ui.importing.checks import Checks
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.inertia import inertias_given
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.workspace import keep_part, place_for, store
 from jointid.wording import listed
@@ -186,13 +187,9 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
     with st.expander("Keep these entries as a file, or take them from a file"):
         left, right = st.columns(2)
         if mapping is not None:
-            left.download_button(
-                "Save the mapping (.json)",
-                mapping_to_json(mapping),
-                "mapping.json",
-                "application/json",
-                on_click="ignore",
-            )
+            with left:
+                text = mapping_to_json(mapping)
+                download("Save the mapping (.json)", text, "mapping.json", "application/json")
         version = st.session_state.get(_VERSION, 0)
         file = right.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:

@@ -65,7 +65,7 @@ def keep_import() -> None:
         st.session_state.pop(_PROBLEM, None)
 
 
-def say_what_is_kept() -> None:
+def show_storage_state() -> None:
     """Say what of the import could not be kept, or is not what it was."""
     if problem := st.session_state.get(_PROBLEM):
         show_warning(problem)
@@ -86,7 +86,7 @@ def say_what_is_kept() -> None:
         for note in store().notes(place):
             left, right = st.columns([4, 1], vertical_alignment="center")
             show_warning(note.text, left)
-            right.button("Noted", key=f"noted_{note.id}", on_click=_dismiss, args=(place, note.id))
+            right.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=(place, note.id))
 
 
 def _dismiss(place: str, note: str) -> None:

@@ -15,6 +15,7 @@ from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import date_in, study_name
 from jointid.rounding import plain
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
+from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.wording import counted
@@ -23,7 +24,6 @@ T = TypeVar("T")
 
 ROBOT = "the-robot"
 """Where the page asks for the inertias."""
-_NO_POSE = "as in [inertia]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Robot:
     date: datetime.date | None = None
 
 
-def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
+def show_next_step(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
     """Say in a line how far the import is, and what comes next.
 
     Parameters
@@ -144,14 +144,14 @@ def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | Non
     """Ask which pose each log was measured in, when there are poses."""
     if known is None or not known.poses:
         return (None,) * len(logs)
-    options = [_NO_POSE, *known.poses]
+    options = [NO_POSE, *known.poses]
     chosen = []
     places = st.columns(min(len(logs), 3))
     for number, log in enumerate(logs):
         key = f"import pose of {log} {number}"
-        if st.session_state.get(key, _NO_POSE) not in options:
+        if st.session_state.get(key, NO_POSE) not in options:
             del st.session_state[key]
         place = places[number % len(places)]
         label = markdown_escape(f"Pose of {log}")
         chosen.append(place.selectbox(label, options, key=key, persist_state="session"))
-    return tuple(None if pose == _NO_POSE else pose for pose in chosen)
+    return tuple(None if pose == NO_POSE else pose for pose in chosen)

@@ -26,7 +26,7 @@ METHOD = (
     Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers."),
     Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint."),
     Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres."),
-    Step("pages/6_Plan.py", "Next experiment", "The records that would cut the error bars most."),
+    Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most."),
     Step("pages/7_Report.py", "Report", "To hand on: a report, and files for other tools."),
     Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, what stands out."),
 )

@@ -12,7 +12,7 @@ from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import IMPORT, METHOD, OVERVIEW, SIMULATE
 from jointid.ui.shared.recent_studies import show_recent
-from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, say_in_address
+from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
@@ -65,7 +65,7 @@ def _choose() -> str | None:
         help="What was opened, simulated or imported at this address, and the sample studies.",
     )
     if wanted is not None:
-        say_in_address("study", wanted)
+        set_in_address("study", wanted)
     show_recent()
     return None if wanted is None else names[wanted]
 

@@ -79,11 +79,11 @@ def workspace() -> str | None:
         )
         return None
     st.session_state["workspace"] = found
-    say_in_address("w", found)
+    set_in_address("w", found)
     return found
 
 
-def say_in_address(name: str, value: str) -> None:
+def set_in_address(name: str, value: str) -> None:
     """Set a parameter of the address, where links between pages have dropped it.
 
     Every setting is a message to the browser, and a place where the next click ends this run.
@@ -142,7 +142,7 @@ def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
     place = workspace() or _new_workspace()
     write(store(), part_of(place, part))
     st.session_state["workspace"] = place
-    say_in_address("w", place)
+    set_in_address("w", place)
 
 
 def _new_workspace() -> str:

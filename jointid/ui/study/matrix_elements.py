@@ -8,7 +8,7 @@ import streamlit as st
 from jointid import TransferMatrix
 from jointid.figures import torque_condition
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.charts import Table, plot, table
+from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
 from jointid.ui.shared.messages import show_info
 
 
@@ -19,7 +19,7 @@ def choose_pose(poses: list[str]) -> str:
     return st.selectbox(
         "Pose",
         poses,
-        format_func=lambda pose: pose or "as in [inertia]",
+        format_func=lambda pose: pose or NO_POSE,
         key="pose",
         bind="query-params",
         help="K and D do not depend on the pose; the arm's inertia, and so H, does.",
@@ -32,17 +32,14 @@ def choose_element(n: int) -> tuple[int, int]:
         return 0, 0
     pairs = [(j, j) for j in range(n)] + [(i, j) for i in range(n) for j in range(i + 1, n)]
     names = [f"H{i + 1}{j + 1}" + ("" if i == j else f" and H{j + 1}{i + 1}") for i, j in pairs]
-    shown = st.segmented_control(
+    shown = choose_segment(
         "Element",
         names,
-        default=names[0],
-        required=True,
-        key="element",
-        bind="query-params",
-        help="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
+        "element",
+        hint="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
         "On the diagonal a motor's own torque acts.",
     )
-    return pairs[names.index(shown or names[0])]
+    return pairs[names.index(shown)]
 
 
 def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:

@@ -10,8 +10,10 @@ from jointid import Elasticity, ElasticityFit, Finding, Study
 from jointid.answer import without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain, significant, with_error
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
+from jointid.ui.study.downloads import file_stem
 from jointid.wording import counted
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
@@ -126,16 +128,10 @@ def show_steps(study: Study) -> None:
         name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
         name.page_link(step.path, label=f"**{step.name}**")
         line.caption(step.line)  # a link's label is cut off where it is too long for a phone
-    st.download_button(
+    download(
         "Save this study (.zip)",
-        data=lambda: pack_study(study),
-        file_name=f"{_file_name(study.name)}.zip",
-        mime="application/zip",
-        on_click="ignore",
-        help="study.toml and one CSV table per record: readable without this software.",
+        lambda: pack_study(study),
+        f"{file_stem(study.name)}.zip",
+        "application/zip",
+        hint="study.toml and one CSV table per record: readable without this software.",
     )
-
-
-def _file_name(name: str) -> str:
-    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
-    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

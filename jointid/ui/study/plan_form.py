@@ -11,7 +11,7 @@ from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table
+from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.uncertainty.plan import (
@@ -22,8 +22,6 @@ from jointid.uncertainty.plan import (
     predict_standard_errors,
     suggest_records,
 )
-
-_NO_POSE = "as in [inertia]"
 
 
 @dataclass(frozen=True)
@@ -74,7 +72,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
         if study.poses:
             used = {record.pose or "" for record in study.records}
             poses = [*(("",) if "" in used else ()), *study.poses]
-            pose = st.selectbox("Pose", poses, format_func=lambda p: p or _NO_POSE, key="plan_pose")
+            pose = st.selectbox("Pose", poses, format_func=lambda p: p or NO_POSE, key="plan_pose")
         st.form_submit_button("Suggest", type="primary")
     limits = (
         numbers_in("Largest torques", torques, count=n),
@@ -224,8 +222,7 @@ def _predicted(
 
 def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
-    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
-    columns: dict[str, list[str]] = {"": [f"{name} ({units[name[0]]})" for name in errors.names]}
+    columns: dict[str, list[str]] = {"": [f"{name} ({UNITS[name[0]]})" for name in errors.names]}
     columns["Today"] = [
         with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
     ]

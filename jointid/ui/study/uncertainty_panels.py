@@ -1,4 +1,4 @@
-"""How far the answer can be trusted: error bars of noise and of the inertias, and checks of them."""
+"""Uncertainty of K and D: error bars of noise and of the inertias, and checks of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table, plot
+from jointid.ui.shared.charts import UNITS, Table, plot
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
@@ -40,7 +40,7 @@ _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
 def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
-    """Return what shows progress at ``place``, once it takes long enough to be noticed."""
+    """Return a function that shows progress at ``place`` after half a second."""
     began = monotonic()
 
     def show(done: float) -> None:
@@ -53,7 +53,7 @@ def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
 
 
 def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
-    """Return what shows progress by step at ``place``, with the time left once it can be told."""
+    """Return a function that shows progress by step at ``place``, with an estimate of the time left."""
     began = monotonic()
 
     def show(done: float, what: str) -> None:
@@ -76,7 +76,7 @@ def estimates_of(analysis: Analysis, method: str = "") -> tuple[Floats, Floats]:
 
 
 def on_demand(label: str, key: str) -> ExpanderContainer:
-    """Return an expander, closed at first; what is in it need not be computed before it is ``open``."""
+    """Return an expander, closed at first; its content may be computed once it is ``open``."""
     return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
@@ -99,7 +99,7 @@ def ask_share() -> float:
 
 
 def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: float) -> None:
-    """Both error bars and the paper's answer; what is slow is computed when the page stands."""
+    """Both error bars and the paper's answer; slow parts are computed after the page is drawn."""
     with place:
         shown, below, details = st.empty(), st.empty(), st.container()
     found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
@@ -155,9 +155,9 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
 
 
 def show_inertia_line(page: Page, analysis: Analysis) -> None:
-    """What the error bars leave out, in a line; it is computed when the page stands."""
+    """One line on the errors of the inertias, computed after the page is drawn."""
     if any(finding.level == "problem" for finding in analysis.findings):
-        return  # an answer that cannot be used has no error bars worth completing
+        return  # an unusable answer needs no error bars
     found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
     if found is None:
         _compute_what_the_inertias_add(page, analysis)
@@ -169,16 +169,15 @@ def show_inertia_line(page: Page, analysis: Analysis) -> None:
 
 
 def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:
-    """One row per parameter; what the inertias add is "…" until it is computed."""
+    """One row per parameter; the error from the inertias is "…" until it is computed."""
     value, error = estimates_of(analysis)
     paper, paper_error = estimates_of(analysis, "least-squares")
-    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
     added = ["…"] * value.size
     if found is not None:
         added = [f"± {significant(float(e), 2)}" for e in found.standard_error(share)]
     same = analysis.fit.method == "least-squares"
     return {
-        "": [f"{name} ({units[name[0]]})" for name in names_of(analysis)],
+        "": [f"{name} ({UNITS[name[0]]})" for name in names_of(analysis)],
         "Estimate ± noise": [with_error(v, e) for v, e in zip(value, error, strict=True)],
         f"Inertias ± {100 * share:g} %": added,
         "Paper's least squares": [with_error(v, e) for v, e in zip(paper, paper_error, strict=True)],
@@ -189,7 +188,7 @@ def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: fl
 
 
 def difference(other: float, value: float) -> str:
-    """How far ``other`` lies from ``value``, in per cent of it."""
+    """Deviation of ``other`` from ``value``, in per cent of it."""
     if value == 0:
         return "–"
     percent = 100 * (other - value) / abs(value)
@@ -282,7 +281,7 @@ def _errors(values: Floats) -> list[str]:
 
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
-    """Where two parameters lie together."""
+    """Joint confidence regions of two parameters."""
     names = names_of(analysis)
     left, right = st.columns(2)
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
