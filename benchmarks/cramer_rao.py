@@ -58,7 +58,7 @@ def bound(experiments: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]) -
         covariance=covariance,
         harmonics=z[:, None],
         harmonic_covariance=covariance[:, None],
-        freedom=np.full(len(z), 1e9),
+        degrees_of_freedom=np.full(len(z), 1e9),
     )
     return np.sqrt(np.diag(maximum_likelihood(exact, INERTIA, ANSWER).covariance))
 

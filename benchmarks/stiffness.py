@@ -150,7 +150,7 @@ def _bound(records: Records) -> dict[str, Cell]:
         phasors,
         covariance=covariance,
         harmonic_covariance=covariance[:, None],
-        freedom=np.full(len(records), 1e9),
+        degrees_of_freedom=np.full(len(records), 1e9),
     )
     least = np.sqrt(np.diag(maximum_likelihood(exact, INERTIA, ANSWER).covariance))
     cells = [f"σ {100 * value:.2g}" for value in least / ANSWER]

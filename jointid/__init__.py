@@ -1,4 +1,4 @@
-"""Stiffness and damping of elastic robot joints, and what knowing them is worth in millimetres."""
+"""Stiffness and damping of elastic robot joints, and their effect on the path error."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The answer as a sentence that a person could say aloud."""
+"""The result of an identification as a sentence."""
 
 from __future__ import annotations
 
@@ -6,9 +6,16 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Elasticity
 from jointid.rounding import significant
+from jointid.wording import capitalised, enumerated
 
 _AGREEMENT = 0.01
-"""A stiffness within 1 % of the nominal one counts as the same: the path then errs by below 0.1 mm."""
+"""Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
+
+
+def model_name(fit: ElasticityFit) -> str:
+    """Return the fitted model: "elasticity", with " + friction" and " + delay" where fitted."""
+    parts = {"elasticity": True, "friction": fit.friction, "delay": fit.delay}
+    return " + ".join(name for name, part in parts.items() if part is not None)
 
 
 def without(fit: ElasticityFit) -> str:
@@ -18,32 +25,32 @@ def without(fit: ElasticityFit) -> str:
 
 
 def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> str:
-    """Say what the springs are, and how that compares with what the controller assumes.
+    """State the identified stiffnesses, relative to the nominal ones if these are given.
 
     Parameters
     ----------
     fit : ElasticityFit
     nominal : Elasticity, optional
-        What the controller assumes today.
+        Values that the controller assumes.
     """
-    useless = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
-    if useless:
-        which = _list([f"joint {j + 1}" for j in useless])
+    unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
+    if unknown:
+        which = enumerated([f"joint {j + 1}" for j in unknown])
         return f"These records do not tell the stiffness of {which}: see what was found below."
     if nominal is None:
         parts = [f"{_rounded(fit, j)} N·m/rad" for j in range(fit.n)]
-        joints = _list([f"joint {j + 1}" for j in range(fit.n)])
+        joints = enumerated([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        return f"{_capital(joints)} {verb} of {_list(parts)}, seen from the motor."
+        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, seen from the motor."
     whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
     if fit.n > 1 and len(whole) == 1:
         return f"Every joint {whole.pop()}."
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
-    return f"{_capital(_list(parts))}."
+    return f"{capitalised(enumerated(parts))}."
 
 
 def inertia_sentence(added: Floats, share: float = 0.03) -> str:
-    """Say what the error bars leave out: the inertias, of which the records say nothing.
+    """State the standard errors that come from the inertias, which the error bars do not include.
 
     Parameters
     ----------
@@ -61,7 +68,7 @@ def inertia_sentence(added: Floats, share: float = 0.03) -> str:
 
 
 def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:
-    """Stiffness against the nominal one; the reference is named with the first joint only."""
+    """Stiffness relative to the nominal one; ``short`` omits the reference."""
     ratio = float(fit.K[j] / nominal.K[j])
     uncertainty = 2 * float(fit.standard_error[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, uncertainty):
@@ -76,11 +83,3 @@ def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -
 
 def _rounded(fit: ElasticityFit, j: int) -> str:
     return significant(float(fit.K[j]), 3)
-
-
-def _list(parts: list[str]) -> str:
-    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

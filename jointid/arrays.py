@@ -1,4 +1,4 @@
-"""Checked, frozen arrays: how a value enters a dataclass of this package."""
+"""Checked, read-only arrays for the dataclasses of this package."""
 
 from __future__ import annotations
 
@@ -9,21 +9,36 @@ from numpy.typing import ArrayLike, NDArray
 
 from jointid.errors import JointIdError
 
-_LARGEST = 1e100  # its square is still a number; no physical quantity comes near
+_LARGEST = 1e100
+"""Largest accepted magnitude: its square is finite, and no physical quantity is near."""
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 
+def per_joint(name: str, value: ArrayLike, n: int) -> Floats:
+    """Return a setting of n joints as (n,); a single number applies to all joints.
+
+    Raises
+    ------
+    JointIdError
+        When the value has neither one element nor n.
+    """
+    array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
+    if array.size not in (1, n):
+        raise JointIdError(f"{name} has {array.size} values: give one, or one per joint ({n}).")
+    return np.array(np.broadcast_to(array, (n,)))
+
+
 def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -> Floats:
-    """Return ``value`` as a read-only float64 array, or say what keeps it from being one.
+    """Return ``value`` as a read-only float64 array.
 
     Parameters
     ----------
     name : str
-        What the value is, with its unit; it opens the error message.
+        Name of the value with its unit, for the error message.
     value : array_like
-        Numbers; copied, so that the caller's array stays the caller's.
+        Numbers; they are copied.
     ndim : int
         Expected number of dimensions.
     order : {"C", "F"}, optional
@@ -55,3 +70,21 @@ def finite_array(name: str, value: ArrayLike, *, ndim: int, order: Any = None) -
         )
     array.setflags(write=False)
     return array
+
+
+def frozen(array: Floats) -> Floats:
+    """Return a read-only copy."""
+    copy = array.copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def true_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the runs of True in a mask, each as its first index and one past its last.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (N,)
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

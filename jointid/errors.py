@@ -6,5 +6,41 @@ from __future__ import annotations
 class JointIdError(ValueError):
     """Input that cannot be used.
 
-    The message says what is wrong, where (file, row, column, value, unit) and what to do.
+    ``str(error)`` is the whole message for a person: what is wrong, where (file, row, column, value,
+    unit) and what to do. A program reads the place from the attributes, never from the message.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong and where.
+    file : str, optional
+        File at fault, as the message names it.
+    line : int, optional
+        Line of a text file or row of a table, from 1.
+    column : str, optional
+        Name of the column.
+    hint : str, optional
+        What to do; the message ends with it.
     """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: str | None = None,
+        line: int | None = None,
+        column: str | None = None,
+        hint: str | None = None,
+    ) -> None:
+        super().__init__(f"{message} {hint}" if hint else message)
+        self.file = file
+        self.line = line
+        self.column = column
+        self.hint = hint
+
+    def within(self, place: str, *, file: str | None = None) -> JointIdError:
+        """Return the same error with a place before its message; ``file`` where none is known yet."""
+        outer = JointIdError(f"{place}: {self}")
+        outer.file, outer.line, outer.column = self.file or file, self.line, self.column
+        outer.hint = self.hint
+        return outer

@@ -1,6 +1,6 @@
-"""The model: two (or n) elastic joints with coupled inertia, equations (1), (5)-(7) and (16).
+"""The model: n elastic joints with coupled inertia, equations (1), (5)-(7) and (16).
 
-Motor side throughout: every inertia, stiffness and damping is seen from the motor shaft.
+Motor side throughout: every inertia, stiffness and damping is reflected to the motor shaft.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.small_matrices import inverse
 from jointid.wording import counted
@@ -67,14 +67,18 @@ class Inertia:
                 "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
             )
         object.__setattr__(self, "M", rotor)
-        arm = (arm + arm.T) / 2
-        arm.setflags(write=False)
-        object.__setattr__(self, "M2", arm)
+        object.__setattr__(self, "M2", frozen((arm + arm.T) / 2))
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.M.size)
+
+
+def arm_inertias(n: int) -> list[tuple[str, int, int]]:
+    """Name, row and column of each element of M2's upper triangle: J_a1, J_12, J_a2, ..."""
+    pairs = [(i, j) for i in range(n) for j in range(i, n)]
+    return [(f"J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}", i, j) for i, j in pairs]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +219,7 @@ def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
 
 
 def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped zeros of each diagonal element H_jj: what resonates while motor j stands still.
+    """Undamped zeros of each diagonal element H_jj: resonances with motor j locked.
 
     Returns
     -------

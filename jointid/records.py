@@ -1,4 +1,4 @@
-"""One sine experiment, as it was logged: motor position and torque of n joints against time."""
+"""Log of one sine experiment: motor position and torque of n joints over time."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class SineRecord:
     torque_delay_s : float, default 0.0
         The torque acts this much after its sample, s.
     start_s : float, optional
-        Where the settled sine begins on the clock of ``time_s``; rows before it are kept but not used.
+        Start of the steady state on the clock of ``time_s``; earlier rows are kept but not used.
     pose : str, optional
-        Name of the pose in which it was measured; M2 depends on the pose, K and D do not.
+        Name of the pose; M2 depends on the pose, K and D do not.
     label : str, default ""
-        A name for messages and plots, for instance the file it came from.
+        Name for messages and plots, for instance the file name.
 
     Raises
     ------
@@ -59,7 +59,7 @@ class SineRecord:
     pose: str | None = None
     label: str = ""
     start: int = field(init=False, repr=False)
-    """Index of the first sample that is used."""
+    """Index of the first sample used."""
     interval_s: float = field(init=False)
     """Mean sample interval of the samples used, s."""
     jitter_s: float = field(init=False)
@@ -138,7 +138,7 @@ class SineRecord:
 
     @property
     def periods(self) -> float:
-        """How many periods the used samples span; need not be whole."""
+        """Number of periods of the samples used; need not be whole."""
         return self.samples * self.interval_s * self.frequency_hz
 
 

@@ -1,4 +1,4 @@
-"""Numbers for people: as many digits as their uncertainty supports."""
+"""Number formatting with the digits that the uncertainty supports."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import math
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
-"""Nothing here is known better than to seven digits, whatever the statistics say."""
+"""Most significant digits shown, whatever the standard error."""
 
 
 def with_error(value: float, error: float) -> str:
-    """Write a value with its standard error, for instance "43.02 ± 0.03".
+    """Format a value with its standard error, for instance "43.02 ± 0.03".
 
     The error gets one digit, two when it begins with 1; the value ends at the same place.
 
@@ -18,7 +18,7 @@ def with_error(value: float, error: float) -> str:
     ----------
     value : float
     error : float
-        Standard error, not negative. Not finite: the value stands alone, with "± ?".
+        Standard error, not negative. Shown as "± ?" if not finite.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def with_error(value: float, error: float) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """Write a value whose error is not known with a number of significant digits, "1.23×10⁻⁵"."""
+    """Format a value with a number of significant digits, "1.23×10⁻⁵"."""
     if not math.isfinite(value):
         return "∞" if value == math.inf else "unknown"
     if value == 0:
@@ -59,7 +59,7 @@ def significant(value: float, digits: int = 4) -> str:
 
 
 def plain(value: float) -> str:
-    """Write a number that someone chose, such as a nominal value, as they would: 20, 3.5, 0.015."""
+    """Format a chosen number, such as a nominal value: 20, 3.5, 0.015."""
     mantissa = f"{value:.6g}"
     return significant(value, 3) if "e" in mantissa else _minus(mantissa)
 

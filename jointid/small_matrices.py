@@ -1,7 +1,7 @@
 """Algebra of many small matrices: loops over the few joints, not over the many records.
 
-LAPACK is called once for each matrix, and takes far longer to start than to invert a 2 × 2 one; its
-threads only wait for each other, the more so on a busy machine.
+LAPACK is called once per matrix; for a 2 × 2 one the call costs far more than the inverse, and several
+BLAS threads only wait for each other.
 """
 
 from __future__ import annotations
@@ -65,6 +65,24 @@ def whitener(V: Complexes) -> Complexes:
         for i in range(j):
             W[..., j, i] = -scale * (L[..., j, i:j] * W[..., i:j, i]).sum(axis=-1)
     return W
+
+
+def unit_diagonal(normal: Floats) -> tuple[np.ndarray, Floats, Floats]:
+    """Scale a normal matrix, shape (P, P), to unit diagonal, without its zero rows and columns.
+
+    Returns
+    -------
+    seen : ndarray of bool, shape (P,)
+        Rows with a positive diagonal, p of them.
+    size : ndarray, shape (p,)
+        Root of their diagonal.
+    scaled : ndarray, shape (p, p)
+        Their matrix over the outer product of ``size``.
+    """
+    size = np.sqrt(np.diag(normal))
+    seen = size > 0
+    size = size[seen]
+    return seen, size, np.asarray(normal[np.ix_(seen, seen)] / np.outer(size, size))
 
 
 def one_thread() -> AbstractContextManager[object]:

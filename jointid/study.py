@@ -1,4 +1,4 @@
-"""A study: the records of one robot, what is known about it, and the whole method on one screen."""
+"""A study: the records of one robot with its inertias, and the whole method in one call."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from jointid.wording import counted
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Sine records of one robot, with the rigid-body inertias the method takes as known.
+    """Sine records of one robot, with its known rigid-body inertias.
 
     Parameters
     ----------
@@ -31,16 +31,16 @@ class Study:
     inertia : Inertia
         Motor side, for records without a pose.
     nominal : Elasticity, optional
-        What the controller assumes today.
+        K and D that the controller assumes.
     name : str, default ""
     origin : {"", "simulated", "measured"}
-        Where the records come from; empty when not stated.
+        Origin of the records; empty when not stated.
     description : str, default ""
-        A sentence or two for the reader.
+        Free text.
     poses : mapping of str to Inertia, optional
         Inertia of each named pose.
     robot : str, default ""
-        Which robot it is, to tell robots of a fleet apart and to follow one over time.
+        Name of the robot, to compare robots of a fleet and to follow one over time.
     date : date or datetime, optional
         When it was measured; a datetime's offset from UTC, if it has one, in whole minutes.
 
@@ -119,35 +119,35 @@ def _require_date(date: object) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """Everything the method says about a study."""
+    """All results of a study."""
 
     study: Study
     phasors: Phasors
     """Equations (2)-(4), in the order of the study's records."""
     transfer_matrices: Mapping[str, TransferMatrix]
-    """Equations (16)-(18) by pose, "" being records without one; a pose that allows none is missing."""
+    """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
     freed_transfer_matrices: Mapping[str, TransferMatrix]
-    """The same from torques freed of the friction and delay that ``fit`` found."""
+    """The same, friction-compensated: friction and delay of ``fit`` subtracted from the torque."""
     transfer_problem: str
-    """Why a pose has no transfer matrix, with the remedy; empty when every pose has one."""
+    """Reason why a pose has no transfer matrix, with the remedy; empty otherwise."""
     fit: ElasticityFit
     """The chosen estimate of K and D, equations (8)-(15)."""
     fits: Mapping[str, ElasticityFit]
-    """The chosen estimator's answer and those of the linear ones, for comparison."""
+    """Fits of the chosen estimator and of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
-    """What to know before the answer is trusted, most important first."""
+    """Findings on the data and the answer, most important first."""
 
 
 def analyse(study: Study, *, method: str = "auto") -> Analysis:
     """Run the whole method on a study: phasors, transfer matrix, elasticity, verdict.
 
-    The answer is the same to the last bit however many cores there are: BLAS uses one.
+    The result does not depend on the number of cores: BLAS uses one.
 
     Parameters
     ----------
     study : Study
     method : str, default "auto"
-        The estimator whose answer is ``Analysis.fit``; see ``jointid.estimation.elasticity.METHODS``.
+        Estimator of ``Analysis.fit``; see ``jointid.estimation.elasticity.METHODS``.
 
     Raises
     ------
@@ -191,6 +191,6 @@ def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, Transf
     for pose in dict.fromkeys(record.pose or "" for record in study.records):
         try:
             matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
-        except JointIdError as error:  # K and D may well be found without H
+        except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return matrices, problem

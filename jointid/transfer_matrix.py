@@ -1,4 +1,4 @@
-"""From phasors to the transfer matrix of the motors, equations (16)-(18), free of the controllers."""
+"""Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ from jointid.errors import JointIdError
 from jointid.phasors.extract import Phasors
 from jointid.wording import counted
 
-_SINGULAR = 1e-8  # relative to the largest singular value: no two records are more alike by chance
-_NOISE_MARGIN = 3.0  # the smallest independent part of the torques must stand this far above noise
+_SINGULAR = 1e-8
+"""Smallest singular value of the torques over the largest; below it, records are the same experiment."""
+_NOISE_MARGIN = 3.0
+"""Smallest singular value of the torques over their noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,7 @@ class TransferMatrix:
     condition: Floats
     """Condition number of the torque matrix T with rows of unit length, shape (f,)."""
     reciprocity_error: Floats
-    """Largest |H_ij − H_ji| over √|H_ii H_jj|, shape (f,); noise makes it, or wrong units and signs."""
+    """Largest |H_ij − H_ji| over √|H_ii H_jj|, shape (f,), from noise or wrong units and signs."""
     rejected: tuple[str, ...]
     """Frequencies that were not inverted, each with the reason and the remedy."""
 
@@ -50,7 +52,7 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     Returns
     -------
     TransferMatrix
-        Frequencies whose torques are not independent are left out and named in ``rejected``.
+        Without the frequencies of linearly dependent torques, which ``rejected`` lists.
 
     Raises
     ------
@@ -87,7 +89,7 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
 def single_record_response(phasors: Phasors) -> Complexes:
     """Acceleration over torque of each joint from one record alone, the dotted curve of Figure 3.
 
-    For two joints this is H11 + H12 τ2/τ1: the controller of the other joint, which makes τ2, is in it.
+    For two joints this is H11 + H12 τ2/τ1, which depends on the other joint's controller through τ2.
 
     Returns
     -------

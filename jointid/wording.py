@@ -1,9 +1,9 @@
-"""Small pieces of error messages."""
+"""Pieces of text that messages, reports and file names share."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
@@ -12,12 +12,28 @@ def nearest(word: str, words: Iterable[str]) -> str:
     return f' Did you mean "{matches[0]}"?' if matches else ""
 
 
+def capitalised(text: str) -> str:
+    """Return a text with its first letter in upper case, the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def file_stem(name: str) -> str:
+    """Return a study's name as the beginning of a file name: lower case, words joined by "_"."""
+    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
+    return "_".join(part for part in kept.split("_") if part)[:60] or "study"
+
+
 def counted(count: int, what: str) -> str:
     """Return "1 record", "2 records", "2 frequencies": a number with its noun."""
     if count == 1:
         return f"1 {what}"
     plural = what[:-1] + "ies" if what.endswith("y") else what + "s"
     return f"{count} {plural}"
+
+
+def enumerated(words: Sequence[str]) -> str:
+    """Return "a", "a and b", "a, b and c"."""
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def listed(words: Iterable[str], *, at_most: int = 20) -> str:

@@ -6,6 +6,7 @@ from jointid import JointIdError
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads, report_panel
+from jointid.wording import file_stem
 
 page = open_page("Report")
 st.title("Report and export", anchor=False)
@@ -16,7 +17,7 @@ st.write(
     "The same study gives the same files, to the last byte."
 )
 analysis = page.analysis()
-stem, study = downloads.file_stem(page.study.name), page.study
+stem, study = file_stem(page.study.name), page.study
 try:
     results = downloads.results(page.digest, page.method, analysis)
 except JointIdError as error:

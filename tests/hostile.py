@@ -23,7 +23,7 @@ from streamlit import dataframe_util
 from jointid import Study
 from jointid.arrays import Floats
 from jointid.files.study_files import pack_study
-from jointid.fleet.row import Row, failed
+from jointid.fleet.row import Row, failed_row
 from jointid.fleet.table import to_parquet
 
 AWAY = "127.0.0.1:9"
@@ -150,7 +150,7 @@ def hostile_fleet() -> bytes:
         )
         for k in range(12)
     ]  # fmt: skip
-    return to_parquet([*rows, failed(f"/cells/{ALL}.zip", "auto", "time", ALL)])
+    return to_parquet([*rows, failed_row(f"/cells/{ALL}.zip", "auto", "time", ALL)])
 
 
 # --- what a page is sent

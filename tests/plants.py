@@ -139,7 +139,7 @@ def exact_phasors(
         q=q,
         tau=tau,
         covariance=covariance,
-        freedom=np.full(r, float(freedom)),
+        degrees_of_freedom=np.full(r, float(freedom)),
         duration_s=np.full(r, 2.0),
         harmonics=np.hstack([q, tau])[:, None],
         harmonic_covariance=covariance[:, None],

@@ -19,7 +19,7 @@ import pytest
 
 from jointid import JointIdError, Study, analyse, load_study
 from jointid.background.child_process import Child
-from jointid.background.pool import NoneReadyError, Pool
+from jointid.background.pool import NoWorkerError, Pool
 from jointid.ui.shared import background
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.results import ResultCache
@@ -36,7 +36,7 @@ def study() -> Study:
 
 def answers(pool: Pool) -> int:
     """Which process answers, as soon as there is one."""
-    pool.begin()
+    pool.start()
     until(lambda: not pool._idle.empty())
     return int(pool.call(os.getpid))
 
@@ -137,7 +137,7 @@ def test_a_call_that_ends_its_process_twice_is_given_up(ready: Pool) -> None:
 
 
 def test_without_processes_it_is_computed_here(pool: Pool) -> None:
-    with pytest.raises(NoneReadyError):
+    with pytest.raises(NoWorkerError):
         pool.call(len, "abc")
     assert run_in_background(os.getpid) == os.getpid()
 
@@ -150,13 +150,13 @@ def test_a_process_that_cannot_begin_is_done_without_for_a_while(
         raise fault
 
     with monkeypatch.context() as broken:
-        broken.setattr(Child, "begin", fails)
-        pool.begin()
-        until(lambda: not pool._there)
-    pool.begin()
-    assert not pool._there, "not at once again"
+        broken.setattr(Child, "start", fails)
+        pool.start()
+        until(lambda: not pool._started)
+    pool.start()
+    assert not pool._started, "not at once again"
     assert run_in_background(os.getpid) == os.getpid()
-    monkeypatch.setattr(pool, "_not_before", 0.0)
+    monkeypatch.setattr(pool, "_retry_after_s", 0.0)
     assert answers(pool) != os.getpid()
 
 
@@ -195,7 +195,7 @@ def test_the_second_session_has_processes_begin(
         first = threads.submit(run_in_background, long)
         assert began.wait(PATIENCE_S)
         assert run_in_background(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
-        assert not pool._there, "one alone needs none"
+        assert not pool._started, "one alone needs none"
         monkeypatch.setattr(background, "_session", lambda: "other")
         assert run_in_background(os.getpid) == os.getpid()
         assert answers(pool) == run_in_background(os.getpid) != os.getpid()

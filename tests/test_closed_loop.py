@@ -16,7 +16,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia, motor_response
 from jointid.simulation.closed_loop import simulate_records
 from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
-from jointid.simulation.motor_motion import constant_torque, plant, step_with_friction
+from jointid.simulation.motor_dynamics import constant_torque, plant, step_with_friction
 
 PARALLELOGRAM = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
 SERIAL = Inertia([0.0025, 0.001], [[0.006345, 0.002095], [0.002095, 0.001889]])

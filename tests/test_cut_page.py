@@ -16,7 +16,7 @@ from plants import PAPER
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, Elasticity, PlanarArm, analyse, load_study, rectangle
-from jointid.cut.outcome import Outcome, cut_outcome, study_outcome
+from jointid.cut.outcome import Outcome, cut_outcome, millimetres, study_outcome
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import ToleranceMap
 from jointid.figures.cut import (
@@ -25,10 +25,12 @@ from jointid.figures.cut import (
     path_error_over_time,
     torque_over_time,
 )
-from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg
+from jointid.figures.cut_shapes import Shape, shape_svg
 from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import DARK, LIGHT
 from jointid.files.digest import study_digest
+from jointid.reporting.drawing import to_svg
+from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.animation import animation_data, tracks
 from jointid.ui.cut.settings import CutSettings, usual
@@ -124,7 +126,7 @@ class TestPage:
         assert alone is not None
         with pytest.MonkeyPatch.context() as never:
             never.setattr(cut_cached, "track", lambda *_, **__: calls.append(alone))
-            never.setattr(cut_cached, "promised", lambda *_, **__: calls.append(alone))
+            never.setattr(cut_cached, "predicted_cut", lambda *_, **__: calls.append(alone))
             shown_first = cut_cached.overview(digest, DEFAULT_METHOD, analysis)
             settings = usual(cut_robot(analysis))
             on_its_page = cut_cached.outcome(digest, DEFAULT_METHOD, settings, analysis)
@@ -133,7 +135,7 @@ class TestPage:
         for one in (shown_first, on_its_page):
             assert np.array_equal(one.before.tool_m, alone.before.tool_m)
             assert np.array_equal(one.after.tool_m, alone.after.tool_m)
-            assert np.array_equal(one.edge.K, alone.edge.K)
+            assert np.array_equal(one.p95.K, alone.p95.K)
             assert one.spread_m == alone.spread_m
 
     def test_its_controls_begin_as_the_settings_of_the_first_screen(
@@ -356,22 +358,23 @@ class TestShapes:
 
     def test_the_file_holds_every_cut_with_its_caption(self, outcome: Outcome) -> None:
         run = outcome.before
-        shapes = [Shape(run.wanted_m, run.tool_m, LIGHT.nominal, ("3.8 mm", "zone < 10 mm"))] * 3
-        text = shapes_svg([("Nominal & co", shapes), ("Identified", shapes)], title="A <cut>")
+        cuts = [("zone < 10 mm", run)] * 3
+        rows = [("Nominal & co", LIGHT.nominal, cuts), ("Identified > all", LIGHT.identified, cuts)]
+        text = to_svg(cut_figure(rows), title="A <cut>")
         root = ElementTree.fromstring(text)
         space = "{http://www.w3.org/2000/svg}"
         assert root.find(f"{space}title").text == "A <cut>"
         captions = [element.text for element in root.iter(f"{space}text")]
-        assert captions.count("3.8 mm") == captions.count("zone < 10 mm") == 6
+        error = millimetres(run.max_contour_error_m)
+        assert captions.count(error) == captions.count("zone < 10 mm") == 6
         assert "Nominal & co" in captions
-        assert len(list(root.iter(f"{space}path"))) == 12
+        paths = list(root.iter(f"{space}path"))
+        assert len(paths) == 12 + 2 + 1  # cuts over their references, a key for each row, the scale
         width, height = float(root.attrib["width"]), float(root.attrib["height"])
-        for group in root.iter(f"{space}g"):
-            corner = np.array(re.findall(r"[-\d.]+", group.attrib["transform"]), float)
-            for path in group:
-                xy = np.array(re.findall(r"([-\d.]+) ([-\d.]+)", path.attrib["d"]), float)
-                assert np.all(xy + corner > 0)
-                assert np.all(xy + corner < [width, height])
+        for path in paths:
+            xy = np.array(re.findall(r"([-\d.]+) ([-\d.]+)", path.attrib["d"]), float)
+            assert np.all(xy >= 0)
+            assert np.all(xy <= [width, height])
         assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 

@@ -33,7 +33,7 @@ from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
-from jointid.fleet.studies import shown
+from jointid.fleet.studies import path_text
 from jointid.fleet.worker import answer, study_row
 
 COUNT = 10
@@ -117,10 +117,10 @@ def test_a_friction_and_a_delay_stand_in_the_row(sample_folder: Path) -> None:
 
 
 def test_rows_survive_json_and_parquet_to_the_last_bit(truth: dict[str, Row], tmp_path: Path) -> None:
-    from jointid.fleet.row import failed
+    from jointid.fleet.row import failed_row
     from jointid.fleet.table import write_rows
 
-    rows = (*truth.values(), failed("/a\nb.zip", "auto", "time", "It took …", time_s=1.5))
+    rows = (*truth.values(), failed_row("/a\nb.zip", "auto", "time", "It took …", time_s=1.5))
     assert tuple(from_plain(json.loads(json.dumps(to_plain(row)))) for row in rows) == rows
     write_rows(tmp_path / "r.parquet", rows)
     assert read_fleet(tmp_path / "r.parquet") == rows
@@ -215,7 +215,7 @@ def test_two_paths_are_never_shown_alike(tmp_path: Path) -> None:
 @given(st.binary(max_size=12) | st.text("\\x5cf8\u00e4", max_size=12).map(os.fsencode))
 def test_what_a_table_shows_leads_back_to_the_path(name: bytes) -> None:
     path = Path(os.fsdecode(b"/" + name.replace(b"\0", b"").replace(b"/", b"")))
-    text = shown(path)
+    text = path_text(path)
     text.encode()  # a table can hold it
     back = re.sub(rb"\\x([89a-f][0-9a-f]|5c)", lambda found: bytes([int(found[1], 16)]), text.encode())
     assert back == os.fsencode(path)

@@ -17,8 +17,8 @@ from jointid.figures.fleet import distribution, drift_over_time
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
-from jointid.fleet.reading import read_apart
-from jointid.fleet.row import Row, failed
+from jointid.fleet.reading import read_untrusted
+from jointid.fleet.row import Row, failed_row
 from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import to_parquet
 from jointid.ui.fleet import files as fleet_files
@@ -70,14 +70,14 @@ def test_what_stands_out_is_far_for_the_fleet_and_for_its_own_error() -> None:
     rng = np.random.default_rng(2)
     rows = [row(k, 40 + rng.standard_normal()) for k in range(60)]
     far, unsure = row(60, 50.0), row(61, 50.0, error=4.0)
-    lost = failed("/x.zip", "auto", "time", "It took too long.")
+    lost = failed_row("/x.zip", "auto", "time", "It took too long.")
     spread = fleet_spread([*rows, far, unsure, lost], "K", 1)
     assert spread.value.size == 62
-    assert [spread.rows[k] for k in np.flatnonzero(spread.outstanding)] == [far]
+    assert [spread.rows[k] for k in np.flatnonzero(spread.outliers)] == [far]
     expected = np.hypot(spread.spread, 0.1)
     assert spread.z[60] == pytest.approx((50 - spread.median) / expected)
     assert fleet_spread(rows, "K", 2).value.size == 0
-    assert not fleet_spread(rows[:4], "K", 1).outstanding.any()  # too few to tell
+    assert not fleet_spread(rows[:4], "K", 1).outliers.any()  # too few to tell
 
 
 def test_a_robot_is_compared_with_itself_on_demand() -> None:
@@ -88,14 +88,14 @@ def test_a_robot_is_compared_with_itself_on_demand() -> None:
     fleet = fleet_spread(rows, "K", 1)
     assert set(fleet.centre) == {fleet.median}
     own = fleet_spread(rows, "K", 1, within_robot=True)
-    assert np.flatnonzero(own.outstanding).tolist() == [40]
+    assert np.flatnonzero(own.outliers).tolist() == [40]
     assert own.centre[25] == pytest.approx(60, abs=0.1)
 
 
 def test_equal_values_do_not_stand_out() -> None:
     spread = fleet_spread([row(k, 40.0, error=0.0) for k in range(9)], "K", 1)
     assert spread.spread == 0
-    assert not spread.outstanding.any()
+    assert not spread.outliers.any()
 
 
 @pytest.mark.parametrize("broken", [0, 3])
@@ -168,10 +168,10 @@ def test_both_spread_lines_are_inside_the_figure() -> None:
 
 
 def test_a_table_is_read_in_a_process_of_its_own() -> None:
-    rows = (row(1, 40.0, date="2026-01-01"), failed("/x.zip", "auto", "time", "…"))
-    assert read_apart(to_parquet(rows)) == rows
+    rows = (row(1, 40.0, date="2026-01-01"), failed_row("/x.zip", "auto", "time", "…"))
+    assert read_untrusted(to_parquet(rows)) == rows
     with pytest.raises(JointIdError, match="cannot be read"):
-        read_apart(b"PAR1" + b"\x00" * 50 + b"PAR1")
+        read_untrusted(b"PAR1" + b"\x00" * 50 + b"PAR1")
     for data in (b"", pack_study(small_study(0))):
         with pytest.raises(JointIdError, match="cannot be read"):
             read_fleet(data)
@@ -189,7 +189,7 @@ def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> N
 @pytest.fixture
 def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     """The page; it reads tables in this process, which takes less time to begin than another."""
-    monkeypatch.setattr(fleet_files, "read_apart", read_fleet)
+    monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     return AppTest.from_file(str(APP), default_timeout=60)
@@ -220,7 +220,7 @@ def fleet(count: int = 30) -> list[Row]:
     return [
         *rows,
         row(count, 60.0, robot="odd"),
-        failed("/cells/lost.zip", "auto", "time", "It took long."),
+        failed_row("/cells/lost.zip", "auto", "time", "It took long."),
     ]
 
 
@@ -290,7 +290,7 @@ def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> No
 def test_what_is_no_table_is_said_and_the_rest_is_shown(
     app: AppTest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fleet_files, "read_apart", read_apart)
+    monkeypatch.setattr(fleet_files, "read_untrusted", read_untrusted)
     at = shown(app.switch_page(PAGE).run())
     at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
     assert "bad.parquet: The table cannot be read" in text_of(at)

@@ -31,7 +31,7 @@ PAGES = ["app.py", *sorted(f"pages/{file.name}" for file in (ROOT / "pages").glo
 
 @pytest.fixture
 def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(fleet_files, "read_apart", read_fleet)
+    monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     return AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)

@@ -16,7 +16,7 @@ from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping
 from jointid.importing.map.joined_logs import join_logs, joined_table
-from jointid.importing.map.simultaneous_logs import recorded_at_once
+from jointid.importing.map.simultaneous_logs import simultaneous_groups
 from jointid.study import analyse
 from jointid.ui.shared import workspace
 
@@ -85,7 +85,7 @@ def pair(one: str, two: str, **of_second: float) -> list[LogTable]:
 )
 def test_the_same_times_and_sines_are_joints_at_once(one: str, two: str) -> None:
     tables = pair(one, two)
-    assert recorded_at_once(tables) == ((0, 1),)
+    assert simultaneous_groups(tables) == ((0, 1),)
     joined = joined_table(tables)
     mapping = guess_mapping(joined).mapping
     assert mapping.n == 2
@@ -110,11 +110,11 @@ def test_the_same_times_and_sines_are_joints_at_once(one: str, two: str) -> None
 )
 def test_other_logs_stay_runs(names: tuple[str, str], second: dict[str, float]) -> None:
     one, two = names
-    assert recorded_at_once(pair(one, two, **second)) == ()
+    assert simultaneous_groups(pair(one, two, **second)) == ()
 
 
 def test_one_program_run_twice_is_one_joint() -> None:
-    assert recorded_at_once([log("a.csv", seed=1), log("b.csv", seed=2)]) == ()
+    assert simultaneous_groups([log("a.csv", seed=1), log("b.csv", seed=2)]) == ()
 
 
 def test_raw_and_filtered_tables_of_a_file_are_one_joint() -> None:
@@ -124,17 +124,17 @@ def test_raw_and_filtered_tables_of_a_file_are_one_joint() -> None:
     )
     other = replace(smooth.column("torque"), values=0.5 * smooth.column("torque").values)
     smooth = replace(smooth, columns=(*smooth.columns[:2], other))
-    assert recorded_at_once([raw, smooth]) == ()
+    assert simultaneous_groups([raw, smooth]) == ()
 
 
 def test_a_copy_is_no_second_joint() -> None:
     one = log("axis1.csv")
-    assert recorded_at_once([one, replace(one, name="axis2.csv")]) == ()
+    assert simultaneous_groups([one, replace(one, name="axis2.csv")]) == ()
 
 
 def test_an_absolute_clock_needs_only_overlap() -> None:
     one, two = log("p.csv", start=1.7e9, seed=1), log("q.csv", start=1.7e9 + 0.2, gain=0.3, seed=2)
-    assert recorded_at_once([one, two]) == ((0, 1),)
+    assert simultaneous_groups([one, two]) == ((0, 1),)
     joined = joined_table([one, two])
     assert joined.rows == 1800
     assert joined.column("time").values[0] == pytest.approx(1.7e9 + 0.2, abs=1e-6)

@@ -514,7 +514,7 @@ def test_one_gap_for_notes_and_for_segments() -> None:
     from jointid.importing.find import segments
     from jointid.importing.map import sample_times
 
-    assert sample_times.GAP == segments._GAP
+    assert sample_times.GAP == segments.GAP
 
 
 def test_a_rate_that_no_log_says_is_said() -> None:

@@ -31,10 +31,11 @@ from log_makers import (
 
 from jointid import JointIdError
 from jointid.arrays import Floats
+from jointid.background.child_process import Limits
 from jointid.importing import LogTable, read_log, read_logs
 from jointid.importing.columns.units import split_unit
-from jointid.importing.read import optional_imports as extras_module
-from jointid.importing.read.reader_process import SeparateReader
+from jointid.importing.read import optional_imports
+from jointid.importing.read.reader_process import ReaderProcess
 
 
 def only(tables: tuple[LogTable, ...]) -> LogTable:
@@ -355,18 +356,18 @@ def test_workbook_bomb_is_refused() -> None:
 def test_reader_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     path = tmp_path / "x.mat"
     path.write_bytes(mat_scope())
-    reader = SeparateReader(time_s=0.01)
+    reader = ReaderProcess(Limits(time_s=0.01))
     try:
         with pytest.raises(JointIdError, match=r"took more than 0\.01 s"):
             reader.read("matlab", "x.mat", path)
     finally:
-        reader.stop()
+        reader.close()
 
 
 def test_missing_extra_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(JointIdError, match=r'pip install "jointid\[import\]"'):
-        extras_module.extra("h5py", "h5py", "HDF5 files")
+        optional_imports.import_optional("h5py", "h5py", "HDF5 files")
 
 
 def test_signature_goes_by_names_and_units() -> None:

@@ -49,7 +49,7 @@ HOMES = {
 FLOORS = [
     ["errors"],
     ["arrays", "wording", "rounding", "version"],
-    ["small_matrices"],
+    ["small_matrices", "background"],
     ["records", "joints"],
     ["phasors", "simulation"],
     ["transfer_matrix"],
@@ -59,7 +59,6 @@ FLOORS = [
     ["study"],
     ["files", "cut"],
     ["importing", "exporting"],
-    ["background"],
     ["fleet", "figures"],
     ["reporting"],
     ["cli", "ui"],

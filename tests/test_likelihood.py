@@ -235,7 +235,7 @@ def test_linear_methods_fit_no_friction() -> None:
         identify_elasticity(phasors, PARALLELOGRAM, method="weighted", friction=True)
 
 
-def test_freed_phasors_obey_the_model() -> None:
+def test_compensated_phasors_obey_the_model() -> None:
     """What the fit leaves of the torque is what springs and inertias take."""
     fit = identify_elasticity(extract_phasors(simulated(coulomb=COULOMB)), PARALLELOGRAM)
     H = motor_response(fit.phasors.omega, PARALLELOGRAM, PAPER)
@@ -291,7 +291,7 @@ def test_the_gradient_is_that_of_the_cost(window: float | None, delay: bool) -> 
     friction = None if window is None else friction_waveforms(phasors, window)
     start = np.concatenate([1.02 * PAPER.K, 0.97 * PAPER.D])
     problem = make_problem(phasors, PARALLELOGRAM, start, friction, delay, noise)
-    p = np.concatenate([start, 0.01 * np.ones(len(problem.names) - 4)])
+    p = np.concatenate([start, 0.01 * np.ones(problem.layout.size - 4)])
     if delay:
         p[-1] = 2e-4
     scale = np.linspace(1, 2, 9)

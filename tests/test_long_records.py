@@ -167,4 +167,4 @@ def test_noise_slower_than_a_part_is_in_the_error() -> None:
         claimed.append(fit.covariance[0, 0, 0].real)
         seen.append(abs(fit.fundamental[0] - 1) ** 2)
     assert np.mean(claimed) == pytest.approx(np.mean(seen), rel=0.4)
-    assert fit.freedom == 7
+    assert fit.degrees_of_freedom == 7

@@ -13,6 +13,7 @@ from jointid.figures import element_response
 from jointid.figures.response_curves import (
     Response,
     band_of,
+    element_curves,
     identified,
     magnitude_limits,
     measured,
@@ -20,7 +21,6 @@ from jointid.figures.response_curves import (
     phase_deg,
     single_records,
 )
-from jointid.reporting.curves import element_curves
 
 BAND_HZ = np.geomspace(3.0, 30.0, 300)
 
@@ -82,7 +82,7 @@ def test_a_narrow_band_is_widened() -> None:
 
 def test_the_report_and_the_app_draw_the_same_points_on_one_scale(analysis: Analysis) -> None:
     low, high = magnitude_limits(analysis, "", 0)
-    *_, points = element_curves(analysis, "", 0)
+    *_, points = element_curves(analysis, "", 0, 0)
     drawn = [t for t in element_response(analysis, 0, 0).data if t.mode == "markers" and t.yaxis != "y2"]
     assert drawn[-1].y == pytest.approx(np.abs(points.response.H))
     assert np.all((np.abs(points.response.H) >= low) & (np.abs(points.response.H) <= high))

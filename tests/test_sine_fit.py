@@ -206,7 +206,7 @@ def test_stated_covariance_is_the_scatter_of_the_phasors(case: str) -> None:
     assert ratio.max() < 1.25
     # How much the stated variances vary from run to run is what the degrees of freedom claim.
     variances = np.array([np.diag(fit.covariance[0]).real for fit in fits])
-    claimed = 1 / np.sqrt(fits[0].freedom)
+    claimed = 1 / np.sqrt(fits[0].degrees_of_freedom)
     assert np.all(variances.std(axis=0) / variances.mean(axis=0) < 1.5 * claimed + 0.02)
     assert np.allclose(error.mean(axis=0), 0, atol=5 * np.sqrt(np.diag(stated).real.max() / runs))
 

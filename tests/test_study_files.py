@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import pickle
 import stat
 import struct
 import zipfile
@@ -726,7 +727,21 @@ def test_messages_begin_with_a_capital_or_a_name() -> None:
 
 def test_semicolons_are_sent_to_the_import_of_a_log() -> None:
     text = csv_text().replace(",", ";").replace(".", ",")
-    assert "Import a log" in failure(zipped(files(first=text)))
+    assert "import it as a log" in failure(zipped(files(first=text)))
+
+
+def test_an_error_carries_its_place_and_remedy() -> None:
+    lines = csv_text(10.0).splitlines()
+    lines[41] = "0.040,0,,0,0"
+    with pytest.raises(JointIdError) as caught:
+        load_study(zipped(files(second="\n".join(lines))))
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert (error.file, error.line, error.column) == ("records/02.csv", 42, "theta_m2_rad")
+        assert str(error).startswith("records/02.csv, line 42, column theta_m2_rad: ")
+        assert str(error).endswith(f" {error.hint}")
+    with pytest.raises(JointIdError) as caught:
+        load_study(zipped(files(toml=edited("M = [", "M = [-"))))
+    assert caught.value.file == "study.toml"
 
 
 # --- what stays visible -------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import (
     amplitude_dependence,
-    freed_phasors,
+    compensated_phasors,
     harmonic_content,
     predict_left_out,
     record_residuals,
@@ -133,10 +133,10 @@ def test_prediction_needs_frequencies() -> None:
         predict_left_out(phasors, SERIAL, fit)
 
 
-def test_freed_phasors_obey_the_springs() -> None:
+def test_compensated_phasors_obey_the_springs() -> None:
     phasors = rubbing()
     fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
-    free = freed_phasors(phasors, fit)
+    free = compensated_phasors(phasors, fit)
     H = motor_response(free.omega, PARALLELOGRAM, PAPER)
     expected = -(free.omega[:, None] ** 2) * free.q
     found = np.einsum("rij,rj->ri", H, free.tau)

@@ -1,6 +1,6 @@
-"""Calls of functions, as bytes to a process of its own and back.
+"""Function calls serialised for a worker process.
 
-Both ends are this software, on this computer, through a pipe of their own: pickle is safe there.
+Both ends are this software on this computer, connected by a private pipe: pickle is safe there.
 """
 
 from __future__ import annotations
@@ -10,23 +10,16 @@ import os
 import pickle
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
 from jointid.background.serving import Progress, serve_here
 
-_SOON = (
-    "jointid.study",
-    "jointid.cut.outcome",
-    "jointid.uncertainty.plan",
-    "jointid.uncertainty.sensitivity",
-)
-_PROTOCOL = 5  # keeps arrays read-only that are
+_PROTOCOL = 5  # preserves read-only arrays
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles frozen mappings too, and of what both sides hold only which one it is."""
+    """Pickles frozen mappings, and arguments held by both sides as references."""
 
     def __init__(self, file: io.BytesIO, held: Sequence[Any] = ()) -> None:
         super().__init__(file, _PROTOCOL)
@@ -42,7 +35,7 @@ class _Pickler(pickle.Pickler):
 
 
 def _frozen(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    return MappingProxyType(mapping)  # which pickle knows by no name
+    return MappingProxyType(mapping)  # pickle cannot import the type by name
 
 
 class _Unpickler(pickle.Unpickler):
@@ -54,48 +47,48 @@ class _Unpickler(pickle.Unpickler):
         return self._held[number]
 
 
-def packed_call(function: Callable[..., Any], given: Sequence[Any], tells: bool) -> bytes:
-    """Return a call as bytes.
+def packed_call(function: Callable[..., Any], arguments: Sequence[Any], with_progress: bool) -> bytes:
+    """Serialise a call.
 
     Parameters
     ----------
     function : callable
-        Of a module, by its name.
-    given : sequence
-        What it is called with.
-    tells : bool
-        Whether it takes ``progress`` as well.
+        Importable by name.
+    arguments : sequence
+    with_progress : bool
+        Whether the function also takes ``progress``.
     """
-    return _packed((function, tuple(given), tells))
+    return _packed((function, tuple(arguments), with_progress))
 
 
-def unpacked_result(data: bytes, given: Sequence[Any]) -> Any:
-    """Return what the call returned; what it was given comes back as itself.
+def unpacked_result(data: bytes, arguments: Sequence[Any]) -> Any:
+    """Return the result of a call; an argument in the result is the caller's own object.
 
     Raises
     ------
     Exception
         Whatever the call raised.
     """
-    raised, result = _Unpickler(data, given).load()
+    raised, result = _Unpickler(data, arguments).load()
     if raised:
         raise result
     return result
 
 
-def answer(_: dict[str, Any], body: bytes, tell: Progress) -> tuple[dict[str, Any], bytes]:
-    """Do a call; returns what it returned or raised."""
-    function, given = None, ()
+def answer(_: dict[str, Any], body: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
+    """Make a call; return its result or exception."""
+    function, arguments = None, ()
     try:
-        function, given, tells = pickle.loads(body)
-        result = (False, function(*given, progress=tell) if tells else function(*given))
+        function, arguments, with_progress = pickle.loads(body)
+        options = {"progress": progress} if with_progress else {}
+        result = (False, function(*arguments, **options))
     except (Exception, MemoryError) as error:
         result = (True, error)
     try:
-        return {}, _packed(result, given)
-    except Exception as error:  # a foreign one need not be fit for sending
-        told = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
-        return {}, _packed((True, TypeError(told)))
+        return {}, _packed(result, arguments)
+    except Exception as error:  # exceptions and results of other libraries may not be picklable
+        reason = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
+        return {}, _packed((True, TypeError(reason)))
 
 
 def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
@@ -105,9 +98,7 @@ def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
 
 
 def main(memory_bytes: int) -> None:
-    """Serve calls, behind whoever waits for a click."""
-    for module in _SOON:  # the first call need not wait for them
-        import_module(module)
+    """Serve calls at a lower priority than the process that answers clicks."""
     with suppress(AttributeError, OSError):
         os.nice(5)
     serve_here(answer, memory_bytes)

@@ -1,4 +1,4 @@
-"""A process that answers what it is asked, and can be ended without losing more than one answer."""
+"""A worker process with memory and time limits; a crash or hang affects one request only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,23 +17,26 @@ from typing import IO, Any
 
 from jointid.errors import JointIdError
 
-_BEGIN = """
+_PROGRAM = """
 import importlib, sys
-sys.path.insert(0, sys.argv[1])
-importlib.import_module(sys.argv[2]).main(int(sys.argv[3]))
+path, module, memory_bytes, *preloaded = sys.argv[1:]
+sys.path.insert(0, path)
+for name in preloaded:
+    importlib.import_module(name)
+importlib.import_module(module).main(int(memory_bytes))
 """
-_START_S = 60.0
-_LONGEST_HEADER = 64 << 20
+_START_LIMIT_S = 60.0
+_MAX_HEADER_BYTES = 64 << 20
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one request may take."""
+    """Limits for one request."""
 
     time_s: float = 120.0
     memory_bytes: int = 4 << 30
-    """Beyond what the program itself needs; kept where the system can bound it (not on Windows)."""
+    """Address space beyond that of the program itself; enforced except on Windows."""
 
     def __post_init__(self) -> None:
         if not 0 < self.time_s < 1e7:
@@ -43,38 +46,40 @@ class Limits:
 
 
 class Ended(Exception):
-    """The process ended over a request, or was ended."""
+    """The process crashed during a request, or was killed."""
 
     def __init__(self, text: str, *, late: bool = False) -> None:
         super().__init__(text)
         self.late = late
-        """Whether it was ended for the time that it took."""
+        """Whether the time limit was exceeded."""
 
 
 class Child:
-    """One process, begun when first needed and anew when a request has ended it.
+    """One worker process, started lazily and restarted after a crash.
 
     Parameters
     ----------
     module : str
-        What it runs, a module with a ``main`` that serves; see ``serving.py``.
+        Module whose ``main`` serves requests; see ``serving.py``.
     limits : Limits
+    preload : sequence of str, optional
+        Modules to import at the start, so that the first request need not wait for them.
     """
 
-    def __init__(self, module: str, limits: Limits) -> None:
-        self._module = module
+    def __init__(self, module: str, limits: Limits, preload: Sequence[str] = ()) -> None:
+        self._arguments = [module, str(limits.memory_bytes), *preload]
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
         self._errors: IO[bytes] | None = None
         self._stopped = False
 
     @property
-    def runs(self) -> bool:
-        """Whether the process is there, so that it answers without having to begin."""
+    def is_running(self) -> bool:
+        """Whether the process is up, so that a request need not wait for its start."""
         return self._process is not None and self._process.poll() is None
 
-    def begin(self) -> None:
-        """Begin the process, if it is not there.
+    def start(self) -> None:
+        """Start the process unless it runs.
 
         Raises
         ------
@@ -89,36 +94,28 @@ class Child:
         body: bytes = b"",
         progress: Callable[..., object] | None = None,
     ) -> tuple[dict[str, Any], bytes]:
-        """Send a request and return its answer.
+        """Send a request and return its response.
 
         Parameters
         ----------
         request : dict
-            As JSON can hold it.
+            JSON-serialisable.
         body : bytes
         progress : callable, optional
-            Called with the fraction done and what else the process tells. What it raises ends the
-            process.
+            Called with the fraction done, and any text the process adds. An exception it raises kills
+            the process.
 
         Raises
         ------
         Ended
-            When the process ended over it, or was ended for the time it took.
+            When the process crashed or exceeded the time limit.
         JointIdError
             When no process can be started.
         """
         for attempt in range(2):
             process = self._running()
-            late = threading.Event()
-
-            def end(process: subprocess.Popen[bytes] = process, late: threading.Event = late) -> None:
-                late.set()
-                process.kill()
-
-            timer = threading.Timer(self._limits.time_s, end)
-            timer.daemon = True
-            timer.start()
-            begun = False
+            late, begun = threading.Event(), False
+            timer = _kill_after(self._limits.time_s, process, late)
             try:
                 header = request | {"bytes": len(body), "time_s": self._limits.time_s}
                 assert process.stdin is not None
@@ -129,16 +126,16 @@ class Child:
                 return self._answer(process, progress)
             except (OSError, ValueError, EOFError):
                 if self._process is not process:
-                    raise  # of ``progress``, which has ended it
+                    raise  # by ``progress``; the process is killed already
                 with suppress(subprocess.TimeoutExpired):
-                    process.wait(1.0)  # its own exit code tells more than being ended
+                    process.wait(1.0)  # its own exit code says more than SIGKILL
                 code = self._end()
                 if late.is_set():
                     text = f"It took more than {self._limits.time_s:g} s and was ended."
                     raise Ended(text, late=True) from None
                 if begun or attempt or self._stopped:
-                    raise Ended(f"It ended the process that worked on it ({_why(code)}).") from None
-                # The process was idle too long, or somebody ended it: the request is not to blame.
+                    raise Ended(f"It crashed the worker process ({_exit_reason(code)}).") from None
+                # It had idled out or was killed from outside: the request is tried once more.
             finally:
                 timer.cancel()
         raise AssertionError
@@ -153,12 +150,12 @@ class Child:
             if progress is not None:
                 try:
                     progress(*header["progress"])
-                except BaseException:  # nobody waits for the answer any more
+                except BaseException:  # the caller no longer waits
                     self._end()
                     raise
 
     def kill(self) -> None:
-        """End the process from another thread; ``ask`` then raises ``Ended``."""
+        """Kill the process from another thread; ``ask`` then raises ``Ended``."""
         self._stopped = True
         if (process := self._process) is not None:
             process.kill()
@@ -169,40 +166,37 @@ class Child:
         self._end()
 
     def _running(self) -> subprocess.Popen[bytes]:
-        if self._process is not None and self.runs:
+        if self._process is not None and self.is_running:
             return self._process
         self._end()
-        command = [sys.executable, "-P", "-c", _BEGIN, str(Path(__file__).parents[2])]
+        command = [sys.executable, "-P", "-c", _PROGRAM, str(Path(__file__).parents[2])]
         try:
             self._errors = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
             self._process = subprocess.Popen(
-                [*command, self._module, str(self._limits.memory_bytes)],
+                [*command, *self._arguments],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 env=os.environ | dict.fromkeys(_THREADS, "1"),
-                start_new_session=True,  # Ctrl-C in a terminal reaches the command alone
+                start_new_session=True,  # Ctrl-C in a terminal reaches the parent only
             )
         except OSError as error:
             raise JointIdError(
-                f"A process of its own cannot be started: {error!s:.200}. Free memory, or take "
-                "fewer workers."
+                f"A worker process cannot be started: {error!s:.200}. Free memory, or use fewer workers."
             ) from error
         process = self._process
-        timer = threading.Timer(_START_S, process.kill)
-        timer.daemon = True
-        timer.start()
+        timer = _kill_after(_START_LIMIT_S, process)
         try:
             _received(process)
         except (OSError, ValueError, EOFError):
             with suppress(subprocess.TimeoutExpired):
                 process.wait(1.0)
-            said = self._last_words()
+            said = self._error_output()
             code = self._end()
             if self._stopped:
                 raise Ended("It was stopped.") from None
             raise JointIdError(
-                f"A process of its own ended as it began ({_why(code)}). {said}"
+                f"A worker process ended during its start ({_exit_reason(code)}). {said}"
             ) from None
         finally:
             timer.cancel()
@@ -211,7 +205,7 @@ class Child:
             raise Ended("It was stopped.")
         return process
 
-    def _last_words(self) -> str:
+    def _error_output(self) -> str:
         if self._errors is None:
             return ""
         with suppress(OSError, ValueError):
@@ -228,7 +222,7 @@ class Child:
             code = process.wait()
             for pipe in (process.stdin, process.stdout):
                 if pipe is not None:
-                    with suppress(OSError):  # what was still to be written is of no use
+                    with suppress(OSError):  # unsent data is of no use
                         pipe.close()
         if self._errors is not None:
             self._errors.close()
@@ -236,9 +230,25 @@ class Child:
         return code
 
 
+def _kill_after(
+    time_s: float, process: subprocess.Popen[bytes], late: threading.Event | None = None
+) -> threading.Timer:
+    """Start a timer that kills a process and sets ``late``."""
+
+    def kill() -> None:
+        if late is not None:
+            late.set()
+        process.kill()
+
+    timer = threading.Timer(time_s, kill)
+    timer.daemon = True
+    timer.start()
+    return timer
+
+
 def _received(process: subprocess.Popen[bytes]) -> tuple[dict[str, Any], bytes]:
     assert process.stdout is not None
-    line = process.stdout.readline(_LONGEST_HEADER)
+    line = process.stdout.readline(_MAX_HEADER_BYTES)
     if not line:
         raise EOFError
     header: dict[str, Any] = json.loads(line)
@@ -248,7 +258,7 @@ def _received(process: subprocess.Popen[bytes]) -> tuple[dict[str, Any], bytes]:
     return header, body
 
 
-def _why(code: int) -> str:
+def _exit_reason(code: int) -> str:
     if code >= 0:
         return f"exit code {code}"
     with suppress(ValueError):

@@ -1,4 +1,4 @@
-"""A few processes that stand ready for calls."""
+"""A pool of worker processes for function calls."""
 
 from __future__ import annotations
 
@@ -16,87 +16,89 @@ from jointid.errors import JointIdError
 
 _MODULE = "jointid.background.calls"
 _LIMITS = Limits(time_s=3600.0)
-_BEGINNING_S = 20.0
-"""How long a process may take to begin; it loads the numerical libraries."""
-_AGAIN_S = 30.0
-"""How long none is begun after one that could not."""
+_START_WAIT_S = 20.0
+"""Wait for a process that is starting; it loads the numerical libraries, s."""
+_BACK_OFF_S = 30.0
+"""Back-off after a failed start, s."""
 
 
-class NoneReadyError(Exception):
-    """No process is ready: the caller may compute by itself."""
+class NoWorkerError(Exception):
+    """No process is ready; the caller may compute in its own process."""
 
 
 class Pool:
-    """Processes for calls, none before they are wished for.
+    """Worker processes for calls, started lazily.
 
     Parameters
     ----------
     most : int
-        How many.
+        Largest number of processes.
+    preload : sequence of str, optional
+        Modules that a process imports at its start.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, preload: Sequence[str] = ()) -> None:
         self._most = most
-        self._there = self._ready = 0  # the one that is beginning is there, but not ready
-        self._not_before = -math.inf
+        self._preload = preload
+        self._started = self._ready = 0  # a process that is starting is not ready
+        self._retry_after_s = -math.inf
         self._lock = threading.Lock()
         self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
 
-    def begin(self) -> None:
-        """Have one more process begin, if there may be one; nobody waits for it."""
+    def start(self) -> None:
+        """Start one more process in the background, up to the limit and one at a time."""
         with self._lock:
-            at_it = self._there > self._ready
-            if at_it or self._there >= self._most or time.monotonic() < self._not_before:
+            if not self._ready == self._started < self._most or time.monotonic() < self._retry_after_s:
                 return
-            self._there += 1
+            self._started += 1
         try:
-            threading.Thread(target=self._begin_one, daemon=True).start()
+            threading.Thread(target=self._start_one, daemon=True).start()
         except RuntimeError:  # no more threads
-            self._failed()
+            self._back_off()
 
     def call(
         self,
         function: Callable[..., Any],
-        *given: Any,
+        *arguments: Any,
         progress: Callable[..., object] | None = None,
         patience_s: float = 0.0,
     ) -> Any:
-        """Have a process call ``function(*given)``.
+        """Call ``function(*arguments)`` in a process.
 
         Parameters
         ----------
         function : callable
-            Of a module, or a ``functools.partial`` of one.
-        *given
-            What it is called with. What of it comes back is the same object.
+            A function of a module, or a ``functools.partial`` of one.
+        *arguments
+            An argument that is part of the result comes back as the same object.
         progress : callable, optional
-            Left out, the function gets no ``progress``. What it raises ends the call.
+            Passed on as ``progress`` if given. An exception it raises ends the call.
         patience_s : float
-            How long to wait for a process that is at another call.
+            Wait for a process that is busy, s.
 
         Raises
         ------
-        NoneReadyError
-            When none is there, or none has become free.
+        NoWorkerError
+            When no process runs, or none becomes free in time.
         JointIdError
-            When the call ended its process; and whatever the call raises.
+            When the call crashes its process; and whatever the call raises.
         """
         if not self._ready:
-            raise NoneReadyError
+            raise NoWorkerError
         try:
-            return self._asked(self._free(patience_s), function, given, progress)
+            return self._called(self._free(patience_s), function, arguments, progress)
         except Ended as ended:
             why = str(ended)
-        with suppress(Ended, NoneReadyError):  # perhaps this call was not to blame
-            child = self._free(_BEGINNING_S, beginning=True)
-            return self._asked(child, function, given, progress)
+        with suppress(Ended, NoWorkerError):  # the process may have been killed from outside
+            child = self._free(_START_WAIT_S, starting=True)
+            return self._called(child, function, arguments, progress)
         raise JointIdError(
-            f"The computation cannot be made. {why} Free memory on the computer that serves this page, "
-            "or shorten the records; then load the page again."
+            f"The computation failed. {why} Free memory on the computer that runs it, or shorten the "
+            "records; then try again."
         )
 
     def stop(self) -> None:
-        """End the processes that are at no call, and begin no others."""
+        """End the idle processes and start no others."""
         self._most = 0
         while True:
             try:
@@ -104,61 +106,61 @@ class Pool:
             except queue.Empty:
                 return
 
-    def _asked(
+    def _called(
         self,
         child: Child,
         function: Callable[..., Any],
-        given: Sequence[Any],
+        arguments: Sequence[Any],
         progress: Callable[..., object] | None,
     ) -> Any:
         try:
-            call = packed_call(function, given, progress is not None)
+            call = packed_call(function, arguments, progress is not None)
             _, result = child.ask({}, call, progress)
         finally:
             self._put_back(child)
-        return unpacked_result(result, given)
+        return unpacked_result(result, arguments)
 
-    def _begin_one(self) -> None:
-        child = Child(_MODULE, _LIMITS)
+    def _start_one(self) -> None:
+        child = Child(_MODULE, _LIMITS, self._preload)
         try:
-            child.begin()
-        except Exception:  # whatever it is: the callers compute by themselves, for a while
-            self._failed()
+            child.start()
+        except Exception:  # the callers compute in their own process meanwhile
+            self._back_off()
             return
         with self._lock:
             self._ready += 1
         self._put_back(child)
 
-    def _failed(self) -> None:
+    def _back_off(self) -> None:
         with self._lock:
-            self._not_before = time.monotonic() + _AGAIN_S
-            self._there -= 1
+            self._retry_after_s = time.monotonic() + _BACK_OFF_S
+            self._started -= 1
 
-    def _free(self, patience_s: float, *, beginning: bool = False) -> Child:
-        """Return a process that waits for a call, or one that is just beginning."""
+    def _free(self, patience_s: float, *, starting: bool = False) -> Child:
+        """Return an idle process; with ``starting``, wait for one that is starting as well."""
         while True:
             try:
                 child = self._idle.get_nowait()
             except queue.Empty:
-                self.begin()
-                if not self._ready and not beginning:
-                    raise NoneReadyError from None
+                self.start()
+                if not self._ready and not starting:
+                    raise NoWorkerError from None
                 child = self._awaited(patience_s)
-            if child.runs:
+            if child.is_running:
                 return child
-            self._put_back(child)  # was idle for long, or somebody ended it
+            self._put_back(child)  # it had idled out, or was killed from outside
 
     def _awaited(self, patience_s: float) -> Child:
         try:
             return self._idle.get(timeout=patience_s)
         except queue.Empty:
-            raise NoneReadyError from None
+            raise NoWorkerError from None
 
     def _put_back(self, child: Child) -> None:
-        if child.runs and self._most:
+        if child.is_running and self._most:
             self._idle.put(child)
             return
         child.stop()
         with self._lock:
-            self._there -= 1
+            self._started -= 1
             self._ready -= 1

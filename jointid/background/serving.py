@@ -1,7 +1,7 @@
-"""The other side of a process of its own: it answers requests until there are none.
+"""The child's side of a worker process: serve requests until stdin closes.
 
-A request is a line of JSON on standard input, followed by as many bytes as it says; so is an answer, on
-standard output. Before it, there may be lines that tell how much is done.
+A request is one line of JSON on standard input, followed by as many bytes as its header states; a
+response has the same form on standard output. Progress messages may precede it.
 """
 
 from __future__ import annotations
@@ -16,16 +16,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from jointid.version import __version__
-
 Progress = Callable[..., None]
 Answer = Callable[[dict[str, Any], bytes, Progress], tuple[dict[str, Any], bytes]]
-"""From a request with its bytes, and a function that tells how far it is, to its answer."""
+"""Handler of one request: header, body and a progress callback in, header and body out."""
 
 IDLE_S = 600.0
-"""How long the process waits for a request before it ends: its owner may have ended without a word."""
+"""Idle time after which the process ends itself: its parent may have died silently, s."""
 GRACE_S = 10.0
-"""How much later than its owner it ends itself over a request that takes too long."""
+"""Delay beyond the time limit after which the process ends itself if its parent has not, s."""
 
 
 def serve_here(answer: Answer, memory_bytes: int) -> None:
@@ -35,24 +33,24 @@ def serve_here(answer: Answer, memory_bytes: int) -> None:
     ----------
     answer : callable
     memory_bytes : int
-        What requests may take beyond the program itself, where the system can bound it.
+        Address space for requests beyond that of the program itself, where the system can limit it.
     """
     if hasattr(signal, "SIGINT"):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the owner's
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent
     warnings.simplefilter("ignore")
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may write among the answers
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # other output must not mix with responses
     _limit_memory(memory_bytes)
     serve(answer, sys.stdin.buffer, answers)
 
 
 def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer requests until there are none."""
+    """Serve requests until stdin closes."""
 
-    def tell(*how_far: float | str) -> None:
-        _send(answers, {"progress": how_far}, b"")
+    def report(*done: float | str) -> None:
+        _send(answers, {"progress": done}, b"")
 
-    _send(answers, {"ready": __version__}, b"")
+    _send(answers, {"ready": True}, b"")
     while True:
         _end_in(IDLE_S)
         line = requests.readline()
@@ -62,7 +60,7 @@ def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
         _end_in(request["time_s"] + GRACE_S)
         body = requests.read(request["bytes"])
         _send(answers, {"begun": True}, b"")
-        _send(answers, *answer(request, body, tell))
+        _send(answers, *answer(request, body, report))
 
 
 def _send(answers: BinaryIO, header: dict[str, Any], body: bytes) -> None:
@@ -72,7 +70,7 @@ def _send(answers: BinaryIO, header: dict[str, Any], body: bytes) -> None:
 
 
 def _end_in(time_s: float) -> None:
-    """Have the system end this process, even in the middle of a call that never returns."""
+    """Let the system end this process after a time, even inside a call that never returns."""
     if hasattr(signal, "alarm"):
         signal.alarm(math.ceil(time_s))
 

@@ -1,8 +1,7 @@
 """The command line: jointid identify, simulate, cut, report, export, convert, plan, batch, app.
 
-Exit codes: 0 done, 1 the input cannot be used, 2 the command was not understood, 130 interrupted.
-Messages and progress go to standard error; standard output holds the result, with --json nothing but
-JSON.
+Exit codes: 0 done, 1 unusable input, 2 usage error, 130 interrupted. Messages and progress go to
+standard error, the result to standard output; with --json it is JSON only.
 """
 
 try:
@@ -16,7 +15,7 @@ try:
     from jointid.cli.report import report
     from jointid.cli.simulate import simulate
     from jointid.cli.start_app import start_app
-except KeyboardInterrupt:  # while they load: nothing has been done yet
+except KeyboardInterrupt:  # during the imports
     raise SystemExit(130) from None
 
 __all__ = ["app"]

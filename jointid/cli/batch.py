@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from jointid.cli.options import JSON, METHOD, named
+from jointid.cli.options import JSON, METHOD, named, require_ending
 from jointid.cli.output import print_json
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from jointid.fleet import Progress, Summary
 
 _MOST_FAILURES = 10
-_SAY_EVERY_S = 30.0
+"""Failures printed; the table has them all."""
+_REPORT_EVERY_S = 30.0
+"""Interval of progress lines in a log file."""
 
 
 @reported
@@ -31,37 +33,34 @@ def batch(
     studies: Annotated[
         list[str],
         typer.Argument(
-            help="Studies: folders, .zip files, folders that hold studies at any depth, patterns in "
-            "quotes such as 'cells/**/*.zip'.",
+            help="Studies: folders, .zip files, folders of studies at any depth, quoted patterns such "
+            "as 'cells/**/*.zip'.",
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Table of results, Parquet.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Table of results, .parquet.")],
     method: Annotated[str, METHOD] = "auto",
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes of this computer; else one for each core.")
+        int | None, typer.Option(min=1, help="Processes on this computer; by default one per core.")
     ] = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
-            help="Address of a Dask scheduler whose workers do it instead. Studies are sent to them as "
-            "bytes, so they need not see the paths; they need the same version of jointid."
+            help="Address of a Dask scheduler, to use its workers instead. They receive the studies as "
+            "bytes and need the same version of jointid."
         ),
     ] = None,
-    timeout: Annotated[float, typer.Option(help="How long one study may take, s.")] = 120.0,
-    memory: Annotated[float, typer.Option(help="What one study may take, GiB.")] = 4.0,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Begin anew: drop the rows of an earlier run.")
-    ] = False,
+    timeout: Annotated[float, typer.Option(help="Time limit per study, s.")] = 120.0,
+    memory: Annotated[float, typer.Option(help="Memory limit per study, GiB.")] = 4.0,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Drop the rows of an earlier run.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Analyse thousands of studies into one table, a row per study.
+    """Analyse many studies into one table, a row per study.
 
     A study that cannot be read, takes too long or ends its process becomes a row with its error; the
-    others go on. Work that was interrupted goes on where it stopped when the same command is given
-    again: finished rows stand in OUT.journal until the table is complete. Studies that have not changed
-    are not analysed again. Exit code 0: every study has its row, also when rows hold an error; 1:
-    nothing could be done; 130: interrupted.
+    others continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
+    until the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
+    row, with or without an error; 1: nothing was done; 130: interrupted.
     """
     from jointid.fleet import Limits, analyse_fleet
     from jointid.fleet.run import journal_path
@@ -70,14 +69,13 @@ def batch(
         named(text)
     if workers is not None and scheduler is not None:
         raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
-    if out.suffix.lower() not in (".parquet", ".pq"):
-        raise typer.BadParameter(f"--out {out}: the table is Parquet, so its name ends in .parquet.")
+    require_ending("--out", out, ".parquet", ".pq")
     limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
     count = [0, 0]
     try:
         if scheduler is not None:
             _quiet_dask()
-        with _shown() as show:
+        with _progress_display() as show:
 
             def tell(progress: Progress) -> None:
                 count[:] = progress.done, progress.studies
@@ -116,8 +114,8 @@ def batch(
 
 
 def _quiet_dask() -> None:
-    """Leave it to this command to say what became of the cluster, in a sentence."""
-    import_module("jointid.fleet.cluster")  # Dask sets its own levels when it is loaded
+    """Silence Dask's log: this command reports the state of the cluster itself."""
+    import_module("jointid.fleet.cluster")  # Dask sets its log levels on import
     for name in ("distributed", "distributed.client", "tornado.application", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
 
@@ -168,8 +166,8 @@ def _rate(count: int, time_s: float) -> float:
 
 
 @contextmanager
-def _shown() -> Iterator[Callable[[Progress], None]]:
-    """A bar for a person at a terminal, a line now and then for a log file."""
+def _progress_display() -> Iterator[Callable[[Progress], None]]:
+    """Show a progress bar on a terminal, else lines for a log file."""
     if not sys.stderr.isatty():
         yield _lines()
         return
@@ -196,13 +194,13 @@ def _shown() -> Iterator[Callable[[Progress], None]]:
 
 
 def _lines() -> Callable[[Progress], None]:
-    said = time.monotonic()
+    last = time.monotonic()
 
     def show(progress: Progress) -> None:
-        nonlocal said
-        if time.monotonic() - said < _SAY_EVERY_S or progress.done == progress.skipped:
+        nonlocal last
+        if time.monotonic() - last < _REPORT_EVERY_S or progress.done == progress.skipped:
             return
-        said = time.monotonic()
+        last = time.monotonic()
         rate = _rate(progress.done - progress.skipped, progress.time_s)
         left = (progress.studies - progress.done) / rate
         typer.echo(

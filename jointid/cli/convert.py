@@ -76,7 +76,7 @@ def convert(
     from jointid import Elasticity, save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
     from jointid.importing.map.joined_logs import join_logs
-    from jointid.importing.study import date_in
+    from jointid.importing.study import parse_date
 
     with status("Reading", quiet=as_json):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
@@ -110,10 +110,10 @@ def convert(
         raise typer.BadParameter(
             f"--pose is given {len(poses)} times for {counted(len(tables), 'log')}."
         )
-    measured_on = date_in(date)
-    with progress("Looking for sine runs", quiet=as_json) as tell:
+    measured_on = parse_date(date)
+    with progress("Looking for sine runs", quiet=as_json) as report:
         study, notes = mapped_study(
-            tables, chosen, robot if not name else replace(robot, name=name), poses, tell
+            tables, chosen, robot if not name else replace(robot, name=name), poses, report
         )
     notes = (*together, *notes)
     study = replace(study, robot=which.strip(), date=measured_on)
@@ -128,9 +128,9 @@ def mapped_study(
     mapping: Any,
     robot: Any,
     poses: Sequence[str | None] = (None,),
-    tell: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> tuple[Study, tuple[str, ...]]:
-    """Study of the sine segments of several logs with the same columns, and what was left out."""
+    """Return a study of the sine segments of logs with the same columns, and notes on omissions."""
     import numpy as np
 
     from jointid.importing import apply_mapping, find_segments, study_from_logs
@@ -141,10 +141,10 @@ def mapped_study(
 
     def found_in(k: int) -> FoundSegments:
         start, count = rows[k] / rows[-1], logs[k].time_s.size / rows[-1]
-        return find_segments(logs[k], progress=lambda share: tell(float(start + count * share)))
+        return find_segments(logs[k], progress=lambda share: report(float(start + count * share)))
 
     segments = [found_in(k) for k in range(len(logs))]
-    not_taken = [
+    unused = [
         f"{log.name}: {note}" for log, found in zip(logs, segments, strict=True) for note in found.notes
     ]
     without = [
@@ -154,9 +154,9 @@ def mapped_study(
     ]
     if len(without) == len(logs):
         raise JointIdError(
-            f"{' '.join([*without, *not_taken])} The method needs steady sines of a few periods. Check "
-            "in the mapping which columns are position and torque, and the unit of time; a run that is "
-            "there all the same can be marked by its start and stop in the app, page Import a log."
+            f"{' '.join([*without, *unused])} The method needs steady sines of a few periods. Check in "
+            "the mapping which columns are position and torque, and the unit of time; in the app, page "
+            "Import a log, a run can also be marked by its start and stop."
         )
     study = study_from_logs(
         logs,
@@ -168,4 +168,4 @@ def mapped_study(
         name=robot.name,
     )
     of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
-    return study, (*without, *of_logs, *not_taken)
+    return study, (*without, *of_logs, *unused)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from jointid.cli.files import analysed, require_spared, write_file
-from jointid.cli.options import JSON, METHOD, named, numbers
+from jointid.cli.options import JSON, METHOD, named, numbers, require_ending
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 
@@ -18,18 +18,18 @@ from jointid.cli.program import reported
 def cut(
     study: Annotated[
         Path | None,
-        typer.Argument(parser=named, help="Study or sample; else the paper's K and D."),
+        typer.Argument(parser=named, help="Study or sample; by default the paper's K and D."),
     ] = None,
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[
-        str, typer.Option(help="Servo before: study (its nominal values), rigid, soft, stiff.")
+        str, typer.Option(help="Servo model before: study (its nominal values), rigid, soft or stiff.")
     ] = "",
-    drive: Annotated[str, typer.Option(help="parallelogram, serial; by default the study's.")] = "",
-    svg: Annotated[Path | None, typer.Option(help="Write the picture (Figure 7).")] = None,
+    drive: Annotated[str, typer.Option(help="parallelogram or serial; by default the study's.")] = "",
+    svg: Annotated[Path | None, typer.Option(help="Write Figure 7 to this file.")] = None,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Cut the paper's rectangle, before and after."""
+    """Simulate the paper's cut with the servo before and after identification."""
     from jointid.cut.outcome import millimetres
     from jointid.cut.robot import cut_robot, demonstration
 
@@ -39,8 +39,7 @@ def cut(
     if assumed not in ("", "study", "rigid", "soft", "stiff"):
         raise typer.BadParameter(f'--assumed "{assumed}": expected study, rigid, soft or stiff.')
     if svg is not None:
-        if svg.suffix.lower() != ".svg":
-            raise typer.BadParameter(f"--svg {svg}: expected a name that ends in .svg.")
+        require_ending("--svg", svg, ".svg")
         require_spared(svg, False, [study])
     if study is None:
         robot = demonstration(drive or "parallelogram")  # type: ignore[arg-type]
@@ -53,16 +52,20 @@ def cut(
     document["assumption"] = choice
     document["meaning"] = robot.meaning
     if svg is not None:
-        from jointid.reporting.curves import IDENTIFIED, NOMINAL
+        from jointid.figures.style import LIGHT
         from jointid.reporting.drawing import to_svg
         from jointid.reporting.figures import cut_figure
 
         labels = [f"corner zone {zone:g} mm" for zone in zones]
         rows = [
-            (f"Before: {choice}", NOMINAL, [*zip(labels, (o.before for o in outcomes), strict=True)]),
-            ("After", IDENTIFIED, [*zip(labels, (o.after for o in outcomes), strict=True)]),
+            (
+                f"Before: {choice}",
+                LIGHT.nominal,
+                [*zip(labels, (o.before for o in outcomes), strict=True)],
+            ),
+            ("After", LIGHT.identified, [*zip(labels, (o.after for o in outcomes), strict=True)]),
         ]
-        write_file(svg, to_svg(cut_figure(rows)).encode())
+        write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:
         print_json(document)
         return
@@ -82,7 +85,7 @@ def cut(
 def cut_results(
     robot: Any, assumption: str, zones_mm: Sequence[float], progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], list[Any]]:
-    """Cut the paper's rectangle with several corner zones, before and after.
+    """Simulate the paper's rectangle with several corner zones, before and after.
 
     Returns
     -------

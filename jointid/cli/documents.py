@@ -1,4 +1,4 @@
-"""What several commands say, as documents for machines."""
+"""JSON documents that several commands print."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jointid.study import Study
 
 
 def study_document(study: Study, path: Path) -> dict[str, Any]:
-    """What a new study holds."""
+    """Contents of a new study."""
     from jointid.files.digest import study_digest
 
     return {

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointid.cli.files import analysed, require_spared, write_file
-from jointid.cli.options import JSON, METHOD, STUDY, numbers
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
 from jointid.study import Analysis
@@ -27,19 +27,18 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Files; the ending says what: .json, .toml (K, D and how they were obtained), .mat, "
+            help="Files; the ending selects the format: .json, .toml (identification), .mat, "
             ".phasors.csv, .H.csv, .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[
         str, typer.Option(help="Motor turns per joint turn, for .xml, .urdf and .sdf.")
     ] = "",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write results for other tools."""
-
+    """Export results for other tools."""
     ratio = numbers(gear_ratio) if gear_ratio else None
     for file in output:
         ending = _ending(file)

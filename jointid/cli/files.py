@@ -1,9 +1,8 @@
-"""Files that commands read and write."""
+"""Input and output files of commands."""
 
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from jointid.cli.output import status
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
+from jointid.files.atomic_write import new_file, write_error
 from jointid.study import Analysis, Study
 from jointid.wording import listed, nearest
 
@@ -47,7 +47,7 @@ def analysed(path: Path, method: str, *, quiet: bool) -> Analysis:
 
 
 def robot_from(path: Path) -> KnownRobot:
-    """Inertias, of poses too, from a study or from a TOML file that gives M and M2."""
+    """Read inertias, of poses too, from a study or from a TOML file with M and M2."""
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
@@ -58,7 +58,7 @@ def robot_from(path: Path) -> KnownRobot:
 
 
 def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:
-    """Refuse before the work is done rather than after it; what is read is replaced in no case."""
+    """Refuse, before any work, an existing output without ``overwrite``, and any input as output."""
     target = Path(os.path.realpath(path))
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
@@ -69,12 +69,12 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
 
 
 def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) -> None:
-    """The same for results that may be written again: studies and what is read are spared."""
+    """Refuse an output that would replace an input or, without ``overwrite``, part of a study."""
     require_free(path, overwrite or not (path.suffix.lower() == ".zip" or _in_study(path)), reads)
 
 
 def _in_study(path: Path) -> bool:
-    """Tell whether a file may be part of a study's folder."""
+    """Whether a file may be part of a study's folder."""
     from jointid.files.study_saving import STUDY_FILE
 
     at = path.absolute()
@@ -89,15 +89,11 @@ def _same_file(source: Path, target: Path) -> bool:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all."""
+    """Write a file atomically."""
     if not path.parent.is_dir():
         raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
-    fresh = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.new")
     try:
-        with fresh.open("xb") as file:
+        with new_file(path) as file:
             file.write(data)
-        os.replace(fresh, path)
     except OSError as error:
-        raise JointIdError(f"{path} cannot be written: {error.strerror or error}.") from error
-    finally:
-        fresh.unlink(missing_ok=True)
+        raise write_error(path, error) from error

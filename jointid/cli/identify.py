@@ -12,7 +12,7 @@ from jointid.cli.program import reported
 from jointid.study import Analysis
 
 _SHARE = 0.03
-"""How well inertias are commonly known."""
+"""Usual relative uncertainty of inertias."""
 
 
 @reported
@@ -21,8 +21,7 @@ def identify(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Find stiffness and damping of every joint."""
-
+    """Identify stiffness and damping of every joint."""
     analysis = analysed(study, method, quiet=as_json)
     from jointid.errors import JointIdError
     from jointid.uncertainty.sensitivity import inertia_sensitivity
@@ -69,7 +68,7 @@ def identify(
 
 
 def identify_document(analysis: Analysis) -> dict[str, Any]:
-    """Identification as in its JSON file, with the answer in words and the findings."""
+    """Document of the identification, with the answer as a sentence and the findings."""
     from jointid.answer import answer_sentence
     from jointid.exporting.identification import identification
     from jointid.exporting.identification_files import to_document

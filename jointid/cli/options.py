@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments, options and checks that several commands share."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from jointid.files.application import sample_studies
 
 
 def known_method(value: str) -> str:
-    """Name of an estimator."""
+    """Check the name of an estimator."""
     if value not in METHODS:
         raise typer.BadParameter(f'"{value}" is not known. Methods: {", ".join(METHODS)}.')
     return value
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers with commas between them."""
+    """Parse numbers separated by commas."""
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
@@ -28,10 +28,17 @@ def numbers(text: str) -> list[float]:
 
 
 def named(text: str) -> Path:
-    """Path that is named: an empty one, as a variable that is not set leaves it, is not this folder."""
+    """Return a path; an empty one, from an unset variable, is not this folder."""
     if not text:
         raise typer.BadParameter('"" is empty: name a file or folder; this folder is "."')
     return Path(text)
+
+
+def require_ending(option: str, file: Path, *endings: str) -> None:
+    """Refuse a file name with another ending."""
+    if file.suffix.lower() not in endings:
+        expected = " or ".join(endings)
+        raise typer.BadParameter(f"{option} {file}: expected a name that ends in {expected}.")
 
 
 STUDY = typer.Argument(
@@ -40,4 +47,7 @@ STUDY = typer.Argument(
     show_default=False,
 )
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
-JSON = typer.Option("--json", help="Print JSON and nothing else.")
+JSON = typer.Option("--json", help="Print only JSON.")
+OVERWRITE = typer.Option("--overwrite", help="Replace an existing study.")
+NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")
+NOMINAL_D = typer.Option("--nominal-D", help="The controller's damping, N·m·s/rad.")

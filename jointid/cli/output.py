@@ -1,4 +1,4 @@
-"""What is printed: tables for people, JSON for machines, progress on standard error."""
+"""Output: tables for people, JSON for machines, progress on standard error."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from jointid.wording import counted
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print a document, and nothing else, on standard output."""
+    """Print a document as JSON on standard output."""
     print(json.dumps(finite(document), indent=2, ensure_ascii=False, allow_nan=False))
 
 
 def finite(value: Any) -> Any:
-    """The same document with null in place of numbers that JSON cannot hold."""
+    """Return the document with null for numbers that JSON cannot hold."""
     if isinstance(value, Mapping):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -47,7 +47,7 @@ def print_table(header: list[str], rows: list[list[str]], *, right: tuple[int, .
 
 @contextmanager
 def status(what: str, *, quiet: bool) -> Iterator[None]:
-    """Say what is being done, to a person at a terminal."""
+    """Show the present step on a terminal."""
     if quiet or not sys.stderr.isatty():
         yield
         return
@@ -59,7 +59,7 @@ def status(what: str, *, quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
-    """A bar with the time that is left, to a person at a terminal."""
+    """Show a progress bar with the remaining time on a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda fraction: None
         return
@@ -72,7 +72,7 @@ def progress(what: str, *, quiet: bool) -> Iterator[Callable[[float], None]]:
 
 
 def made(document: dict[str, Any], study: Study, as_json: bool) -> None:
-    """Say what a new study holds."""
+    """Print the contents of a new study."""
     if as_json:
         print_json(document)
         return
@@ -81,7 +81,7 @@ def made(document: dict[str, Any], study: Study, as_json: bool) -> None:
 
 
 def written(files: list[Path], as_json: bool) -> None:
-    """Say which files were written."""
+    """Print the names of the written files."""
     if as_json:
         print_json({"written": [str(file) for file in files]})
         return

@@ -20,15 +20,16 @@ from jointid.study import Study
 @reported
 def plan(
     study: Annotated[Path, STUDY],
-    count: Annotated[int, typer.Option(min=1, max=50, help="How many records.")] = 3,
-    duration_s: Annotated[float, typer.Option(help="Length of each.")] = 4.0,
-    torque_limit: Annotated[str, typer.Option(help="Largest amplitudes, N·m; else as so far.")] = "",
-    velocity_limit: Annotated[str, typer.Option(help="Largest amplitudes, rad/s; else as so far.")] = "",
+    count: Annotated[int, typer.Option(min=1, max=50, help="Number of records.")] = 3,
+    duration_s: Annotated[float, typer.Option(help="Length of each record, s.")] = 4.0,
+    torque_limit: Annotated[str, typer.Option(help="Largest torques, N·m; default: the study's.")] = "",
+    velocity_limit: Annotated[
+        str, typer.Option(help="Largest velocities, rad/s; default: the study's.")
+    ] = "",
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Say which records to make next, and what they would bring."""
-
+    """Suggest the next records and predict the standard errors after each."""
     torque = numbers(torque_limit) if torque_limit else None
     velocity = numbers(velocity_limit) if velocity_limit else None
     known = loaded(study)
@@ -66,7 +67,7 @@ def plan_document(
     torque_limit: Sequence[float] | None,
     velocity_limit: Sequence[float] | None,
 ) -> dict[str, Any]:
-    """Records to make next, and how well K and D would be known after each."""
+    """Suggested records, and the relative standard errors of K and D after each."""
     from jointid.phasors.extract import extract_phasors
     from jointid.uncertainty.plan import suggest_records
 

@@ -1,4 +1,4 @@
-"""The program itself: its help, its version, one clear message instead of a traceback."""
+"""The program: help, version, and one clear message instead of a traceback."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
+"""Exit code after Ctrl-C, by the convention of shells."""
 
 _WANTS_JSON = "jointid wants JSON"
 
 
 class _Commands(TyperGroup):
-    """The commands; who asked for JSON also gets as JSON why a command was not understood."""
+    """The commands; with --json, usage errors are JSON too."""
 
     def make_context(self, info_name: str | None, args: list[str], *more: Any, **extra: Any) -> Any:
         as_json = "--json" in args
@@ -46,19 +46,19 @@ class _Commands(TyperGroup):
 
 
 def _not_understood(error: Exception, as_json: bool) -> None:
-    message = getattr(error, "format_message", None)  # only errors in options have it
+    message = getattr(error, "format_message", None)  # only usage errors have it
     if as_json and message is not None:
         print_error(message())
 
 
 def print_error(message: str) -> None:
-    """Print an error as JSON, in characters that every terminal and file takes."""
+    """Print an error as JSON, in ASCII."""
     plain = message.encode("utf-8", "backslashreplace").decode()  # a path can hold any bytes
     print(json.dumps({"error": plain}))
 
 
 class _Program(typer.Typer):
-    """The program; Ctrl-C before a command has begun ends it as quietly as later."""
+    """The program; Ctrl-C before the start of a command leaves no traceback either."""
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         try:
@@ -70,7 +70,7 @@ class _Program(typer.Typer):
 app = _Program(
     name="jointid",
     cls=_Commands,
-    help="Stiffness and damping of elastic robot joints, and what knowing them is worth on the path.",
+    help="Identify stiffness and damping of elastic robot joints and simulate their effect on the path.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -87,14 +87,14 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _main(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Say which version.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     pass
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """One clear message instead of a traceback."""
+    """Turn errors into one message and an exit code."""
 
     @wraps(command)
     def reported(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -102,7 +102,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except JointIdError as error:
             message = str(error)
-        except BrokenPipeError:  # whoever read the output has seen enough
+        except BrokenPipeError:  # the reader of the output has closed it
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit from None
         except OSError as error:

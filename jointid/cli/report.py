@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from jointid.cli.files import analysed, require_spared, write_file
-from jointid.cli.options import JSON, METHOD, STUDY
+from jointid.cli.options import JSON, METHOD, STUDY, require_ending
 from jointid.cli.output import status, written
 from jointid.cli.program import reported
 
@@ -17,18 +17,18 @@ from jointid.cli.program import reported
 def report(
     study: Annotated[Path, STUDY],
     output: Annotated[
-        list[Path] | None, typer.Option("--output", "-o", help="Files that end in .html or .pdf.")
+        list[Path] | None, typer.Option("--output", "-o", help="Files, .html or .pdf.")
     ] = None,
-    with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Simulate Figure 7.")] = True,
+    with_cut: Annotated[
+        bool, typer.Option("--cut/--no-cut", help="Include the cut of Figure 7.")
+    ] = True,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Write a report to hand on, as one HTML file or as PDF."""
-
+    """Write a report as one HTML file or as PDF."""
     files = output or [Path(f"{study.resolve().stem or 'study'}-report.html")]
     for file in files:
-        if file.suffix.lower() not in (".html", ".htm", ".pdf"):
-            raise typer.BadParameter(f"--output {file}: expected a name that ends in .html or .pdf.")
+        require_ending("--output", file, ".html", ".htm", ".pdf")
         require_spared(file, False, [study])
     analysis = analysed(study, method, quiet=as_json)
     from jointid.reporting.report import make_report, to_html, to_pdf

@@ -9,7 +9,7 @@ import typer
 
 from jointid.cli.documents import study_document
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, named, numbers
+from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, numbers
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -25,32 +25,32 @@ def simulate(
         Path | None,
         typer.Option(
             parser=named,
-            help="TOML with M and M2 (motor side, kg·m²), or a study; else the example arm.",
+            help="TOML with M and M2 (motor side, kg·m²), or a study; by default the example arm.",
         ),
     ] = None,
-    drive: Annotated[str, typer.Option(help="Drive of the example arm: parallelogram, serial.")] = (
+    drive: Annotated[str, typer.Option(help="Drive of the example arm: parallelogram or serial.")] = (
         "parallelogram"
     ),
     stiffness: Annotated[str, typer.Option("--K", help="True stiffness, N·m/rad.")] = "43,7.5",
     damping: Annotated[str, typer.Option("--D", help="True damping, N·m·s/rad.")] = "0.10,0.015",
-    nominal_K: Annotated[str, typer.Option("--nominal-K", help="What the controller assumes.")] = "",
-    nominal_D: Annotated[str, typer.Option("--nominal-D", help="What the controller assumes.")] = "",
-    from_hz: Annotated[float, typer.Option(help="Lowest frequency.")] = 3.0,
-    to_hz: Annotated[float, typer.Option(help="Highest frequency.")] = 30.0,
-    count: Annotated[int, typer.Option(min=1, max=500, help="Frequencies between them.")] = 18,
-    periods: Annotated[float, typer.Option(help="Length of each record in periods.")] = 12.5,
+    nominal_K: Annotated[str, NOMINAL_K] = "",
+    nominal_D: Annotated[str, NOMINAL_D] = "",
+    from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
+    to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
+    count: Annotated[int, typer.Option(min=1, max=500, help="Number of frequencies.")] = 18,
+    periods: Annotated[float, typer.Option(help="Length of each record, periods.")] = 12.5,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
-    encoder_counts: Annotated[int, typer.Option(help="Per motor turn; 0 is ideal.")] = 65536,
-    torque_noise: Annotated[str, typer.Option(help="Standard deviation, N·m.")] = "0.01",
-    delay_ms: Annotated[float, typer.Option(help="Torque delay.")] = 0.0,
-    sample_rate_hz: Annotated[float, typer.Option(help="Of control and log.")] = 2000.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise.")] = 0,
+    encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
+    torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
+    delay_ms: Annotated[float, typer.Option(help="Torque delay, ms.")] = 0.0,
+    sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing study.")] = False,
+    overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Make a study from the simulated robot under joint control."""
+    """Simulate a closed-loop sine experiment and save it as a study."""
     import numpy as np
 
     from jointid import (
@@ -65,7 +65,7 @@ def simulate(
         simulate_records,
     )
 
-    lists = {k: numbers(v) for k, v in {"K": stiffness, "D": damping}.items()}
+    true = Elasticity(K=numbers(stiffness), D=numbers(damping))
     friction = MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
     noise = numbers(torque_noise)
     nominal = None
@@ -82,7 +82,7 @@ def simulate(
     with progress("Simulating", quiet=as_json) as tell:
         records = simulate_records(
             known,
-            Elasticity(**lists),
+            true,
             np.unique(np.geomspace(from_hz, to_hz, count).round(6)),
             excitation=Excitation(periods=periods),
             controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),

@@ -16,7 +16,7 @@ from jointid.files.application import application_folder
 
 @reported
 def start_app(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Where it listens.")] = 8501,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="TCP port.")] = 8501,
     path: Annotated[Path | None, typer.Option(help="Another app.py than the one installed.")] = None,
 ) -> None:
     """Start the app in the browser."""

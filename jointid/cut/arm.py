@@ -33,8 +33,8 @@ Elbow = Literal["positive", "negative"]
 _LINKS = {"parallelogram": ((1.0, 0.0), (0.0, 1.0)), "serial": ((1.0, 0.0), (1.0, 1.0))}
 _SIGN = {"positive": 1.0, "negative": -1.0}
 _SMALLEST_SINE = 0.01
-"""Below this sine of the elbow angle (0.6°) the arm counts as singular: joint rates exceed 100 times
-what the tool's speed asks for in a well-bent arm."""
+"""Sine of the elbow angle (0.6°) below which the arm counts as singular: joint rates are then over 100
+times those of an arm bent at a right angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +52,11 @@ class PlanarArm:
     inertia_kgm2 : array_like, shape (2,)
         Inertia of each link about its centre of mass, kg·m².
     gear_ratio : array_like, shape (2,)
-        Motor turns per joint turn; negative where the motor turns the other way.
+        Motor turns per joint turn; negative for opposite directions.
     rotor_inertia_kgm2 : array_like, shape (2,)
         Rotor inertias J_m on the motor side, kg·m².
     drive : {"parallelogram", "serial"}
-        Where motor 2 sits, and so what q2 means; see the module's text.
+        Place of motor 2, and meaning of q2; see the module docstring.
 
     Raises
     ------
@@ -93,11 +93,11 @@ class PlanarArm:
 
     @classmethod
     def example(cls, drive: Drive = "parallelogram") -> Self:
-        """Return an arm of the size of a common industrial robot; its gear ratios differ on purpose.
+        """Return an arm of the size of a common industrial robot, with two different gear ratios.
 
-        The paper prints neither inertias nor geometry: these values are this software's own choice.
-        At the tool point (1.15, 0) m with a positive elbow, where it cuts, the paper's K and D give
-        free resonances at 17 Hz and 27 Hz.
+        The paper states neither inertias nor geometry: these values are this software's own choice. At
+        the cutting point (1.15, 0) m with a positive elbow, the paper's K and D give free resonances at
+        17 Hz and 27 Hz.
         """
         return cls(
             length_m=np.array([0.705, 0.755]),
@@ -170,7 +170,7 @@ class PlanarArm:
     def joint_torque(
         self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike
     ) -> Floats:
-        """Torque u = M(q) q̈ + c(q, q̇) that the springs must deliver, arm side, shape (..., 2), N·m."""
+        """Joint torque u = M(q) q̈ + c(q, q̇), arm side, shape (..., 2), N·m."""
         acceleration = _pairs("acceleration (rad/s²)", acceleration)
         inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
         return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))
@@ -178,7 +178,7 @@ class PlanarArm:
     def joint_acceleration(
         self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, torque_Nm: ArrayLike
     ) -> Floats:
-        """Acceleration q̈ = M(q)⁻¹ (u − c(q, q̇)) under spring torques u, shape (..., 2), rad/s²."""
+        """Acceleration q̈ = M(q)⁻¹ (u − c(q, q̇)) under joint torques u, shape (..., 2), rad/s²."""
         net = _pairs("torque_Nm", torque_Nm) - self.coriolis(angle_rad, rate_rad_s)
         return np.asarray(np.linalg.solve(self.mass_matrix(angle_rad), net[..., None])[..., 0])
 
@@ -204,7 +204,7 @@ class PlanarArm:
         return np.asarray(links @ self.links_from_joints)
 
     def inverse(self, tool_m: ArrayLike, elbow: Elbow = "positive") -> Floats:
-        """Inverse kinematics: joint angles that bring the tool to each point.
+        """Inverse kinematics: joint angles for tool points.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class PlanarArm:
         Raises
         ------
         JointIdError
-            When a point is out of reach, or so near the edge of the workspace that the arm is singular.
+            When a point is out of reach, or the arm is nearly singular there.
         """
         if elbow not in _SIGN:
             raise JointIdError(f'elbow = "{elbow}": expected "positive" or "negative".')

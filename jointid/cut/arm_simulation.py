@@ -1,10 +1,10 @@
-"""The planar elastic arm as pymunk bodies: the only file that knows pymunk.
+"""The planar elastic arm as pymunk bodies: the only module that imports pymunk.
 
-Chipmunk steps the positions first, x += v dt, and then the velocities, v += a dt: a velocity lives half
-a step before the position it is stored with, which makes the scheme leapfrog. Second order needs every
-torque to be that of the instant in the middle of the velocity's step. So before each step the angles
-are predicted, φ⁺ = φ + v dt (exactly what the step will make of them), the rates extrapolated to the
-same instant, v⁺ = 1.5 v − 0.5 v_before, and the spring torques K Δφ⁺ + D Δv⁺ are applied.
+Chipmunk updates the positions first, x += v dt, and then the velocities, v += a dt: a velocity belongs
+to half a step before the position that it is stored with (leapfrog scheme). For second order, torques
+must be those in the middle of the velocity's step. Before each step the angles are therefore
+predicted, φ⁺ = φ + v dt (exactly those after the step), the rates extrapolated to the same instant,
+v⁺ = 1.5 v − 0.5 v_before, and the joint torques K Δφ⁺ + D Δv⁺ are applied.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from jointid.joints import Elasticity
 from jointid.wording import counted
 
 LONGEST_STEP_S = 1e-3
-"""Steps above 1 ms are refused: the error grows with the square of the step, then the arm diverges."""
+"""Longest step: the error grows with the square of the step, up to instability."""
 
 
 class ArmSimulation:
@@ -36,12 +36,12 @@ class ArmSimulation:
     joint_angle_rad : array_like, shape (2,)
         Joint angles at time 0, rad.
     motor_angle_rad : array_like, shape (2,), optional
-        Motor angles at time 0, reflected to the arm side, rad. Left out: springs relaxed.
+        Motor angles at time 0, reflected to the arm side, rad. By default without joint deflection.
     joint_rate_rad_s, motor_rate_rad_s : array_like, shape (2,)
         Rates at time 0, arm side, rad/s.
     coulomb_Nm, viscous_Nms : array_like, shape (2,)
-        Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction really sticks: it is
-        a pymunk motor of rate zero with a limited torque.
+        Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction with sticking, as a
+        pymunk motor of rate zero and limited torque.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ArmSimulation:
     motor1_rate, motor2_rate : float
         Reflected motor rates at the present instant, rad/s.
     log : list of tuple
-        (link1, link2, motor1, motor2) at each instant that a step began from.
+        (link1, link2, motor1, motor2) at the start of each step.
 
     Raises
     ------
@@ -97,7 +97,7 @@ class ArmSimulation:
         angle = np.concatenate([arm.link_angles(q), theta])
         rate = np.concatenate([arm.link_angles(q_rate), theta_rate])
         acceleration = np.concatenate([arm.link_angles(q_acceleration), theta_acceleration])
-        # Leapfrog begins half a step before time 0.
+        # The leapfrog scheme starts half a step before time 0.
         before = rate - 0.5 * self._dt * acceleration
         start = angle - self._dt * before
 
@@ -114,8 +114,8 @@ class ArmSimulation:
     def step(self, torque1: float, torque2: float) -> None:
         """Advance by one step under motor torques reflected to the arm side, N·m.
 
-        The torque acts from half a step before to half a step after the present instant: where a
-        held torque changes at this instant, give the mean of old and new.
+        The torque acts from half a step before to half a step after the present instant: if a held
+        torque changes at this instant, give the mean of old and new.
         """
         motor1, motor2 = self.motor1, self.motor2
         self.log.append((self.link1, self.link2, motor1, motor2))
@@ -151,13 +151,8 @@ class ArmSimulation:
         return self.link1, self.link2, self.motor1, self.motor2
 
     @property
-    def link_rates(self) -> tuple[float, float]:
-        """Absolute link rates at the present instant, rad/s."""
-        return self._link1_rate, self._link2_rate
-
-    @property
     def pivot_gaps_m(self) -> tuple[float, float]:
-        """How far base and elbow pivot have come apart in pymunk, m; a check on its solver."""
+        """Gaps of base and elbow pivot in pymunk, m; a check of its solver."""
         gaps = []
         for joint in self._pivots:
             apart = joint.a.local_to_world(joint.anchor_a) - joint.b.local_to_world(joint.anchor_b)
@@ -166,7 +161,7 @@ class ArmSimulation:
 
 
 _ITERATIONS = 30
-"""Chipmunk solves the two pivots in turns; warm-started, this many turns leave rounding only."""
+"""Iterations of Chipmunk's solver over the two pivots; with warm start only rounding remains."""
 
 
 def require_step(dt: float) -> None:
@@ -185,14 +180,14 @@ def require_step(dt: float) -> None:
 
 
 def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angle_rad: Floats) -> None:
-    """Refuse a step that is too long for the springs; K and D (2,), motor side.
+    """Refuse a step that is too long for the joint resonances; K and D (2,), motor side.
 
     The explicit scheme is stable up to ω dt = 2; a quarter of that keeps it accurate.
 
     Raises
     ------
     JointIdError
-        Naming the longest step that will do.
+        With the longest step that is possible.
     """
     inertia = arm.inertia(joint_angle_rad)
     mobility = np.linalg.inv(inertia.M2) + np.diag(1 / inertia.M)
@@ -215,9 +210,9 @@ def _build_links(
     link1, link2 = (
         pymunk.Body(m, i) for m, i in zip(arm.mass_kg.tolist(), arm.inertia_kgm2.tolist(), strict=True)
     )
-    # A turning body's straight step opens its pivot a little, and the next step closes it. The bodies
-    # start with that gap and with the velocity of its closing: the solver would otherwise make up for
-    # the missing step with a jolt, which costs the second order.
+    # The straight step of a turning body opens its pivot a little, and the next step closes it. The
+    # bodies start with that gap and the velocity that closes it; otherwise an initial jolt of the
+    # solver would cost the second order.
     earlier = angle - dt * rate
     place, tangent = _centres(arm, earlier, rate)
     _, chord = _centres(arm, angle + 0.5 * dt * rate, rate)
@@ -229,7 +224,7 @@ def _build_links(
         body.velocity = vx, vy
     base = pymunk.PivotJoint(space.static_body, link1, (0.0, 0.0), (-r1, 0.0))
     elbow = pymunk.PivotJoint(link1, link2, (l1 - r1, 0.0), (-r2, 0.0))
-    # No bias left over: each step closes the gap that the straight step of a turning body opens.
+    # No remaining bias: each step closes the gap that the straight step of a turning body opens.
     base.error_bias = elbow.error_bias = 0.0
     space.add(link1, link2, base, elbow)
     return (link1, link2), (base, elbow)
@@ -246,7 +241,7 @@ def _centres(arm: PlanarArm, angle: Floats, rate: Floats) -> tuple[Floats, Float
 def _build_rotors(
     space: pymunk.Space, inertia: Floats, coulomb: Floats, angle: Floats, rate: Floats
 ) -> tuple[pymunk.Body, pymunk.Body]:
-    """Rotors as free bodies; Coulomb friction is a brake of limited torque."""
+    """Rotors as free bodies, with Coulomb friction as a brake of limited torque."""
     rotors = []
     for value, friction, a, w in zip(
         inertia.tolist(), coulomb.tolist(), angle.tolist(), rate.tolist(), strict=True

@@ -1,10 +1,10 @@
-"""Feedforward of an elastic arm by flatness: what the motors must do so that the tool follows the path.
+"""Flatness-based feedforward of an elastic arm: motor motion and torque for a tool path.
 
-The wanted joint motion q(t) determines everything else (the elastic arm is flat; De Luca and Book,
-Robots with Flexible Elements, Springer Handbook of Robotics). The springs must deliver
-u = M(q) q̈ + c(q, q̇), so they deflect by x with D̂ ẋ + K̂ x = u, the motors must be at q + x, and that
-needs the torque B (q̈ + ẍ) + u with B = N² J_m. K̂ and D̂ are what the controller assumes; a rigid
-controller has x = 0. Arm side inside.
+The joint motion q(t) determines all other variables (the elastic arm is flat; De Luca and Book, Robots
+with Flexible Elements, Springer Handbook of Robotics). The joint torque is u = M(q) q̈ + c(q, q̇), the
+deflection x follows from D̂ ẋ + K̂ x = u, the motor angle is q + x, and the motor torque B (q̈ + ẍ) +
+u with B = N² J_m. The controller assumes K̂ and D̂; a rigid controller has x = 0. All values are arm
+side.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from jointid.cut.servo import Servo, ServoPlan, friction_values
 from jointid.cut.toolpath import Toolpath
 
 _FILTER_STEP_S = 1.25e-4
-"""Step in which the spring deflection is integrated; its error stays below 0.1 µm at the tool."""
+"""Step of the integrated deflection; its error is below 0.1 µm at the tool."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joint motion q(t) along a path and the spring torque u(t) that it takes, arm side."""
+    """Joint motion q(t) along a path and its joint torque u(t), arm side."""
 
     q: Floats
     """Joint angles and their derivatives 1 and 2, shape (3, k, 2)."""
     u: Floats
-    """Spring torques and their derivatives 1 and 2, shape (3, k, 2)."""
+    """Joint torques and their derivatives 1 and 2, shape (3, k, 2)."""
 
 
 def joint_motion(arm: PlanarArm, path: Floats, elbow: Elbow = "positive") -> JointMotion:
-    """Joint motion and spring torque along a tool path, all derivatives analytic.
+    """Joint motion and joint torque along a tool path, with analytic derivatives.
 
     With E_j = e^{iφ_j} the tool is at l1 E1 + l2 E2 in the complex plane. Each derivative of order k is
-    linear in φ^(k), the rest is known from lower orders. The spring torques on the absolute angles are
+    linear in φ^(k), the rest is known from lower orders. The joint torques on the absolute angles are
     U1 = a φ̈1 + c Im(Ē1 Ë2), U2 = b φ̈2 + c Im(Ē2 Ë1), whose derivatives follow by the product rule.
 
     Parameters
@@ -84,7 +84,7 @@ _BINOMIAL = ((1,), (1, 1), (1, 2, 1), (1, 3, 3, 1))
 def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
     """Solution x of D ẋ + K x = u from rest, for u and any of its derivatives given by samples.
 
-    Exact for a torque that runs straight from sample to sample; D = 0 is x = u / K.
+    Exact for a piecewise linear torque; D = 0 gives x = u / K.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def plan_servo(
     Parameters
     ----------
     assumed_K, assumed_D : ndarray, shape (2,) or (2, runs), optional
-        What the controller assumes, motor side. None is a rigid controller.
+        K and D that the controller assumes, motor side. None is a rigid controller.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def _deflections(arm: PlanarArm, u: Floats, K: Floats, D: Floats, step_s: float)
 
 
 def _compensation(arm: PlanarArm, servo: Servo, rate: Floats) -> Floats:
-    """Friction torque at the wanted motor velocity, arm side, like ``rate``."""
+    """Friction torque at the reference velocity of the motors, arm side, like ``rate``."""
     assert servo.friction_compensation is not None
     runs = (slice(None),) + (None,) * (rate.ndim - 2)
     coulomb, viscous = (value[runs] for value in friction_values(servo.friction_compensation))

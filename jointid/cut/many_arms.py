@@ -1,13 +1,11 @@
-"""Many planar elastic arms at once, as arrays over runs, and the servo that drives them.
+"""Many planar elastic arms, vectorised over runs.
 
-Same equations and same leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation``, with the mass
-matrix in place of pymunk's pivots, and the same law as ``jointid.cut.servo.run_servo``: the two agree
-within nanometres at the tool.
+Same equations and leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation``, with the mass matrix
+in place of pymunk's pivots: the two agree within nanometres at the tool.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -15,12 +13,13 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
 from jointid.cut.servo import (
-    LOST_RAD,
-    PROGRESS_CALLS,
+    ARRAYS,
     MotorFrictionLike,
     ServoPlan,
+    driven,
     friction_values,
-    ran_away,
+    require_tracking,
+    sampled_law,
 )
 
 
@@ -35,7 +34,7 @@ class ManyArms:
     dt : float
         Step, s.
     joint_angle_rad : ndarray, shape (2,)
-        Joint angles at time 0; the springs are relaxed.
+        Joint angles at time 0, without deflection.
     runs : int
         Number of arms.
     friction : optional
@@ -48,7 +47,7 @@ class ManyArms:
     motor_rate : ndarray, shape (2, runs)
         Reflected motor rates, rad/s.
     log : list of ndarray
-        ``link`` at each instant that a step began from.
+        ``link`` at the start of each step.
     """
 
     def __init__(
@@ -96,7 +95,7 @@ class ManyArms:
         v = (self._ba * load - coupling * load[::-1]) * (dt / (self._ab - coupling * coupling))
         v += self._link_before
         w = (torque - spring - self._F * self.motor_rate) * self._kick + self._motor_before
-        if not self._slides:  # friction takes what it can of the rotor's speed, and sticks at zero
+        if not self._slides:  # friction reduces the rotor's speed, at most to zero
             w = w - np.minimum(np.maximum(w, -self._slows), self._slows)
         self.link, self.motor = link + v * dt, self.motor + w * dt
         self._link_rate = 1.5 * v - 0.5 * self._link_before
@@ -107,40 +106,20 @@ class ManyArms:
 def run_many(
     plan: ServoPlan, arms: ManyArms, substeps: int, progress: Callable[[float], None] | None = None
 ) -> None:
-    """Drive many arms along a plan, or each along its own; see ``jointid.cut.servo.run_servo``.
+    """Drive many arms along a plan, or each along its own, by the law of ``servo.run_servo``.
 
     Raises
     ------
     JointIdError
-        When a motor of any arm has run away from its reference.
+        When a motor of any arm runs away from its reference.
     """
-    angle, rate, feed = (
-        x if x.ndim == 3 else x[..., None] for x in (plan.angle, plan.rate, plan.torque)
-    )
-    kp, kv, count, limit = (
-        x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)
-    )
-    limited, counted = bool(np.isfinite(limit).any()), bool(count.any())
-    share, T = plan.smoothing, plan.interval_s
-    report = max(1, len(feed) // PROGRESS_CALLS)
-    waiting = deque([np.zeros((2, 1))] * plan.delay)
-    old, speed, past = np.zeros((2, 1)), np.zeros((2, 1)), None
-    for k in range(len(feed)):
-        y = count * np.rint(arms.motor / count) if counted else arms.motor
-        if plan.differentiated:
-            speed = speed + share * ((y - (y if past is None else past)) / T - speed)
-            past = y
-        else:
-            speed = arms.motor_rate
-        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
-        new = feed[k] + waiting.popleft()
-        if limited:
-            new = np.clip(new, -limit, limit)
-        arms.step(0.5 * (old + new))
-        for _ in range(substeps - 1):
-            arms.step(new)
-        old = new
-        if progress is not None and k % report == 0:
-            progress(k / len(feed))
-    if not np.all(np.abs(arms.motor - angle[-1]) < LOST_RAD):
-        raise ran_away()
+    tables = [list(x if x.ndim == 3 else x[..., None]) for x in (plan.angle, plan.rate, plan.torque)]
+    gains = [x[:, None] for x in (plan.proportional, plan.derivative, plan.count, plan.limit)]
+    law = sampled_law(plan, tables, gains, ARRAYS)
+
+    def torques(k: int) -> tuple[Floats]:
+        return (law(k, arms.motor, arms.motor_rate),)
+
+    for _ in driven(len(plan.torque), torques, arms.step, substeps, progress):
+        pass
+    require_tracking(ARRAYS.largest(arms.motor - tables[0][-1]))

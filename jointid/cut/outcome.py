@@ -1,9 +1,9 @@
-"""What an identification is worth on the path: a cut before and one after, in millimetres.
+"""Path error before and after an identification: the same cut with nominal and with identified values.
 
-The identified values are the best knowledge of the real robot. So the robot before has exactly these
-springs, and its servo the nominal ones. The robot after differs from the identified values as far as
-their covariance allows, while its servo assumes them. Both have the friction that the fit found, if it
-looked for any, and the same everyday controller. Which arm it is and which springs it has: ``robot.py``.
+Before: the simulated robot has the identified K and D, and its servo assumes the nominal ones. After:
+its servo assumes the identified values, and the robot's K and D are drawn from their covariance. Both
+simulations include the identified friction and the same default controller. ``robot.py`` defines the
+arm and its stiffness.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from jointid.study import Analysis
 EVERYDAY_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True
 )
-"""A controller as there are many, this software's own choice; friction is not compensated."""
+"""A typical controller, this software's own choice; friction is not compensated."""
 ZONES_M = (0.001, 0.005, 0.010)
-"""Corner zones of Figure 7's three shapes; the paper prints no figures for them."""
+"""Corner zones of the three shapes of Figure 7; the paper does not state their values."""
 _ALIKE = 0.1
-"""Path errors within 10 % of each other do not tell robots apart."""
+"""Path errors within 10 % of each other count as equal."""
 _SMALLEST_SHOWN_M = 1e-6
-"""The simulated arm is exact to about 1 µm."""
+"""Accuracy of the simulated arm, about 1 µm."""
 
 
-class Promise(NamedTuple):
+class Prediction(NamedTuple):
     """The cut after the identification; the fields are those of ``Outcome``."""
 
     after: TrackingRun
-    edge: Elasticity
+    p95: Elasticity
     distribution: PathErrorDistribution | None
     problem: str
 
@@ -52,17 +52,17 @@ class Outcome:
     robot: CutRobot
     toolpath: Toolpath
     assumed: Elasticity | None
-    """What the servo assumed before; None is a rigid controller."""
+    """K and D that the servo assumes before; None is a rigid controller."""
     before: TrackingRun
-    """A robot with the identified springs; its servo has ``assumed``."""
+    """Cut of the robot with the identified K and D; its servo assumes ``assumed``."""
     after: TrackingRun
-    """A robot with the springs ``edge``; its servo assumes the identified ones."""
-    edge: Elasticity
-    """Of the robots that the fit's covariance allows, the one at the 95 % point of the path error."""
+    """Cut of the robot ``p95``; its servo assumes the identified values."""
+    p95: Elasticity
+    """K and D of the robot at the 95th percentile of the path error, of those drawn."""
     distribution: PathErrorDistribution | None
-    """Path errors of the robots drawn; None when the covariance allows no promise."""
+    """Path errors of the robots drawn; None when the covariance is too large."""
     problem: str
-    """Why there is no distribution; empty when there is."""
+    """Reason why there is no distribution; empty otherwise."""
 
     @property
     def before_m(self) -> float:
@@ -71,12 +71,12 @@ class Outcome:
 
     @property
     def after_m(self) -> float:
-        """Largest contour error of the robot ``edge``, m; 95 % of the robots drawn stay below it."""
+        """Largest contour error of the robot ``p95``, m: the 95th percentile of the robots drawn."""
         return self.after.max_contour_error_m
 
     @property
     def spread_m(self) -> float:
-        """How far apart 90 % of the path errors of the robots drawn lie, m; NaN without any."""
+        """Central 90 % range of the path errors of the robots drawn, m; NaN without any."""
         if self.distribution is None:
             return float("nan")
         low, high = np.percentile(self.distribution.max_contour_error_m, (5, 95))
@@ -84,10 +84,10 @@ class Outcome:
 
     @property
     def springs_matter(self) -> bool:
-        """Whether what remains after the identification depends on how well it knows the springs.
+        """Whether the path error after the identification depends on the uncertainty of K and D.
 
-        False where robots with other springs, as far as the fit allows them, cut practically alike:
-        then friction and the controller set the error. True where this is not known.
+        False if the robots drawn have practically equal errors, which then come from friction and the
+        controller. True without a distribution.
         """
         return not self.spread_m < _ALIKE * self.after_m
 
@@ -109,10 +109,10 @@ def cut_outcome(
     robot : CutRobot
     toolpath : Toolpath
     assumed : Elasticity or None
-        What the servo assumed before, motor side; None is a rigid controller.
+        K and D that the servo assumes before, motor side; None is a rigid controller.
     servo, friction
-        As in :func:`~jointid.cut.tracking.track`; the same before and after. Left out: the everyday
-        controller, and no friction.
+        As in :func:`~jointid.cut.tracking.track`; the same before and after. By default
+        ``EVERYDAY_SERVO`` and no friction.
     samples : int
         Robots drawn from the fit's covariance.
     seed : int
@@ -121,15 +121,17 @@ def cut_outcome(
     Raises
     ------
     JointIdError
-        When a cut cannot be made: the path leaves the workspace, or the loop is unstable.
+        When the path leaves the workspace, or the loop is unstable.
     """
     servo = servo or EVERYDAY_SERVO
     before = track(robot.arm, toolpath, robot.elasticity, assumed, servo=servo, friction=friction)
-    promise = promised(robot, toolpath, servo=servo, friction=friction, samples=samples, seed=seed)
-    return with_promise(robot, toolpath, assumed, before, promise)
+    prediction = predicted_cut(
+        robot, toolpath, servo=servo, friction=friction, samples=samples, seed=seed
+    )
+    return with_prediction(robot, toolpath, assumed, before, prediction)
 
 
-def promised(
+def predicted_cut(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
@@ -137,13 +139,13 @@ def promised(
     friction: MotorFrictionLike | None = None,
     samples: int = 100,
     seed: int = 0,
-) -> Promise:
-    """Cut a path after the identification, as far as its uncertainty allows.
+) -> Prediction:
+    """Predict the path error after the identification, with its uncertainty.
 
     Parameters and errors as in :func:`cut_outcome`.
     """
     identified, servo = robot.elasticity, servo or EVERYDAY_SERVO
-    edge, distribution, problem = identified, None, ""
+    p95, distribution, problem = identified, None, ""
     try:
         distribution = path_error_distribution(
             robot.arm,
@@ -155,33 +157,32 @@ def promised(
             servo=servo,
             friction=friction,
         )
-    except JointIdError as error:  # the cut itself may well be possible
+    except JointIdError as error:  # a single cut may still be possible
         problem = str(error)
     else:
         largest = distribution.max_contour_error_m
         beyond = np.where(largest >= distribution.p95_m, largest, np.inf)
-        at = int(np.argmin(beyond))  # 95 % stay below this robot's error: it is shown and told
-        edge = Elasticity(K=distribution.K[at], D=distribution.D[at])
-    after = track(robot.arm, toolpath, edge, identified, servo=servo, friction=friction)
-    return Promise(after, edge, distribution, problem)
+        at = int(np.argmin(beyond))
+        p95 = Elasticity(K=distribution.K[at], D=distribution.D[at])
+    after = track(robot.arm, toolpath, p95, identified, servo=servo, friction=friction)
+    return Prediction(after, p95, distribution, problem)
 
 
-def with_promise(
+def with_prediction(
     robot: CutRobot,
     toolpath: Toolpath,
     assumed: Elasticity | None,
     before: TrackingRun,
-    promise: Promise,
+    prediction: Prediction,
 ) -> Outcome:
-    """Put a cut before and a promise for after together; both of the same robot and path."""
-    after, edge, distribution, problem = promise
-    return Outcome(robot, toolpath, assumed, before, after, edge, distribution, problem)
+    """Combine a cut before with a prediction for after; both of the same robot and path."""
+    return Outcome(robot, toolpath, assumed, before, *prediction)
 
 
 def study_outcome(analysis: Analysis) -> Outcome | None:
-    """Return what the identification changes on the paper's path, or None where no cut applies.
+    """Return the cut before and after on the paper's path, or None for studies without a cut.
 
-    Before, the servo has the study's nominal values; where there are none it takes the joints as rigid.
+    Before, the servo assumes the study's nominal values, or rigid joints without such values.
 
     Raises
     ------
@@ -196,7 +197,7 @@ def study_outcome(analysis: Analysis) -> Outcome | None:
 
 
 def whose(robot: CutRobot) -> str:
-    """Say which robot cuts: that of the study in its springs, on the example arm's geometry."""
+    """Describe the robot that cuts: geometry, and origin of its stiffness."""
     return {
         "direct": "an arm of this study's inertias and springs",
         "springs": "the example arm with this study's springs",
@@ -206,7 +207,7 @@ def whose(robot: CutRobot) -> str:
 
 
 def millimetres(length_m: float) -> str:
-    """Write a path error for a person, "2.9 mm"; what the simulation does not resolve is not shown."""
+    """Format a path error, "2.9 mm"; below the resolution of the simulation as "under 0.001 mm"."""
     if length_m < _SMALLEST_SHOWN_M:
         return f"under {significant(1e3 * _SMALLEST_SHOWN_M, 1)} mm"
     return f"{significant(1e3 * length_m, 2 if length_m >= 1e-5 else 1)} mm"

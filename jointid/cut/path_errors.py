@@ -1,4 +1,4 @@
-"""Largest path errors of many cuts along one path, computed together."""
+"""Largest path errors of many cuts along one path, vectorised over the cuts."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from jointid.cut.servo import MotorFrictionLike, Servo
 from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import substeps_per_sample
 
-_RUNS_AT_ONCE = 512
-"""Keeps the arrays of a batch within some hundred megabytes."""
+_BATCH_RUNS = 512
+"""Runs per batch, which keeps the arrays within some hundred megabytes."""
 _STRIDE = 32
-"""Of the instants that give the first, low guess of a run's largest contour error."""
+"""Every so many instants give the lower bound of a run's largest contour error."""
 
 
 def largest_errors(
@@ -34,16 +34,16 @@ def largest_errors(
     dt: float,
     progress: Callable[[float], None] | None,
 ) -> tuple[Floats, Floats]:
-    """Cut once with each arm, all cuts at once.
+    """Simulate one cut with each arm.
 
     Parameters
     ----------
     arm, toolpath, servo, friction, elbow, dt, progress
         As in :func:`~jointid.cut.tracking.track`.
     true : tuple of ndarray
-        K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for all runs alike.
+        K and D of the arms, motor side, shape (2, runs) each, or (2, 1) for equal arms.
     assumed : tuple of ndarray
-        What the servo assumes, shape (2, runs) each, or (2,) for all runs alike.
+        K and D that the servo assumes, shape (2, runs) each, or (2,) for equal servos.
     runs : int
 
     Returns
@@ -59,8 +59,8 @@ def largest_errors(
     substeps = substeps_per_sample(servo, dt)
     step = servo.interval_s / substeps
     contour, tracking = np.empty(runs), np.empty(runs)
-    for first in range(0, runs, _RUNS_AT_ONCE):
-        part = slice(first, min(first + _RUNS_AT_ONCE, runs))
+    for first in range(0, runs, _BATCH_RUNS):
+        part = slice(first, min(first + _BATCH_RUNS, runs))
         count = part.stop - part.start
         K, D = (x if x.shape[1] == 1 else x[:, part] for x in true)
         K_assumed, D_assumed = (x if x.ndim == 1 else x[:, part] for x in assumed)
@@ -70,43 +70,43 @@ def largest_errors(
         with np.errstate(over="ignore", invalid="ignore"):
             run_many(plan, arms, substeps, _share(progress, part.start / runs, count / runs))
         tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
-        wanted = toolpath.position(np.arange(len(tool)) * step)
-        apart = tool - wanted[:, None]
-        tracking[part] = _length(apart).max(axis=0)
-        contour[part] = _largest_contour_error(toolpath, tool, wanted, step)
+        reference = toolpath.position(np.arange(len(tool)) * step)
+        deviation = tool - reference[:, None]
+        tracking[part] = _length(deviation).max(axis=0)
+        contour[part] = _largest_contour_error(toolpath, tool, reference, step)
     if progress is not None:
         progress(1.0)
     return contour, tracking
 
 
-def _largest_contour_error(toolpath: Toolpath, tool: Floats, wanted: Floats, step_s: float) -> Floats:
-    """Largest contour error of each run, (runs,), from tools (k, runs, 2) and wanted ones (k, 2).
+def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats, step_s: float) -> Floats:
+    """Largest contour error of each run, (runs,), of tools (k, runs, 2) with the reference (k, 2).
 
-    No contour error exceeds the distance to any one point of the path. So a coarse look gives a lower
-    bound, and only instants that are farther from one well-chosen point need the nearest one.
+    No contour error exceeds the distance to any one point of the path. A coarse sample of instants gives
+    a lower bound; only instants farther than that from one well-chosen point need the nearest one.
     """
     largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
-    candidates = _beside(tool, wanted, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
+    candidates = _beside(tool, reference, toolpath.peak_acceleration_m_s2 * step_s**2) > largest
     candidates[::_STRIDE] = False
     _, run = np.nonzero(candidates)
     np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
     return largest
 
 
-def _beside(tool: Floats, wanted: Floats, bend_m: float) -> Floats:
-    """No less than the contour error, shape (k, runs): distance to the path abreast of the tool.
+def _beside(tool: Floats, reference: Floats, bend_m: float) -> Floats:
+    """Upper bound of the contour error, shape (k, runs): distance to the path abreast of the tool.
 
-    The tool is ahead of the wanted one or behind by so many samples; the path there is interpolated,
-    which errs by an eighth of ``bend_m``, acceleration times step squared, at most.
+    The tool is ahead of the reference or behind by so many samples. The path is interpolated there, with
+    an error of at most an eighth of ``bend_m``, acceleration times step squared.
     """
-    sample: Floats = np.arange(len(wanted), dtype=np.float64)
-    apart, pace = tool - wanted[:, None], np.gradient(wanted, axis=0)
+    sample: Floats = np.arange(len(reference), dtype=np.float64)
+    deviation, pace = tool - reference[:, None], np.gradient(reference, axis=0)
     square = (pace**2).sum(axis=1)
     pace /= np.where(square > 0, square, 1.0)[:, None]
-    ahead = apart[..., 0] * pace[:, None, 0] + apart[..., 1] * pace[:, None, 1]
+    ahead = deviation[..., 0] * pace[:, None, 0] + deviation[..., 1] * pace[:, None, 1]
     abreast = sample[:, None] + ahead
-    path = np.stack([np.interp(abreast, sample, wanted[:, c]) for c in (0, 1)], axis=-1)
-    return np.asarray(np.minimum(_length(tool - path) + bend_m, _length(apart)))
+    path = np.stack([np.interp(abreast, sample, reference[:, c]) for c in (0, 1)], axis=-1)
+    return np.asarray(np.minimum(_length(tool - path) + bend_m, _length(deviation)))
 
 
 def _length(vector: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""The rectangle of the paper's Figure 7, as fast as its corners and ramps allow."""
+"""The rectangle of the paper's Figure 7, as fast as corners and ramps allow."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from jointid.wording import counted
 _REACHED = 0.9
 """Share of the cutting speed that the tool must reach on some side."""
 _SMALLEST_ZONE_M = 1e-9
+"""Zones below this stop in the corner, m."""
 
 
 def rectangle(
@@ -58,13 +59,13 @@ def rectangle(
     repetitions : int
         How many times round.
     settle_s : float
-        Rest after the end, s; shows what still swings.
+        Rest after the end, which shows residual vibration, s.
 
     Raises
     ------
     JointIdError
-        When a value is out of range, the zone does not fit the shorter side, or no side lets the tool
-        come within 10 % of the speed; the message says what would do.
+        When a value is out of range, the zone does not fit the shorter side, or no side allows 90 % of
+        the speed; the message gives possible values.
     """
     values = {
         "width_m": (width_m, "m"),
@@ -138,7 +139,7 @@ def rectangle(
 
 @dataclass(frozen=True)
 class _Limits:
-    """What bounds a change of velocity: speed, acceleration, and the shortest ramp."""
+    """Limits of speed, acceleration and ramp time."""
 
     speed: float
     acceleration: float
@@ -154,7 +155,7 @@ class _Limits:
         return float(min(self.speed, by_acceleration, 2 * zone / self.shortest))
 
     def peak_speed(self, corner: float, length: float) -> float:
-        """Highest speed on a straight between two corners: up and down again within its length."""
+        """Highest speed on a straight between two corners, with a ramp up and down."""
         slow = length / self.shortest - corner
         fast = np.sqrt(corner**2 + length * self.acceleration / STEEPEST)
         # Where the shortest ramp binds, the acceleration does not, and the other way round.

@@ -1,18 +1,18 @@
-"""The robot that cuts: the example arm with the springs that a study speaks of.
+"""The robot that cuts: the example arm with K and D from a study.
 
-The paper prints neither the geometry of its robot nor the parameters that it calls non-optimal. So the
-cut is always made by the example arm, and this file says which springs that arm gets:
+The paper states neither the geometry of its robot nor the parameters that it calls non-optimal. The cut
+therefore always uses the example arm. Its K and D follow from the study by one of four rules:
 
-- *direct*: two joints, and the study's inertias are those of the example arm at the cutting pose. Its K
-  and D apply as they are.
-- *springs*: the inertias are those of the example arm with the other drive. K and D apply as they are,
-  but to an arm that is not the study's.
+- *direct*: two joints, and the study's inertias are those of the example arm at the cutting pose. K
+  and D apply unchanged.
+- *springs*: the inertias are those of the example arm with the other drive. K and D apply unchanged, to
+  an arm that is not the study's.
 - *relative*: two joints of another robot. Stiffness errors act on a path through their ratio K̂/K: the
-  springs deflect by u/K and the servo compensates u/K̂. So the arm gets the paper's stiffnesses, and all
-  that belongs to joint j (K, D, nominal values, standard errors) is multiplied by the same factor
-  K_paper,j / K_j. The study's ratios K̂/K, D̂/D and D/K, and its relative errors, stay what they are.
-- *demonstration*: not two joints, so nothing of the study applies. The arm gets the paper's K and D,
-  known within 1 % and 5 %.
+  joints deflect by u/K and the servo compensates u/K̂. The arm has the paper's stiffnesses, and all
+  values of joint j (K, D, nominal values, standard errors) are multiplied by the same factor
+  K_paper,j / K_j, which preserves the study's ratios K̂/K, D̂/D and D/K and its relative errors.
+- *demonstration*: a study without two joints does not apply. The arm has the paper's K and D, known
+  within 1 % and 5 %.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ Rule = Literal["direct", "springs", "relative", "demonstration"]
 Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]
 
 CUTTING_POINT_M = (1.15, 0.0)
-"""Where the example arm cuts, and where its inertias are compared with a study's."""
+"""Tool position of the cut, where the inertias are compared with the study's."""
 PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 """The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
 SOFT, STIFF = 0.4, 3.0
-"""K̂ / K of two controllers that do not fit; this software's own choice."""
+"""K̂ / K of two wrongly tuned controllers; this software's own choice."""
 
 RULES: dict[Rule, str] = {
     "direct": "The inertias of this study are those of the example arm where it cuts, with a {drive} "
@@ -52,15 +52,15 @@ RULES: dict[Rule, str] = {
     "study: the paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as "
     "if they were known within 1 % and 5 %.",
 }
-"""What each rule means, for people; see ``CutRobot.meaning``."""
+"""Description of each rule for the user; see ``CutRobot.meaning``."""
 
 _DRIVES: tuple[Drive, ...] = get_args(Drive)
 _SAME_INERTIA = 0.05
-"""Inertias within 5 % of the example arm's count as its own: that is how well inertias are known."""
+"""Relative difference within which inertias count as equal: their usual accuracy."""
 _DEMONSTRATED = np.array([0.005, 0.005, 0.025, 0.025])
 """Relative standard errors of K1, K2, D1, D2 of the demonstration: half of 1 % and of 5 %."""
 _HARDLY_KNOWN = 1 / 3
-"""An error bar above this share of its value leaves nothing to be said of a path."""
+"""Relative standard error above which K and D give no meaningful path error."""
 
 
 @dataclass(frozen=True)
@@ -75,54 +75,54 @@ class CutFriction:
 
 @dataclass(frozen=True, eq=False)
 class CutRobot:
-    """The arm that cuts, with what a study says of its springs; motor side."""
+    """The arm that cuts, with K, D and friction from a study; motor side."""
 
     rule: Rule
-    """How the study's springs came to this arm; see the module's text."""
+    """Rule by which the study applies to this arm; see the module docstring."""
     arm: PlanarArm
     elasticity: Elasticity
     """Identified K and D."""
     covariance: Floats
     """Their covariance in the order K1, K2, D1, D2, shape (4, 4)."""
     nominal: Elasticity | None
-    """What the study's controller assumes today; None when the study does not say."""
+    """K and D that the study's controller assumes; None when not stated."""
     friction: CutFriction | None
-    """What the fit found at the motors; None when it did not look for any."""
+    """Identified friction; None when it was not fitted."""
     scale: tuple[float, float] = (1.0, 1.0)
-    """By which factor all that belongs to each joint differs from the study's own values."""
+    """Factor of each joint on the study's values."""
 
     @property
     def meaning(self) -> str:
-        """Whose robot cuts, in a sentence or two."""
+        """Description of the robot that cuts."""
         return RULES[self.rule].format(drive=self.arm.drive)
 
     def on_this_arm(self, elasticity: Elasticity) -> Elasticity:
-        """Values in the study's units, as this arm has them."""
+        """Scale values of the study to this arm."""
         return _scaled(elasticity, np.array(self.scale))
 
     def of_the_study(self, elasticity: Elasticity) -> Elasticity:
-        """Values of this arm in the study's units."""
+        """Scale values of this arm to the study."""
         return _scaled(elasticity, 1 / np.array(self.scale))
 
 
 def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
-    """Give the example arm the springs that a study speaks of.
+    """Return the example arm with K and D from a study.
 
     Parameters
     ----------
     analysis : Analysis
     drive : {"parallelogram", "serial"}, optional
-        Left out: the drive whose inertias are the study's, else the parallelogram.
+        By default the drive whose inertias are the study's, else the parallelogram.
 
     Raises
     ------
     JointIdError
-        When the identified values are no spring and damper, or cannot be used for millimetres.
+        When the identified values are unphysical, or too uncertain for a path error.
     """
     study, fit = analysis.study, analysis.fit
     if fit.n != 2:
         return demonstration(drive or "parallelogram")
-    if reason := useless(analysis):
+    if reason := reason_unusable(analysis):
         raise JointIdError(reason)
     identified = fit.elasticity
     matching = _matching_drive([study.inertia, *study.poses.values()])
@@ -146,14 +146,14 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
 
 
 def demonstration(drive: Drive = "parallelogram") -> CutRobot:
-    """Return the example arm with the paper's K and D, as if these were known within 1 % and 5 %."""
+    """Return the example arm with the paper's K and D, known within 1 % and 5 %."""
     value = np.concatenate([PAPER.K, PAPER.D])
     covariance = np.diag((_DEMONSTRATED * value) ** 2)
     return CutRobot("demonstration", PlanarArm.example(drive), PAPER, covariance, None, None)
 
 
-def useless(analysis: Analysis) -> str:
-    """Say why no millimetres follow from an identification; empty where they do."""
+def reason_unusable(analysis: Analysis) -> str:
+    """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
             return f"The answer cannot be used for a cut, because of what was found: {finding.title}."
@@ -175,7 +175,7 @@ def useless(analysis: Analysis) -> str:
 def assumed_elasticity(
     robot: CutRobot, assumption: Assumption, custom: Elasticity | None = None
 ) -> Elasticity | None:
-    """Return what the servo assumes before the identification; None is a rigid controller.
+    """Return K and D that the servo assumes before the identification; None is a rigid controller.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def _matching_drive(inertias: list[Inertia]) -> Drive | None:
 
 
 def _friction(analysis: Analysis, factor: Floats) -> CutFriction | None:
-    """Friction of the fit times a factor; what noise made negative counts as none."""
+    """Friction of the fit times a factor; values negative by noise become zero."""
     found = analysis.fit.friction
     if found is None:
         return None

@@ -1,25 +1,28 @@
-"""The servo of each motor: settings, and the sampled control loop that drives an arm along a plan.
+"""The servo of each motor: settings, and the sampled control law for one arm or many.
 
-Feedback is a PD controller of the motor angle around a reference; the feedforward torque is planned
-beforehand (``feedforward.py``). Arm side inside; a name says motor where a value is the motor's.
+A PD controller of the motor angle around a reference, with a feedforward torque from ``feedforward.py``.
+Values are arm side unless a name says motor.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 
 PROGRESS_CALLS = 50
+"""Calls of a progress function per run."""
 LOST_RAD = 3.0
-"""A motor this far from its reference, seen on the arm side, no longer follows anything."""
+"""Tracking error, seen on the arm side, from which the control loop counts as unstable."""
+
+Signal = TypeVar("Signal", float, Floats)
 
 
 class MotorFrictionLike(Protocol):
@@ -38,9 +41,9 @@ class MotorFrictionLike(Protocol):
 class Servo:
     """Settings of the joint controllers.
 
-    Every option has its counterpart in the feedforward, so that a perfect model leaves no error that
-    the option itself would cause: the feedforward runs ahead by the delay, and the reference of a
-    differentiated velocity goes through the same difference and filter.
+    The feedforward accounts for every option, so that with a perfect model the option causes no error:
+    it is ahead by the delay, and the reference of a differentiated velocity passes the same difference
+    and filter.
 
     Parameters
     ----------
@@ -55,16 +58,16 @@ class Servo:
     torque_limit_Nm : float or array_like, shape (2,), optional
         Largest motor torque, motor side, N·m.
     encoder_bits : int, optional
-        The encoder divides a motor turn into 2^bits counts; None is an ideal encoder.
+        Encoder of 2^bits counts per motor turn; None is an ideal encoder.
     differentiated_velocity : bool
-        Velocity is the difference of two encoder positions over a sample; else it is measured exactly.
+        Velocity from the difference of two encoder positions; otherwise measured exactly.
     velocity_filter_hz : float, optional
         First-order low-pass on that difference, Hz.
     friction_compensation : friction, optional
-        What the controller assumes and adds to the torque, computed from the wanted motor velocity.
-        Anything with ``coulomb`` and ``viscous``, for instance the friction of a fit.
+        Assumed friction, added to the torque at the reference velocity of the motor. Any object with
+        ``coulomb`` and ``viscous``, for instance the friction of a fit.
     compensation_smoothing_rad_s : float
-        Motor velocity over which the compensation's sign turns over (tanh), rad/s.
+        Motor velocity over which the compensation changes its sign (tanh), rad/s.
 
     Raises
     ------
@@ -117,7 +120,7 @@ class Servo:
                 "velocity_filter_hz filters a differentiated velocity: set differentiated_velocity too."
             )
         if self.torque_limit_Nm is not None:
-            limit = per_joint("torque_limit_Nm (N·m)", self.torque_limit_Nm)
+            limit = per_joint("torque_limit_Nm (N·m)", self.torque_limit_Nm, 2)
             if limit.min() <= 0:
                 raise JointIdError(f"torque_limit_Nm is {limit.min():g} N·m: it must be positive.")
         if self.friction_compensation is not None:
@@ -131,9 +134,9 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class ServoPlan:
-    """What the controllers know before the cut, at each of s samples; arm side.
+    """Reference and feedforward of a cut at s samples, and the gains; arm side.
 
-    With several assumed elasticities the last axis holds one entry for each.
+    The last axis is that of the assumed elasticities, if there are several.
     """
 
     interval_s: float
@@ -161,7 +164,7 @@ class ServoPlan:
 
 
 class Plant(Protocol):
-    """One arm that a controller drives; see `ArmSimulation`."""
+    """One arm with a controller; see `ArmSimulation`."""
 
     motor1: float
     motor2: float
@@ -172,20 +175,34 @@ class Plant(Protocol):
         """Advance by one step under motor torques reflected to the arm side."""
 
 
+class Arithmetic(NamedTuple, Generic[Signal]):
+    """Operations in which floats and arrays differ."""
+
+    rounded: Callable[[Signal], Signal]
+    clipped: Callable[[Signal, Signal], Signal]
+    largest: Callable[[Signal], float]
+
+
+FLOATS = Arithmetic[float](round, lambda x, limit: min(max(x, -limit), limit), abs)
+ARRAYS = Arithmetic[Floats](
+    np.rint, lambda x, limit: np.clip(x, -limit, limit), lambda x: float(np.abs(x).max())
+)
+
+
 def run_servo(
     plan: ServoPlan, plant: Plant, substeps: int, progress: Callable[[float], None] | None = None
-) -> list[tuple[float, float]]:
-    """Drive one arm along the plan; the same law for many arms is in ``many_arms.py``.
-
-    A held torque that changes at a sample acts on the step around that sample with the mean of old
-    and new, which is what leapfrog makes of a step in the torque.
+) -> list[tuple[float, ...]]:
+    """Drive one arm along the plan.
 
     Parameters
     ----------
+    plan : ServoPlan
+        For one arm.
     plant : Plant
-        One that steps ``interval_s / substeps``, at its start.
+        At its start, with steps of ``interval_s / substeps``.
+    substeps : int
     progress : callable, optional
-        Called with the fraction done, from 0 to 1. What it raises ends the run.
+        Called with the fraction done, from 0 to 1; an exception from it ends the run.
 
     Returns
     -------
@@ -197,86 +214,125 @@ def run_servo(
     JointIdError
         When a motor runs away from its reference.
     """
-    angle1, angle2, rate1, rate2, feed1, feed2 = (
-        table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque) for j in (0, 1)
-    )
-    (kp1, kp2), (kv1, kv2) = plan.proportional.tolist(), plan.derivative.tolist()
-    (count1, count2), (limit1, limit2) = plan.count.tolist(), plan.limit.tolist()
-    share, T = plan.smoothing, plan.interval_s
-    samples = len(feed1)
-    report = max(1, samples // PROGRESS_CALLS)
-    waiting: deque[tuple[float, float]] = deque([(0.0, 0.0)] * plan.delay)
-    torques: list[tuple[float, float]] = []
-    old1 = old2 = 0.0
-    speed1 = speed2 = 0.0
-    past1, past2 = angle1[0], angle2[0]
-    for k in range(samples):
-        y1, y2 = plant.motor1, plant.motor2
-        if not (abs(y1 - angle1[k]) < LOST_RAD and abs(y2 - angle2[k]) < LOST_RAD):
-            raise ran_away()
-        if count1:
-            y1, y2 = count1 * round(y1 / count1), count2 * round(y2 / count2)
-        if plan.differentiated:
-            if k == 0:
-                past1, past2 = y1, y2
-            speed1 = speed1 + share * ((y1 - past1) / T - speed1)
-            speed2 = speed2 + share * ((y2 - past2) / T - speed2)
-            past1, past2 = y1, y2
-        else:
-            speed1, speed2 = plant.motor1_rate, plant.motor2_rate
-        back = (
-            kp1 * (angle1[k] - y1) + kv1 * (rate1[k] - speed1),
-            kp2 * (angle2[k] - y2) + kv2 * (rate2[k] - speed2),
+    first, second = (
+        sampled_law(
+            plan,
+            [table[:, j].tolist() for table in (plan.angle, plan.rate, plan.torque)],
+            [float(x[j]) for x in (plan.proportional, plan.derivative, plan.count, plan.limit)],
+            FLOATS,
         )
-        if plan.delay:
-            waiting.append(back)
-            back = waiting.popleft()
-        new1 = min(max(feed1[k] + back[0], -limit1), limit1)
-        new2 = min(max(feed2[k] + back[1], -limit2), limit2)
-        torques.append((new1, new2))
-        plant.step(0.5 * (old1 + new1), 0.5 * (old2 + new2))
+        for j in (0, 1)
+    )
+
+    def torques(k: int) -> tuple[float, ...]:
+        return (
+            first(k, plant.motor1, plant.motor1_rate),
+            second(k, plant.motor2, plant.motor2_rate),
+        )
+
+    held = list(driven(len(plan.torque), torques, plant.step, substeps, progress))
+    end = np.array([plant.motor1, plant.motor2])
+    require_tracking(ARRAYS.largest(end - plan.angle[-1]))
+    return held
+
+
+def sampled_law(
+    plan: ServoPlan,
+    tables: Sequence[Sequence[Signal]],
+    gains: Sequence[Signal],
+    arithmetic: Arithmetic[Signal],
+) -> Callable[[int, Signal, Signal], Signal]:
+    """Control law of one joint in floats, or of both joints of many arms in arrays (2, runs).
+
+    Parameters
+    ----------
+    plan : ServoPlan
+    tables : sequence
+        Angle, rate and feedforward torque of each sample.
+    gains : sequence
+        kp, kv, encoder count and torque limit.
+    arithmetic : Arithmetic
+
+    Returns
+    -------
+    callable
+        Torque to hold from a sample on, from sample number, motor angle and motor rate. It keeps the
+        state of velocity filter and delay, so the samples must be in order.
+    """
+    (angle, rate, feed), (kp, kv, count, limit) = tables, gains
+    rounded, clipped, largest = arithmetic
+    quantised, limited = bool(np.any(count)), bool(np.isfinite(limit).any())
+    differentiated, share, T = plan.differentiated, plan.smoothing, plan.interval_s
+    waiting = deque([0.0 * kp] * plan.delay)
+    speed = past = 0.0 * kp
+
+    def torque(k: int, y: Signal, measured_rate: Signal) -> Signal:
+        nonlocal speed, past
+        require_tracking(largest(y - angle[k]))
+        if quantised:
+            y = count * rounded(y / count)
+        if differentiated:
+            speed = speed + share * ((y - (past if k else y)) / T - speed)
+            past = y
+        else:
+            speed = measured_rate
+        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
+        new = feed[k] + waiting.popleft()
+        return clipped(new, limit) if limited else new
+
+    return torque
+
+
+def driven(
+    samples: int,
+    torques: Callable[[int], tuple[Signal, ...]],
+    step: Callable[..., None],
+    substeps: int,
+    progress: Callable[[float], None] | None,
+) -> Iterator[tuple[Signal, ...]]:
+    """Sample the law and step the plant; yields the torques held from each sample on.
+
+    A held torque that changes at a sample acts on the step around that sample with the mean of old and
+    new: the leapfrog scheme's form of a step in the torque.
+    """
+    report = max(1, samples // PROGRESS_CALLS)
+    old: tuple[Signal, ...] | None = None
+    for k in range(samples):
+        new = torques(k)
+        step(*[0.5 * n if old is None else 0.5 * (o + n) for o, n in zip(old or new, new, strict=True)])
         for _ in range(substeps - 1):
-            plant.step(new1, new2)
-        old1, old2 = new1, new2
+            step(*new)
+        old = new
+        yield new
         if progress is not None and k % report == 0:
             progress(k / samples)
-    if not (abs(plant.motor1 - angle1[-1]) < LOST_RAD and abs(plant.motor2 - angle2[-1]) < LOST_RAD):
-        raise ran_away()
     if progress is not None:
         progress(1.0)
-    return torques
-
-
-def per_joint(name: str, value: ArrayLike) -> Floats:
-    """A setting as (2,), one number counting for both joints.
-
-    Raises
-    ------
-    JointIdError
-        When it is neither.
-    """
-    array = finite_array(name, np.atleast_1d(np.asarray(value)), ndim=1)
-    if array.size not in (1, 2):
-        raise JointIdError(f"{name} has {array.size} values: give one, or one for each of the 2 joints.")
-    return np.array(np.broadcast_to(array, (2,)))
 
 
 def friction_values(friction: MotorFrictionLike) -> tuple[Floats, Floats]:
     """Coulomb friction in N·m and viscous friction in N·m·s/rad, each (2,), checked."""
-    coulomb = per_joint("coulomb friction (N·m)", friction.coulomb)
-    viscous = per_joint("viscous friction (N·m·s/rad)", friction.viscous)
+    coulomb = per_joint("coulomb friction (N·m)", friction.coulomb, 2)
+    viscous = per_joint("viscous friction (N·m·s/rad)", friction.viscous, 2)
     for name, value, unit in (("coulomb", coulomb, "N·m"), ("viscous", viscous, "N·m·s/rad")):
         if value.min() < 0:
             raise JointIdError(f"{name} friction is {value.min():g} {unit}: it must not be negative.")
     return coulomb, viscous
 
 
-def ran_away() -> JointIdError:
-    """Return what is raised when a motor no longer follows."""
-    return JointIdError(
-        f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. The "
-        "control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
-    )
+def require_tracking(error_rad: float) -> None:
+    """Refuse a motor that is too far from its reference, as in an unstable loop.
+
+    Raises
+    ------
+    JointIdError
+        When the error, seen on the arm side, reaches ``LOST_RAD`` or is not a number.
+    """
+    if not error_rad < LOST_RAD:
+        raise JointIdError(
+            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. "
+            "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
+        )
 
 
 def _whole(value: object) -> bool:

@@ -1,7 +1,7 @@
-"""What an error in K and D costs on the path: many cuts at once.
+"""Path error from errors in K and D, over many cuts.
 
-A grid of mismatches says how well K must be known; draws from a fit's covariance say which path error
-an identification promises.
+A grid of mismatches shows the required accuracy of K; draws from a fit's covariance give the path error
+after an identification.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, frozen
 from jointid.cut.arm import Elbow, PlanarArm
 from jointid.cut.path_errors import largest_errors
 from jointid.cut.servo import MotorFrictionLike, Servo
@@ -38,7 +38,7 @@ class ToleranceMap:
 
 @dataclass(frozen=True, eq=False)
 class PathErrorDistribution:
-    """Largest path errors of arms that differ from the identified one as its uncertainty allows."""
+    """Largest path errors of arms drawn from the uncertainty of the identified one."""
 
     K: Floats
     """Stiffness of the arms drawn, shape (samples, 2), N·m/rad."""
@@ -51,7 +51,7 @@ class PathErrorDistribution:
     median_m: float
     """Median of the largest contour error, m."""
     p95_m: float
-    """Largest contour error that 95 % of the cuts stay below, m."""
+    """95th percentile of the largest contour error, m."""
 
 
 def tolerance_map(
@@ -67,7 +67,7 @@ def tolerance_map(
     dt: float = 5e-4,
     progress: Callable[[float], None] | None = None,
 ) -> ToleranceMap:
-    """Cut with every combination of assumed stiffnesses; the assumed damping is the true one.
+    """Simulate every combination of assumed stiffnesses; the assumed damping is the true one.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def tolerance_map(
     elasticity : Elasticity
         The true K and D, motor side.
     ratios_1, ratios_2 : array_like, shape (a,) and (b,), optional
-        K̂1 / K1 and K̂2 / K2. By default 20 values from 1/3 to 3, even on a logarithmic scale;
-        ``ratios_2`` left out is ``ratios_1``.
+        K̂1 / K1 and K̂2 / K2. By default 20 values from 1/3 to 3 with logarithmic spacing, and
+        ``ratios_2`` equal to ``ratios_1``.
     servo, friction, elbow, dt, progress
         As in :func:`~jointid.cut.tracking.track`.
 
@@ -94,9 +94,9 @@ def tolerance_map(
     second = first if ratios_2 is None else _ratios("ratios_2", ratios_2)
     grid = np.stack([g.ravel() for g in np.meshgrid(first, second, indexing="ij")])
     options = {"servo": servo, "friction": friction, "elbow": elbow, "dt": dt, "progress": progress}
-    contour, tracking = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
-    shape = (first.size, second.size)
-    return ToleranceMap(first, second, _frozen(contour.reshape(shape)), _frozen(tracking.reshape(shape)))
+    errors = errors_of_mismatch(arm, toolpath, elasticity, grid, **options)  # type: ignore[arg-type]
+    contour, tracking = (frozen(error.reshape(first.size, second.size)) for error in errors)
+    return ToleranceMap(first, second, contour, tracking)
 
 
 def errors_of_mismatch(
@@ -111,7 +111,7 @@ def errors_of_mismatch(
     dt: float = 5e-4,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Cut once for each pair of assumed stiffnesses; the assumed damping is the true one.
+    """Simulate one cut for each pair of assumed stiffnesses; the assumed damping is the true one.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def path_error_distribution(
     dt: float = 5e-4,
     progress: Callable[[float], None] | None = None,
 ) -> PathErrorDistribution:
-    """Path error that an identification promises: the servo assumes the fit, the arm is drawn around it.
+    """Path error after an identification: the servo assumes the fit, arms are drawn from its covariance.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def path_error_distribution(
     covariance : array_like, shape (4, 4)
         Their covariance in the order K1, K2, D1, D2, as a fit gives it.
     samples : int
-        Number of arms drawn from the normal distribution; draws with K ≤ 0 or D < 0 are drawn again.
+        Number of arms from the normal distribution; draws with K ≤ 0 or D < 0 are repeated.
     seed : int
         The same seed gives the same arms.
     servo, friction, elbow, dt, progress
@@ -185,8 +185,8 @@ def path_error_distribution(
     Raises
     ------
     JointIdError
-        When the covariance is not one, or so large that it allows negative stiffness or damping more
-        often than not; and as in :func:`~jointid.cut.tracking.track`.
+        When the covariance is invalid, or so large that most draws have negative stiffness or damping;
+        and as in :func:`~jointid.cut.tracking.track`.
     """
     _require_two_joints(elasticity)
     if isinstance(samples, bool) or not isinstance(samples, int | np.integer) or samples < 1:
@@ -205,17 +205,17 @@ def path_error_distribution(
         progress=progress,
     )
     return PathErrorDistribution(
-        K=_frozen(drawn[:, :2]),
-        D=_frozen(drawn[:, 2:]),
-        max_contour_error_m=_frozen(contour),
-        max_tracking_error_m=_frozen(tracking),
+        K=frozen(drawn[:, :2]),
+        D=frozen(drawn[:, 2:]),
+        max_contour_error_m=frozen(contour),
+        max_tracking_error_m=frozen(tracking),
         median_m=float(np.median(contour)),
         p95_m=float(np.percentile(contour, 95)),
     )
 
 
 def _draw(elasticity: Elasticity, covariance: ArrayLike, samples: int, seed: int) -> Floats:
-    """Draws of K1, K2, D1, D2 that are physical, shape (samples, 4)."""
+    """Physical draws of K1, K2, D1, D2, shape (samples, 4)."""
     C = finite_array("covariance", covariance, ndim=2)
     if C.shape != (4, 4):
         raise JointIdError(f"covariance has shape {C.shape}; expected (4, 4): K1, K2, D1, D2.")
@@ -254,9 +254,3 @@ def _ratios(name: str, value: ArrayLike) -> Floats:
 def _require_two_joints(elasticity: Elasticity) -> None:
     if elasticity.n != 2:
         raise JointIdError(f"The elasticity has {counted(elasticity.n, 'joint')}; the planar arm has 2.")
-
-
-def _frozen(array: Floats) -> Floats:
-    array = array.copy()
-    array.setflags(write=False)
-    return array

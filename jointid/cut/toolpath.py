@@ -1,8 +1,8 @@
-"""Tool paths as smooth time laws: each piece carries the velocity vector from one value to the next.
+"""Tool paths with smooth time laws: each piece changes the velocity vector from one value to the next.
 
 Within a piece of duration T, v(t) = v_a + (v_b − v_a) S(t/T) with the smoothstep of order seven,
 S(x) = 35x⁴ − 84x⁵ + 70x⁶ − 20x⁷. Three of its derivatives vanish at both ends, so position, velocity,
-acceleration, jerk and snap are continuous along the path, which the feedforward of an elastic arm needs.
+acceleration, jerk and snap are continuous, as the feedforward of an elastic arm requires.
 A cruise has v_a = v_b, a ramp v_a ∥ v_b, and a corner turns from one side's direction to the next's.
 """
 
@@ -22,6 +22,7 @@ _STEP = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])
 STEEPEST = 35 / 16
 """Largest slope of the smoothstep, at its middle."""
 _REST_M_S = 1e-12
+"""Speed below which the tool is at rest, m/s."""
 _CHORDS = 400
 """Chords of the outline in a corner; in a zone of 10 mm they stay within 0.1 µm of the curve."""
 
@@ -128,7 +129,7 @@ class Toolpath:
         return result
 
     def position(self, time_s: ArrayLike) -> Floats:
-        """Wanted tool position, shape (k, 2), m."""
+        """Reference tool position, shape (k, 2), m."""
         return np.asarray(self.derivatives(time_s)[0])
 
     def distance(self, point_m: ArrayLike) -> Floats:
@@ -149,7 +150,7 @@ class Toolpath:
         turning = self._turning()
         closest = np.full(x.size, np.inf)  # squared
         sides = np.stack([self.knot_m[:-1], self.knot_m[1:]], axis=1)[~turning]
-        # Repetitions run over the same sides; nanometres tell two sides apart.
+        # Repetitions have the same sides; sides that differ by less than nanometres are equal.
         _, first = np.unique(np.round(sides, 9), axis=0, return_index=True)
         for start, end in sides[first]:
             np.minimum(closest, _squared_distance(x, y, start, end), out=closest)
@@ -158,7 +159,7 @@ class Toolpath:
             times = self.time_s[:-1][turning, None] + share * self.duration_s[turning, None]
             chords = self.position(times.ravel())
             _, vertex = cKDTree(chords).query(np.stack([x, y], axis=1))
-            # From one corner's last vertex to the next corner's first the path is straight: a chord too.
+            # Between two corners the path is straight: a chord as well.
             for neighbour in (vertex - 1, vertex + 1):
                 other = np.clip(neighbour, 0, len(chords) - 1)
                 near = _squared_distance(x, y, chords[vertex].T, chords[other].T)
@@ -166,7 +167,7 @@ class Toolpath:
         return np.asarray(np.sqrt(closest).reshape(point.shape[:-1]))
 
     def corners(self) -> tuple[Floats, Floats, Floats]:
-        """Return the corners of the path: where the straight sides before and after would meet.
+        """Return the corners of the path: the intersections of consecutive sides.
 
         Returns
         -------

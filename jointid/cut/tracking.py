@@ -1,4 +1,4 @@
-"""A cut: the servo drives the simulated arm along a tool path, and the error is measured in metres."""
+"""Simulated cut: the servo drives the arm along a tool path; contour and tracking error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from jointid.wording import counted
 class TrackingRun:
     """One cut, sampled at every step of the simulation.
 
-    The arm starts at rest with relaxed springs: motor and joint angles of sample 0 are equal. With
+    The arm starts at rest without joint deflection: motor and joint angles of sample 0 are equal. From
     the held torques and the equations of :class:`~jointid.cut.arm.PlanarArm` the run can be recomputed.
     """
 
@@ -31,9 +31,9 @@ class TrackingRun:
     tool_m: Floats
     """Tool position, shape (k, 2), m."""
     wanted_m: Floats
-    """Wanted tool position at the same time, shape (k, 2), m."""
+    """Reference tool position at the same time, shape (k, 2), m."""
     motor_torque_Nm: Floats
-    """Torque that the servo holds from ``time_s[i]`` to ``time_s[i + 1]``, before friction, motor side,
+    """Torque held by the servo from ``time_s[i]`` to ``time_s[i + 1]``, before friction, motor side,
     shape (k, 2), N·m."""
     joint_angle_rad: Floats
     """Joint angles q: absolute link angles with a parallelogram drive; with a serial one q2 is relative
@@ -41,13 +41,13 @@ class TrackingRun:
     motor_angle_rad: Floats
     """Motor angles reflected to the arm side, θ / gear ratio, shape (k, 2), rad."""
     contour_error_m: Floats
-    """Distance of the tool from the nearest point of the wanted path, shape (k,), m."""
+    """Distance of the tool from the nearest point of the reference path, shape (k,), m."""
     tracking_error_m: Floats
-    """Distance of the tool from where it should be at that time, shape (k,), m."""
+    """Distance of the tool from its reference position at the same time, shape (k,), m."""
     corner_overshoot_m: float
-    """Farthest that the tool runs past the line of the side it should turn into, over all corners, m."""
+    """Largest overshoot past the line of the next side, over all corners, m."""
     torque_limit_hit: bool
-    """Whether a motor torque was cut off at its limit."""
+    """Whether a motor torque reached its limit."""
 
     def __post_init__(self) -> None:
         k = np.size(self.time_s)
@@ -85,7 +85,7 @@ def track(
     dt: float = 2.5e-4,
     progress: Callable[[float], None] | None = None,
 ) -> TrackingRun:
-    """Cut a path with an arm whose servo assumes certain joint elasticities.
+    """Simulate a cut with an arm whose servo assumes certain joint elasticities.
 
     Parameters
     ----------
@@ -94,19 +94,19 @@ def track(
     elasticity : Elasticity
         The arm's true K and D, motor side.
     assumed : Elasticity, optional
-        What the servo believes, motor side. None: it believes the joints to be rigid.
+        K and D that the servo assumes, motor side. None: rigid joints.
     servo : Servo, optional
         Settings of the controllers.
     friction : optional
-        True friction at the motors: anything with ``coulomb`` (N·m) and ``viscous`` (N·m·s/rad),
-        motor side. A motor at rest sticks.
+        True friction at the motors, with sticking: any object with ``coulomb`` (N·m) and ``viscous``
+        (N·m·s/rad), motor side.
     elbow : {"positive", "negative"}
         Sign of the angle of link 2 relative to link 1.
     dt : float
-        Longest step of the simulation, s, at most 1 ms; each control interval is divided into
-        equal steps no longer than this.
+        Longest step of the simulation, s, at most 1 ms; each control interval is divided into equal
+        steps no longer than this.
     progress : callable, optional
-        Called with the fraction done, from 0 to 1. What it raises ends the run.
+        Called with the fraction done, from 0 to 1; an exception from it ends the run.
 
     Returns
     -------
@@ -136,16 +136,16 @@ def track(
     time: Floats = step * np.arange(len(angles), dtype=np.float64)
     torque = np.concatenate([np.repeat(held, substeps, axis=0), held[-1:]])
     q = arm.joint_angles(angles[:, :2])
-    tool, wanted = arm.tool(q), toolpath.position(time)
+    tool, reference = arm.tool(q), toolpath.position(time)
     return TrackingRun(
         time_s=time,
         tool_m=tool,
-        wanted_m=wanted,
+        wanted_m=reference,
         motor_torque_Nm=torque / arm.gear_ratio,
         joint_angle_rad=q,
         motor_angle_rad=angles[:, 2:],
         contour_error_m=toolpath.distance(tool),
-        tracking_error_m=np.hypot(*(tool - wanted).T),
+        tracking_error_m=np.hypot(*(tool - reference).T),
         corner_overshoot_m=corner_overshoot(toolpath, time, tool),
         torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
     )
@@ -158,7 +158,7 @@ def substeps_per_sample(servo: Servo, dt: float) -> int:
 
 
 def corner_overshoot(toolpath: Toolpath, time_s: Floats, tool_m: Floats) -> float:
-    """Farthest that the tool runs past the side it should turn into, over all corners, m."""
+    """Largest overshoot past the line of the next side, over all corners, m."""
     farthest = 0.0
     for point, ahead, (begin, end) in zip(*toolpath.corners(), strict=True):
         first, last = np.searchsorted(time_s, [begin, end])

@@ -1,4 +1,4 @@
-"""Models that may be fitted to the data, and what came of the choice among them."""
+"""Candidate models and the result of the model selection."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from jointid.estimation.likelihood import LikelihoodEstimate
 
 @dataclass(frozen=True)
 class Model:
-    """What is fitted beside K and D."""
+    """Parameters fitted in addition to K and D."""
 
     reversal: float | None
-    """Share of the largest velocity below which friction is free; None: no friction."""
+    """Velocity below which friction is free, over the record's largest; None: no friction."""
     delay: bool
     curve: bool = False
-    """Whether friction may change with speed beyond its viscous part."""
+    """Whether friction has a part that varies nonlinearly with speed."""
 
     @property
     def name(self) -> str:
-        """The model in words."""
+        """Description of the model."""
         friction = ["friction that varies with speed" if self.curve else "friction"]
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
         return " + ".join(parts) + (
@@ -30,33 +30,33 @@ class Model:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One model that the choice looked at."""
+    """One model of the comparison."""
 
     name: str
     friction: bool
     delay: bool
     reversal: float
-    """Share of the largest velocity below which friction was left free."""
+    """Velocity below which friction was free, over the record's largest."""
     curve: bool
-    """Whether friction might change with speed beyond its viscous part."""
+    """Whether friction has a part that varies nonlinearly with speed."""
     problem: str
-    """Why it could not be fitted; empty when it could."""
+    """Reason why it was not fitted; empty otherwise."""
     cost: float
     expected_cost: float
     parameters: int
-    """Real numbers fitted, the free shapes of friction included."""
+    """Number of fitted real numbers, those of free friction included."""
     criterion: float
-    """Information criterion, 2 · cost over the best model's misfit + penalty; the least is chosen.
-    Infinite where the model could not be fitted, or its friction or delay is none."""
+    """Information criterion, 2 · cost over the best model's misfit + penalty; the smallest is chosen.
+    Infinite where the model was not fitted, or its friction or delay is not significant."""
     chosen: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The chosen model, its estimate, and what it was chosen from."""
+    """The chosen model, its estimate, and all candidates."""
 
     model: Model
     estimate: LikelihoodEstimate | JointIdError
-    """The error where no model could be fitted."""
+    """The error if no model could be fitted."""
     candidates: tuple[Candidate, ...]
     """Best first."""

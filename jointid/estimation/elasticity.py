@@ -1,4 +1,4 @@
-"""From phasors to stiffness and damping, equations (8)-(15) and beyond: one call, several estimators."""
+"""Identification of stiffness and damping from phasors, equations (8)-(15), by several estimators."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
 from jointid.estimation.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.linear_fit import Estimate, explicit, least_squares, weighted
+from jointid.estimation.linear_fit import LINEAR, Estimate, weighted
 from jointid.estimation.model_selection import choose_model
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors
@@ -25,13 +25,11 @@ METHODS = {
     "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",
 }
-"""Estimators by name, with a line that says what each is."""
+"""Estimators by name, with a one-line description."""
 
 _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
-"""Relative error of K and D, per unit of Coulomb friction over torque, that the noise does not tell:
-harmonics beyond the last, steps between samples; measured on simulated robots."""
-
-_LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}
+"""Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
+truncated harmonics, motion between samples. Measured on simulated robots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +41,12 @@ class Friction:
     viscous: Floats
     """Shape (n,), N·m·s/rad."""
     standard_error: Floats
-    """Of coulomb (n), then viscous (n), shape (2n,); 0 where nothing shows it."""
+    """Of coulomb (n), then viscous (n), shape (2n,); 0 where the records contain no reversal."""
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticityFit:
-    """Stiffness and damping of n joints as found from r records."""
+    """Stiffness and damping of n joints, identified from r records."""
 
     method: str
     K: Floats
@@ -56,38 +54,43 @@ class ElasticityFit:
     D: Floats
     """Damping, shape (n,), N·m·s/rad."""
     covariance: Floats
-    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n): the noise of the phasors carried through
-    the estimator, times ``inflation``; with friction, what its unseen harmonics may do is added."""
+    """Covariance of (K1 ... Kn, D1 ... Dn), shape (2n, 2n): noise of the phasors propagated through the
+    estimator, times ``inflation``; with friction, plus the error of its truncated harmonics."""
     residual: Complexes
-    """Spring torque that K and D leave unexplained, by record and joint, shape (r, n), N·m."""
+    """Difference of measured and modelled joint torque by record and joint, shape (r, n), N·m."""
     residual_noise: Floats
-    """What noise alone would leave there (root of the complex variance), shape (r, n), N·m."""
+    """Its standard deviation from noise alone (root of the complex variance), shape (r, n), N·m."""
     cost: float
-    """Sum of the squared residual in units of its noise, over all that was fitted."""
+    """Sum of the squared residual in units of its noise, over all records and harmonics fitted."""
     expected_cost: float
-    """What ``cost`` is on average when the model is right and the noise as stated; 0 for one record."""
+    """Expected value of ``cost`` for a correct model and the stated noise; 0 for one record."""
     equations: SpringEquations
-    """The springs' equations, their torque freed from friction and delay where these were fitted."""
+    """Joint equations, with the identified friction and delay subtracted from the torque."""
     phasors: Phasors
-    """The phasors in these equations: those given, freed from friction and delay likewise."""
+    """Phasors in these equations, friction-compensated likewise."""
     inflation: float = 1.0
-    """Factor by which the model's misfit widens the variances, at least 1: ``misfit``, or with maximum
-    likelihood that of the fundamental."""
+    """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
+    the misfit of the fundamental."""
     unseen_error: Floats | float = 0.0
-    """The part of ``standard_error`` that no noise makes: friction beyond the harmonics, (2n,)."""
+    """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
     friction: Friction | None = None
-    """Friction that was fitted together with K and D, if it was."""
+    """Friction, if it was fitted."""
     delay: float | None = None
-    """Seconds by which the torque was found to lag beyond what the records state, if it was fitted."""
+    """Delay of the torque in addition to that of the records, if it was fitted, s."""
     delay_error: float | None = None
     """Standard error of ``delay``, s."""
     candidates: tuple[Candidate, ...] = ()
-    """The models that were compared, best first."""
+    """Models that were compared, best first."""
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.K.size)
+
+    @property
+    def estimate(self) -> Floats:
+        """K1 ... Kn, D1 ... Dn, shape (2n,)."""
+        return np.concatenate([self.K, self.D])
 
     @property
     def standard_error(self) -> Floats:
@@ -96,7 +99,7 @@ class ElasticityFit:
 
     @property
     def noise_error(self) -> Floats:
-        """The part of ``standard_error`` that noise makes, shape (2n,)."""
+        """Part of ``standard_error`` that comes from noise, shape (2n,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance) - np.square(self.unseen_error)))
 
     @property
@@ -118,12 +121,12 @@ class ElasticityFit:
 
     @property
     def elasticity(self) -> Elasticity:
-        """K and D as a model; a damping that is negative within two standard errors counts as zero.
+        """K and D as a model; a damping negative by at most two standard errors becomes zero.
 
         Raises
         ------
         JointIdError
-            When the estimate is no spring and damper, and so the data or the inertias are wrong.
+            When K or D is unphysical, so that the data or the inertias are wrong.
         """
         n = self.n
         for j in range(n):
@@ -148,28 +151,28 @@ def identify_elasticity(
     friction: bool = False,
     delay: bool = False,
 ) -> ElasticityFit:
-    """Find K and D of every joint; one record suffices in principle.
+    """Identify K and D of every joint; one record suffices in principle.
 
     Parameters
     ----------
     phasors : Phasors
         r records of n joints.
     inertia : Inertia or sequence of Inertia
-        Known rigid-body inertia, motor side; one per record when they come from several poses.
+        Known rigid-body inertia, motor side; one per record for records of several poses.
     method : {"auto", "maximum-likelihood", "weighted", "least-squares", "explicit"}
-        See ``METHODS``. "auto" compares models with and without friction and delay and takes the one
-        of the smallest information criterion; where none can be fitted, it is "weighted".
+        See ``METHODS``. "auto" compares models with and without friction and delay by an information
+        criterion; if no model can be fitted, it falls back to "weighted".
     friction : bool, default False
-        Fit Coulomb and viscous friction at the motors together with K and D ("auto": always, rather
-        than when the data ask for it).
+        Fit Coulomb and viscous friction at the motors together with K and D (with "auto": in every
+        model compared).
     delay : bool, default False
-        Fit a lag of the torque likewise.
+        Fit a delay of the torque likewise.
 
     Raises
     ------
     JointIdError
-        When a joint's spring is not deflected in any record, the method is not known, or the records
-        cannot tell the parameters apart.
+        When a joint is not excited in any record, the method is unknown, or the records do not separate
+        the parameters.
     """
     fits = identify_each(phasors, inertia, [method], friction=friction, delay=delay)
     return fits[method]
@@ -183,9 +186,9 @@ def identify_each(
     friction: bool = False,
     delay: bool = False,
 ) -> dict[str, ElasticityFit]:
-    """Find K and D by several estimators, which share the equations.
+    """Identify K and D by several estimators from the same equations.
 
-    Parameters, errors and each of the fits as in :func:`identify_elasticity`.
+    Parameters, errors and each fit as in :func:`identify_elasticity`.
     """
     names = list(dict.fromkeys(methods))
     for method in names:
@@ -203,12 +206,12 @@ def _identified(
     friction: bool,
     delay: bool,
 ) -> ElasticityFit:
-    if method in _LINEAR:
+    if method in LINEAR:
         if friction or delay:
             raise JointIdError(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
             )
-        return _fit(method, _LINEAR[method](equations), equations, phasors)
+        return _fit(method, LINEAR[method](equations), equations, phasors)
     linear = weighted(equations)
     asked = {"friction": friction, "delay": delay, "exactly": method != "auto"}
     with one_thread():
@@ -216,7 +219,7 @@ def _identified(
     if isinstance(choice.estimate, LikelihoodEstimate):
         equations = spring_equations(choice.estimate.phasors, inertia, noise=equations.noise)
         return _likelihood_fit(method, choice, choice.estimate, equations)
-    if method == "auto":  # better an answer that shows what is wrong than none
+    if method == "auto":  # a fit with a large misfit lets the verdict name the cause
         return replace(_fit("weighted", linear, equations, phasors), candidates=choice.candidates)
     raise choice.estimate
 
@@ -224,38 +227,32 @@ def _identified(
 def _likelihood_fit(
     method: str, choice: Choice, estimate: LikelihoodEstimate, equations: SpringEquations
 ) -> ElasticityFit:
-    n, p = equations.a.shape[1], estimate.p
-    fit = _fit(method, estimate, equations, estimate.phasors)
-    if choice.model.reversal is not None:
-        share = 4 / np.pi * np.abs(p[2 * n : 3 * n]) / np.median(np.abs(estimate.phasors.tau), axis=0)
-        floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
-        fit = replace(fit, covariance=fit.covariance + np.diag(floor**2), unseen_error=floor)
+    layout, p = estimate.layout, estimate.named
     error = np.sqrt(np.diag(estimate.covariance))
-    friction = (
-        Friction(p[2 * n : 3 * n], p[3 * n : 4 * n], error[2 * n : 4 * n])
-        if choice.model.reversal is not None
-        else None
-    )
-    return replace(
-        fit,
-        friction=friction,
-        delay=float(p[-1]) if choice.model.delay else None,
-        delay_error=float(error[-1]) if choice.model.delay else None,
-        candidates=choice.candidates,
-    )
+    fit = replace(_fit(method, estimate, equations, estimate.phasors), candidates=choice.candidates)
+    if "coulomb" in layout:
+        share = 4 / np.pi * np.abs(p.coulomb) / np.median(np.abs(estimate.phasors.tau), axis=0)
+        floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
+        fit = replace(
+            fit,
+            covariance=fit.covariance + np.diag(floor**2),
+            unseen_error=floor,
+            friction=Friction(p.coulomb, p.viscous, error[layout.span("coulomb", "viscous")]),
+        )
+    if "delay" in layout:
+        fit = replace(fit, delay=p.delay, delay_error=float(error[layout["delay"]].item()))
+    return fit
 
 
 def _fit(method: str, estimate: Estimate, equations: SpringEquations, phasors: Phasors) -> ElasticityFit:
-    n = equations.a.shape[1]
-    K, D = estimate.p[:n], estimate.p[n : 2 * n]
+    K, D = estimate.named.K, estimate.named.D
     squared = equations.omega[:, None] ** 2
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
-    covariance, inflation = estimate.covariance[: 2 * n, : 2 * n], 1.0
     if isinstance(estimate, LikelihoodEstimate):
-        inflation = estimate.inflation  # which its covariance holds
-    elif estimate.expected_cost > 0:
-        inflation = max(1.0, estimate.cost / estimate.expected_cost)
-        covariance = covariance * inflation
+        covariance, inflation = estimate.elasticity_covariance, estimate.inflation  # already included
+    else:
+        inflation = max(1.0, estimate.misfit)
+        covariance = estimate.elasticity_covariance * inflation
     return ElasticityFit(
         method=method,
         K=K,

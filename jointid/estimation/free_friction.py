@@ -1,7 +1,7 @@
-"""What friction is free to do around the reversals of the motors, taken out of the balance of torques.
+"""Free friction waveforms around the reversals of the motors, projected out of the residual.
 
-The free shapes are columns of the Jacobian like any other; being many and of no interest, they are
-projected out record by record (Golub and Pereyra, Inverse Problems 19, 2003: variable projection).
+The waveforms are linear nuisance parameters, eliminated record by record by variable projection (Golub
+and Pereyra, Inverse Problems 19, 2003).
 """
 
 from __future__ import annotations
@@ -14,18 +14,19 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 
 _RIDGE = 1e-11
+"""Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreeFriction:
-    """Records with about as many free shapes each: together they would be padded to the most."""
+    """Waveforms of all records, in groups of records with similarly many, to limit the padding."""
 
     groups: tuple[tuple[np.ndarray, Complexes], ...]
-    """Indices of the records, shape (g,), and their shapes, (g, H, n, k)."""
+    """Indices of the records, shape (g,), and their waveforms, (g, H, n, k)."""
 
     @classmethod
     def of(cls, shapes: Sequence[Complexes]) -> FreeFriction:
-        """Group the records by how many shapes each has, (H, n, k) with a k of its own."""
+        """Group the waveforms of the records, each of shape (H, n, k) with its own k."""
         counts = np.array([each.shape[2] for each in shapes], dtype=int)
         sizes = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
@@ -39,11 +40,11 @@ class FreeFriction:
 
     @property
     def shapes(self) -> int:
-        """How many shapes there are; their rank may be less."""
+        """Number of waveforms; their rank may be smaller."""
         return sum(records.size * shapes.shape[3] for records, shapes in self.groups)
 
     def projection(self, W: Complexes) -> Projection:
-        """Return the projection in the units of noise that W, shape (r, H, n, n), makes."""
+        """Return the projection for the whitening matrices W, shape (r, H, n, n)."""
         return Projection(
             tuple(
                 (records, shapes[:, 0], *_whitened(shapes, W[records]))
@@ -54,14 +55,14 @@ class FreeFriction:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """What is left of whitened rows when the free shapes have taken what they can."""
+    """Projection of whitened rows onto the complement of the free waveforms."""
 
     groups: tuple[tuple[np.ndarray, Complexes, Floats, Floats, Floats], ...]
-    """Records, fundamental of their shapes (g, n, k), shapes in units of noise and of unit length
-    (g, m, k), that length (g, k), and the products of the shapes with each other (g, k, k)."""
+    """Records, fundamentals of their waveforms (g, n, k), whitened waveforms of unit length (g, m, k),
+    their length (g, k) and their Gram matrix (g, k, k)."""
 
     def rest(self, rows: Floats) -> Floats:
-        """Rows (r, 2Hn, c), as ``real_rows`` makes them, without what the shapes explain."""
+        """Rows (r, 2Hn, c), as ``real_rows`` makes them, without their projection onto the waveforms."""
         if not self.groups:
             return rows
         left = rows.copy()
@@ -70,7 +71,7 @@ class Projection:
         return left
 
     def rank(self) -> int:
-        """How many real numbers the free shapes are worth: the trace of their projection."""
+        """Effective degrees of freedom of the free friction: the trace of its projection."""
         found = 0.0
         for *_, gram in self.groups:
             bare = gram - _RIDGE * np.eye(gram.shape[1])
@@ -78,7 +79,7 @@ class Projection:
         return round(found)
 
     def fundamental(self, rows: Floats) -> Complexes | float:
-        """Fundamental of the free friction that fits the rows (r, 2Hn, 1) best, shape (r, n)."""
+        """Fundamental of the free friction fitted to the rows (r, 2Hn, 1), shape (r, n)."""
         if not self.groups:
             return 0.0
         found = np.zeros((len(rows), self.groups[0][1].shape[1]), complex)
@@ -95,15 +96,14 @@ def real_rows(values: Complexes) -> Floats:
 
 
 def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats, Floats]:
-    """Free shapes in units of noise and of unit length, that length, and their products."""
+    """Whitened waveforms of unit length, that length, and their Gram matrix."""
     free = real_rows(W @ shapes)
     length = np.linalg.norm(free, axis=1)
     free /= np.where(length > 0, length, 1.0)[:, None]
-    # Neighbouring hats are nearly dependent: the ridge is where double precision ends.
     gram = free.swapaxes(1, 2) @ free + _RIDGE * np.eye(free.shape[2])
     return free, np.asarray(length), np.asarray(gram)
 
 
 def _sizes(free: Floats, gram: Floats, rows: Floats) -> Floats:
-    """Sizes of the shapes (g, k, c) that fit rows (g, m, c) best."""
+    """Least-squares amplitudes (g, k, c) of the waveforms in rows (g, m, c)."""
     return np.asarray(np.linalg.solve(gram, free.swapaxes(1, 2) @ rows))

@@ -1,11 +1,11 @@
-"""The springs' equations, (8)-(12): linear in stiffness and damping, one line per joint and record.
+"""Joint equations (8)-(12), linear in stiffness and damping: one per joint and record.
 
-With the motors' phasors q and τ and s = iω, the spring deflections have the second derivative
+With the motor phasors q and τ and s = iω, the second derivative of the joint deflections is
 
     a = (I + M2⁻¹M) s²q − M2⁻¹τ          (9)
 
-and the springs' torques b = s²τ − M s⁴q (11), again as second derivatives. K and D are diagonal, so that
-equation (8) falls into one complex equation per joint and record, (K_j + iωD_j) a_j = b_j.
+and that of the joint torques is b = s²τ − M s⁴q (11). K and D are diagonal, so that equation (8)
+separates into one complex equation per joint and record, (K_j + iωD_j) a_j = b_j.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from jointid.wording import counted
 
 @dataclass(frozen=True, eq=False)
 class SpringEquations:
-    """The n equations (K_j + iωD_j) a_j = b_j of each of r records, and the noise of a and b."""
+    """The n equations (K_j + iωD_j) a_j = b_j of r records, with the noise of a and b."""
 
     omega: Floats
     """Frequencies, shape (r,), rad/s."""
     a: Complexes
     """Second derivative of the deflections, equation (9), shape (r, n), rad/s²."""
     b: Complexes
-    """Second derivative of the spring torques, equation (11), shape (r, n), N·m/s²."""
+    """Second derivative of the joint torques, equation (11), shape (r, n), N·m/s²."""
     of_a: Complexes
     """Matrix with a = of_a z, z = [q; τ], shape (r, n, 2n)."""
     of_b: Complexes
@@ -40,21 +40,21 @@ class SpringEquations:
     noise: Noise
     """Noise of z at every harmonic."""
     leakage: Complexes
-    """Covariance that z has beyond the noise, from harmonics over a broken period, (r, 2n, 2n)."""
+    """Covariance of z from leakage of harmonics over an incomplete period, (r, 2n, 2n)."""
 
     @property
     def deflection(self) -> Complexes:
-        """Spring deflections q − q_a = a/s², shape (r, n), rad."""
+        """Joint deflections q − q_a = a/s², shape (r, n), rad."""
         return np.asarray(-self.a / self.omega[:, None] ** 2)
 
     @property
     def spring_torque(self) -> Complexes:
-        """Spring torques b/s², shape (r, n), N·m."""
+        """Joint torques b/s², shape (r, n), N·m."""
         return np.asarray(-self.b / self.omega[:, None] ** 2)
 
     @property
     def stiffness(self) -> Complexes:
-        """Dynamic stiffness b/a of each record alone, K + iωD if the model holds, (r, n), N·m/rad."""
+        """Dynamic stiffness b/a of each record, K + iωD if the model holds, (r, n), N·m/rad."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.b / self.a)
 
@@ -62,15 +62,19 @@ class SpringEquations:
         """Equation error b − (K + iωD) a, shape (r, n), N·m/s²."""
         return np.asarray(self.b - (K + 1j * self.omega[:, None] * D) * self.a)
 
+    def residual_gain(self, K: Floats, D: Floats) -> Complexes:
+        """Matrix E of the equation error E z, shape (r, n, 2n)."""
+        spring = K + 1j * self.omega[:, None] * D
+        return np.asarray(self.of_b - spring[:, :, None] * self.of_a)
+
     def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
-        spring = K + 1j * self.omega[:, None] * D
-        E = self.of_b - spring[:, :, None] * self.of_a
+        E = self.residual_gain(K, D)
         return np.asarray(E @ (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2))
 
     @property
     def excitation(self) -> Floats:
-        """Deflection of each joint over all records against its noise, √(Σ|a|²/Σ var a), shape (n,)."""
+        """Signal-to-noise ratio of each deflection over all records, √(Σ|a|²/Σ var a), shape (n,)."""
         variance = np.einsum("ria,rab,rib->i", self.of_a, self.noise.covariance[:, 0], self.of_a.conj())
         return np.asarray(np.sqrt((np.abs(self.a) ** 2).sum(axis=0) / np.abs(variance)))
 
@@ -95,14 +99,14 @@ def spring_equations(
     phasors : Phasors
         r records of n joints.
     inertia : Inertia or sequence of Inertia
-        One for all records, or one per record when they come from several poses.
+        One for all records, or one per record for records of several poses.
     noise : Noise, optional
-        Of the phasors, where it is known already.
+        Noise of the phasors, where it is already known.
 
     Raises
     ------
     JointIdError
-        When the inertias do not fit the records, or a joint's spring is not deflected.
+        When the inertias do not fit the records, or a joint is not deflected.
     """
     z = phasors.z
     empty = ~np.any(z != 0, axis=0)
@@ -128,7 +132,7 @@ def spring_equations(
         noise=noise or moderated_noise(phasors, M, arm, K, D),
         leakage=phasors.covariance - phasors.harmonic_covariance[:, 0],
     )
-    # Noise alone gives an excitation of 1 ± 1/√r; three standard deviations above is not by chance.
+    # Noise alone gives an excitation of 1 ± 1/√r; the threshold is three standard deviations above.
     lost = equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)
     if lost.any():
         j = int(np.argmax(lost)) + 1
@@ -140,12 +144,23 @@ def spring_equations(
     return equations
 
 
-def pseudo_inverse(omega: Floats, a: Complexes, b: Complexes) -> tuple[Floats, Floats]:
-    """K and D of equations (13)-(14): Σ Re(a*b) / Σ|a|² and Σ ω Im(a*b) / Σ ω²|a|², each shape (n,)."""
+def pseudo_inverse(
+    omega: Floats, a: Complexes, b: Complexes, *, explicit: bool = False
+) -> tuple[Floats, Floats]:
+    """K and D of equations (13)-(14): Σ Re(a*b) / Σ|a|² and Σ ω Im(a*b) / Σ ω²|a|², each shape (..., n).
+
+    Parameters
+    ----------
+    omega : ndarray, shape (r,)
+    a, b : ndarray, shape (..., r, n)
+    explicit : bool
+        D of equation (15) as printed instead, Σ Im(a*b) / Σ ω|a|².
+    """
     power, product = np.abs(a) ** 2, a.conj() * b
+    weight = np.ones_like(omega) if explicit else omega
     with np.errstate(divide="ignore", invalid="ignore"):
-        K = product.real.sum(axis=0) / power.sum(axis=0)
-        D = omega @ product.imag / (omega**2 @ power)
+        K = product.real.sum(axis=-2) / power.sum(axis=-2)
+        D = weight @ product.imag / ((weight * omega) @ power)
     return K, D
 
 

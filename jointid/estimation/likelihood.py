@@ -1,10 +1,10 @@
-"""Maximum likelihood of K, D, friction and delay: errors in variables, every harmonic, one Gauss-Newton.
+"""Maximum likelihood of K, D, friction and delay: errors in variables, all harmonics, one Gauss-Newton.
 
-With the residual r of the torque balance and its covariance V (``torque_balance``), maximising the
-likelihood over the unknown true τ and q as well leaves Σ rᴴV⁻¹r to be minimised over the parameters. Its
-gradient is 2 Re JᴴV⁻¹r with the Jacobian J taken at the smoothed signals z − C EᴴV⁻¹r: this is what
-removes the bias that noise in q brings to least squares (Pintelon and Schoukens, System Identification,
-2nd ed. 2012, chapter 9; Söderström, Errors-in-Variables Methods in System Identification, 2018).
+With the residual r and its covariance V (``residual``), maximising the likelihood over the unknown true
+τ and q as well leaves Σ rᴴV⁻¹r to be minimised over the parameters. Its gradient is 2 Re JᴴV⁻¹r with the
+Jacobian J at the smoothed signals z − C EᴴV⁻¹r, which removes the bias of least squares with noise in q
+(Pintelon and Schoukens, System Identification, 2nd ed. 2012, chapter 9; Söderström, Errors-in-Variables
+Methods in System Identification, 2018).
 """
 
 from __future__ import annotations
@@ -20,22 +20,28 @@ from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.residual import Problem, make_problem
-from jointid.estimation.whitened_residual import WhitenedBalance
+from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import unit_diagonal
 
-_PASSES = 40  # small friction and a long lag together have taken thirty
-_INSEPARABLE = 1e-10  # smallest eigenvalue of the scaled information matrix that still tells two apart
+_ITERATIONS = 40
+"""Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
+_INSEPARABLE = 1e-10
+"""Smallest eigenvalue of the information matrix of unit diagonal; below it, in double precision,
+parameters cannot be separated."""
+_TOLERANCE = 1e-2
+"""Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodEstimate(Estimate):
-    """The estimate, with what it takes for friction and delay."""
+    """The estimate, with the friction-compensated phasors."""
 
     phasors: Phasors
-    """The phasors whose torque is freed from friction and delay: what the springs and inertias got."""
+    """Phasors with friction and delay subtracted from the torque: what acts on springs and inertias."""
     inflation: float
-    """Factor of the fundamental's variance in ``covariance``, for what the model leaves unexplained."""
+    """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
 
 
 def maximum_likelihood(
@@ -47,7 +53,7 @@ def maximum_likelihood(
     delay: bool = False,
     noise: Noise | None = None,
 ) -> LikelihoodEstimate:
-    """Fit K and D, and on demand friction and delay, to all records and harmonics.
+    """Fit K and D, and optionally friction and delay, to all records and harmonics.
 
     Parameters
     ----------
@@ -55,29 +61,28 @@ def maximum_likelihood(
     inertia : Inertia or sequence of Inertia
         One for all records, or one per record.
     start : ndarray, shape (2n,) or (P,)
-        K and D to begin with, from a linear estimator, or all parameters from a like fit.
+        Start values: K and D of a linear estimator, or all parameters of a similar fit.
     friction : FrictionWaveforms, optional
         Fit Coulomb and viscous friction with these waveforms.
     delay : bool, default False
-        Fit a lag of the torque beyond what the records state.
+        Fit a delay of the torque in addition to that of the records.
     noise : Noise, optional
-        Of the phasors, where it is known already.
+        Noise of the phasors, where it is already known.
 
     Returns
     -------
     LikelihoodEstimate
-        p = (K, D, then coulomb (n), viscous (n) and the friction curve (n · c), then delay), as far as
-        fitted. A Coulomb friction that no record shows, since its motor never reverses, is zero with
-        variance zero.
+        Its ``layout`` names the parameters. The Coulomb friction of a motor that never reverses is
+        zero with variance zero.
 
     Raises
     ------
     JointIdError
-        When the data cannot tell some parameters apart, or no positive stiffness fits.
+        When some parameters cannot be separated, or no positive stiffness fits.
     """
     n = phasors.n
     problem = make_problem(phasors, inertia, start, friction, delay, noise)
-    p = np.concatenate([start, np.zeros(len(problem.names) - start.size)])
+    p = np.concatenate([start, np.zeros(problem.layout.size - start.size)])
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
@@ -85,28 +90,30 @@ def maximum_likelihood(
     p, normal = _minimise(problem, p, scale)
     information = inverse_normal(problem, normal)
     first = problem.z[:, 0]
-    taken = WhitenedBalance.of(problem, p, scale).taken()
-    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - taken)
+    lost = WhitenedResidual.of(problem, p, scale).friction_delay_torque()
+    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - lost)
     clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
     return LikelihoodEstimate(
+        layout=problem.layout,
         p=p,
         covariance=0.5 * information,
-        cost=WhitenedBalance.of(problem, p, np.ones_like(scale)).cost,
+        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
         expected_cost=max((problem.rows - rank - p.size) / 2, 0.0),
-        parameters=rank + p.size,
+        parameter_count=rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
     )
 
 
 def harmonic_scale(problem: Problem, p: Floats) -> tuple[int, Floats]:
-    """How many numbers free friction is worth, and the scale (H,) of each harmonic's variance.
+    """Effective degrees of freedom of the free friction; factor (H,) on each harmonic's variance.
 
-    A harmonic that the model leaves unexplained counts as much less as it fits worse, and never more.
+    The factor is the harmonic's misfit, at least 1: a harmonic that the model does not explain gets less
+    weight.
     """
-    balance = WhitenedBalance.of(problem, p, np.ones(problem.s.shape[1]))
-    rank = balance.projection.rank()
-    return rank, np.maximum(1.0, balance.misfit_by_harmonic(rank))
+    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    rank = residual.projection.rank()
+    return rank, np.maximum(1.0, residual.misfit_by_harmonic(rank))
 
 
 def gain_of_delay(
@@ -116,14 +123,14 @@ def gain_of_delay(
     friction: FrictionWaveforms | None,
     noise: Noise,
 ) -> float:
-    """How much a lag of the torque would lower the cost of an estimate without one, to second order.
+    """Decrease of the cost of an estimate without delay when a delay is added, to second order.
 
-    This is Rao's score test, at the price of one evaluation instead of a fit.
+    Rao's score test: one evaluation in place of a fit.
     """
     problem = make_problem(phasors, inertia, estimate.p, friction, True, noise)
     scale = np.ones(problem.s.shape[1])
     _, gradient, normal = quadratic(problem, np.append(estimate.p, 0.0), scale)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     others = normal[:-1, :-1] / np.outer(size[:-1], size[:-1]) + 1e-12 * np.eye(size.size - 1)
     coupling = normal[:-1, -1] / size[:-1]
     own = normal[-1, -1] - coupling @ np.linalg.solve(others, coupling)
@@ -133,8 +140,8 @@ def gain_of_delay(
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
-    balance = WhitenedBalance.of(problem, p, np.ones(problem.s.shape[1]))
-    if problem.rows < balance.projection.rank() + 2 * p.size:
+    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
             "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
@@ -144,14 +151,14 @@ def _require_rows(problem: Problem, p: Floats) -> None:
 def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
 
-    It ends when a step is a hundredth of an error bar, as the misfit widens it.
+    It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit.
     """
     n, damping = problem.n, 1e-3
     cost, gradient, normal = quadratic(problem, p, scale)
-    for _ in range(_PASSES):
+    for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > 0, size, 1.0)
-        near = 1e-2 * np.sqrt(max(1.0, 2 * cost / problem.rows))
+        near = _TOLERANCE * np.sqrt(max(1.0, 2 * cost / problem.rows))
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = -np.linalg.solve(scaled, gradient / size) / size
@@ -172,23 +179,21 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
 
 def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix."""
-    balance = WhitenedBalance.of(problem, p, scale)
-    rows, columns = balance.rows.reshape(-1), balance.columns().reshape(-1, p.size)
+    residual = WhitenedResidual.of(problem, p, scale)
+    rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
     return float(rows @ rows), columns.T @ rows, columns.T @ columns
 
 
 def inverse_normal(problem: Problem, normal: Floats) -> Floats:
-    """Inverse of the normal matrix; parameters without any effect stay out of it."""
-    size = np.sqrt(np.diag(normal))
-    seen = size > 0
-    scaled = normal[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
+    """Inverse of the normal matrix; zero in rows and columns of parameters without any effect."""
+    seen, size, scaled = unit_diagonal(normal)
     values, vectors = np.linalg.eigh(scaled)
     if values[0] < _INSEPARABLE:
-        names = np.array(problem.names)[seen][np.abs(vectors[:, 0]) > 0.3]
+        names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
         raise JointIdError(
             f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "
             "and with other relative amplitudes and phases of the joints."
         )
     inverse = np.zeros_like(normal)
-    inverse[np.ix_(seen, seen)] = np.linalg.inv(scaled) / np.outer(size[seen], size[seen])
+    inverse[np.ix_(seen, seen)] = np.linalg.inv(scaled) / np.outer(size, size)
     return inverse

@@ -1,8 +1,8 @@
 """Linear estimators of K and D: the paper's two, and weighted least squares.
 
 Erratum. The pseudo-inverse (13)-(14) gives K = Σ Re(a*b) / Σ|a|² and D = Σ ω Im(a*b) / Σ ω²|a|². The
-paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: the same for one frequency,
-another weighting for several, exact as well when there is no noise. Both are offered.
+paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: equal for one frequency,
+weighted differently for several, and exact without noise as well. Both are provided.
 """
 
 from __future__ import annotations
@@ -13,22 +13,48 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.joint_equations import SpringEquations
+from jointid.estimation.parameters import ParameterLayout, Parameters
+
+_WEIGHT_ITERATIONS = 3
+"""Updates of the weights, which depend on K and D only weakly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Parameters p = (K1 ... Kn, D1 ... Dn, further ones) with their noise and the cost they leave."""
+    """Parameters (K1 ... Kn, D1 ... Dn, further ones) with their covariance and the cost of the fit."""
 
+    layout: ParameterLayout
     p: Floats
     """Shape (P,)."""
     covariance: Floats
     """Shape (P, P), from the noise alone."""
     cost: float
-    """Sum of squares of the residual measured by its noise."""
+    """Sum of squares of the residual in units of its noise."""
     expected_cost: float
-    """Its mean when the model is right and the noise as stated; 0 when nothing is left over."""
-    parameters: int
-    """How many real numbers were fitted, those of the reversals included."""
+    """Its expected value for a correct model and the stated noise; 0 without redundancy."""
+    parameter_count: int
+    """Number of fitted real numbers, those of free friction included."""
+
+    @property
+    def named(self) -> Parameters:
+        """The parameters by name."""
+        return self.layout.named(self.p)
+
+    @property
+    def elasticity(self) -> Floats:
+        """K1 ... Kn, D1 ... Dn, shape (2n,)."""
+        return self.p[self.layout.span("K", "D")]
+
+    @property
+    def elasticity_covariance(self) -> Floats:
+        """Their covariance from the noise alone, shape (2n, 2n)."""
+        part = self.layout.span("K", "D")
+        return self.covariance[part, part]
+
+    @property
+    def misfit(self) -> float:
+        """Cost over its expected value; 1 without redundancy."""
+        return self.cost / self.expected_cost if self.expected_cost > 0 else 1.0
 
 
 def least_squares(equations: SpringEquations) -> Estimate:
@@ -45,13 +71,16 @@ def explicit(equations: SpringEquations) -> Estimate:
 
 
 def weighted(equations: SpringEquations) -> Estimate:
-    """Generalised least squares from the least-squares start; noise of a and b both weigh."""
+    """Generalised least squares, started by least squares; weights from the noise of both a and b."""
     gain = _least_squares_gain(equations)
-    n = equations.a.shape[1]
-    for _ in range(3):  # the weights hang on K and D only weakly
-        p = _apply(gain, equations.b)
-        gain, _ = _weighted_gain(equations, equations.residual_covariance(p[:n], p[n:]))
+    for _ in range(_WEIGHT_ITERATIONS):
+        K, D = np.split(_apply(gain, equations.b), 2)
+        gain, _ = _weighted_gain(equations, equations.residual_covariance(K, D))
     return _estimate(equations, gain, weighted=True)
+
+
+LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}
+"""The linear estimators by the name of their method; none of them models friction."""
 
 
 def _least_squares_gain(equations: SpringEquations) -> Complexes:
@@ -88,15 +117,15 @@ def _apply(gain: Complexes, b: Complexes) -> Floats:
 
 
 def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) -> Estimate:
-    """Covariance and expected cost of p = Σ Re(G b), where V may be known from few periods only.
+    """Covariance and expected cost of p = Σ Re(G b), with V possibly estimated from few periods.
 
     With e = b − R p and leverages h_r = Re tr(G_r R_r), E[Σ eᴴV⁻¹e] = Σ (n − h_r) + tr(N Cov p), where
     N is the normal matrix of the weights V⁻¹.
     """
     r, n = equations.a.shape
     p = _apply(gain, equations.b)
-    V = equations.residual_covariance(p[:n], p[n:])
-    e = equations.residual(p[:n], p[n:])
+    K, D = np.split(p, 2)
+    V, e = equations.residual_covariance(K, D), equations.residual(K, D)
     noise = equations.noise
     leverage = np.einsum("rpj,rjp->r", gain, _regressors(equations)).real
     penalty = np.ones(r)
@@ -108,4 +137,4 @@ def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) ->
     cost = float(np.einsum("ri,ri->", e.conj(), np.linalg.solve(V, e[..., None])[..., 0]).real)
     _, normal = _weighted_gain(equations, V)
     expected = float((n - leverage).sum() + np.trace(normal @ covariance)) if r > 1 else 0.0
-    return Estimate(p, covariance, cost, expected, parameters=2 * n)
+    return Estimate(ParameterLayout.of(n), p, covariance, cost, expected, parameter_count=2 * n)

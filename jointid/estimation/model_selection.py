@@ -1,4 +1,4 @@
-"""Which model the data ask for: elasticity alone, or with friction, with a delay, with both."""
+"""Model selection: elasticity alone, with friction, with a delay, or with both."""
 
 from __future__ import annotations
 
@@ -14,21 +14,30 @@ from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.joint_equations import inertia_arrays
 from jointid.estimation.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood
 from jointid.estimation.noise import Noise
+from jointid.estimation.parameters import ParameterLayout
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
 NO_FRICTION = (None, False)
 FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
-"""Forms of friction from plain to rich: below which share of the largest velocity it is left free, from
-a sharp to a blunt reversal; and whether it may change with speed beyond its viscous part."""
+"""Friction models from simple to rich: velocity, over the largest, below which friction is free (from a
+sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
 
-_EXPLAINED = 1.1  # cost over its expectation below which a richer model could hardly do better
-_CLEAR = 5.0  # standard errors that friction and delay must stand clear of nothing
-_WORTH_A_FIT = 1.0  # gain in cost that a lag must promise; to be taken it needs ln(rows)/2, about 4
-_NEEDED = 3.0  # ratio of misfits that shows a part to be needed, whatever its error
-_LOST = 100.0  # misfit from which on the search is begun again elsewhere
-_FAR = 1e4  # misfit of one friction's form from which on a richer one leads nowhere either
-_BEYOND_DOUBT = 1000.0  # squared distance of friction from nothing, in its errors: far beyond _CLEAR
+_EXPLAINED = 1.1
+"""Misfit below which a richer model cannot improve the fit noticeably."""
+_SIGNIFICANT = 5.0
+"""Standard errors by which friction and delay must differ from zero."""
+_WORTH_A_FIT = 1.0
+"""Predicted decrease of the cost from which a delay is fitted; it is chosen from ln(rows)/2, about 4."""
+_NEEDED = 3.0
+"""Ratio of misfits from which a part is needed, whatever its standard error."""
+_LOST = 100.0
+"""Misfit from which the search is repeated from other start values."""
+_FAR = 1e4
+"""Misfit of one friction model from which a richer one from the same start does not converge either."""
+_CERTAIN = 1000.0
+"""Squared Coulomb friction over its variance from which models without friction are skipped; far above
+the square of ``_SIGNIFICANT``."""
 
 
 def choose_model(
@@ -41,26 +50,26 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
 ) -> Choice:
-    """Go from few parts to many, no further than the noise asks for, and take the best.
+    """Fit models from simple to rich until the noise explains the residual, and choose the best.
 
     Parameters
     ----------
     friction, delay : bool
-        Parts that must be in the model; the others may be.
+        Parts that every model has; the others are optional.
     exactly : bool
-        The others must not; of friction only the form of its reversals is chosen.
+        Exclude the optional parts; only the form of the friction reversals is chosen.
     """
     frictions = FRICTIONS if friction else (NO_FRICTION,) if exactly else (NO_FRICTION, *FRICTIONS)
     lags = (delay,) if delay or exactly else (False, True)
-    return _widened(_Search(phasors, inertia, start, noise, frictions, lags))
+    return _searched(_Search(phasors, inertia, start, noise, frictions, lags))
 
 
-def _widened(search: _Search) -> Choice:
-    """Search from the linear estimate, and where that leads nowhere, from elsewhere too.
+def _searched(search: _Search) -> Choice:
+    """Search from the linear estimate and, if the misfit stays large, from other start values.
 
-    Heavy friction can turn the linear estimate negative, or throw it into another valley.
+    Heavy friction can make the linear estimate negative, or lead it to another local minimum.
     """
-    best = search.widen()
+    best = search.search()
     misfit = search.misfit(best)
     if misfit < _LOST:
         return search.choice(best)
@@ -71,14 +80,14 @@ def _widened(search: _Search) -> Choice:
         other = replace(search, start=start, tried={})
         other.fit(probe)
         if other.misfit(probe) < better:
-            found = other.widen()
+            found = other.search()
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
 
 
 def _other_starts(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Floats]:
-    """K that puts each arm's inertia at resonance within the frequencies of the records, D small."""
+    """K with the arm's resonance at frequencies of the records, and a small D."""
     _, arm = inertia_arrays(phasors, inertia)
     own = np.diagonal(np.linalg.inv(arm), axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
     starts = []
@@ -91,7 +100,7 @@ def _other_starts(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> lis
 
 @dataclass
 class _Search:
-    """The models tried so far, with their estimates."""
+    """Models fitted so far, with their estimates."""
 
     phasors: Phasors
     inertia: Inertia | Sequence[Inertia]
@@ -105,10 +114,10 @@ class _Search:
     def fit(self, model: Model) -> None:
         if model in self.tried:
             return
-        if (problem := self._pointless(model)) is not None:
+        if (problem := self._reason_to_skip(model)) is not None:
             self.tried[model] = problem
             return
-        self.tried[model] = self._fitted(model, self._begin(model))
+        self.tried[model] = self._fitted(model, self._start(model))
 
     def _fitted(self, model: Model, start: Floats) -> LikelihoodEstimate | JointIdError:
         try:
@@ -123,9 +132,9 @@ class _Search:
         except JointIdError as error:
             return error
 
-    def _pointless(self, model: Model) -> JointIdError | None:
-        """Say so where a fit could not be the best."""
-        if self._hopeless(model):
+    def _reason_to_skip(self, model: Model) -> JointIdError | None:
+        """Reason why a model cannot be the best; None if it has to be fitted."""
+        if self._lacks_friction(model):
             return JointIdError("Not fitted: there is friction beyond doubt.")
         if not model.delay:
             return None
@@ -139,24 +148,23 @@ class _Search:
             self._waveforms(model.reversal, model.curve),
             self.noise,
         )
-        if gain / max(1.0, _misfit(without)) > _WORTH_A_FIT:
+        if gain / max(1.0, without.misfit) > _WORTH_A_FIT:
             return None
         return JointIdError("Not fitted: the data show no lag of the torque.")
 
-    def _hopeless(self, model: Model) -> bool:
-        """Whether it lacks friction where the same with friction shows Coulomb's beyond doubt.
+    def _lacks_friction(self, model: Model) -> bool:
+        """Whether a model has no friction although the same with friction finds it with certainty.
 
-        The cost would rise by half the square of friction's distance from nothing in its errors.
+        The cost would rise by half the squared friction over its variance.
         """
-        rubbing = self.tried.get(Model(0.0, model.delay))
-        if isinstance(rubbing, JointIdError):  # with friction no lag is to be seen
-            rubbing = self.tried.get(Model(0.0, False))
-        if model.reversal is not None or not isinstance(rubbing, LikelihoodEstimate):
+        found = self.tried.get(Model(0.0, model.delay))
+        if isinstance(found, JointIdError):  # with friction there is no delay
+            found = self.tried.get(Model(0.0, False))
+        if model.reversal is not None or not isinstance(found, LikelihoodEstimate):
             return False
-        coulomb = slice(2 * self.phasors.n, 3 * self.phasors.n)
-        force, variance = rubbing.p[coulomb], np.diag(rubbing.covariance)[coulomb]
-        clear = force**2 > _BEYOND_DOUBT * variance
-        return bool(np.any(clear & (force > 0) & (variance > 0)))
+        coulomb, variance = found.named.coulomb, np.diag(found.covariance)[found.layout["coulomb"]]
+        certain = coulomb**2 > _CERTAIN * variance
+        return bool(np.any(certain & (coulomb > 0) & (variance > 0)))
 
     def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
         if reversal is None:
@@ -166,48 +174,46 @@ class _Search:
         return self.waveforms[reversal, curve]
 
     def best(self, models: Sequence[Model]) -> Model:
-        # Without friction comes last: where friction turns out to be certain, it need not be fitted.
+        # Models without friction come last: if friction is certain, they are skipped.
         for model in sorted(models, key=lambda model: model.reversal is None):
             self.fit(model)
         criterion = self._criterion()
         return min(models, key=lambda model: criterion[model])
 
-    def widen(self) -> Model:
-        """Try friction in ever richer forms until the noise is all that is left."""
+    def search(self) -> Model:
+        """Fit richer and richer friction models until the noise explains the residual."""
         models: list[Model] = []
         for reversal, curve in self.frictions:
             models += [Model(reversal, lag, curve) for lag in self.lags]
             if reversal is None and len(self.frictions) > 1:
-                continue  # whether there is friction is seen by fitting it
+                continue  # fitted together with the first friction model
             if reversal is not None:
-                # From a linear start friction and delay together may end in a minimum that is none.
+                # From a linear start, friction and delay together may end in a local minimum.
                 self.fit(Model(reversal, False, curve))
             best = self.best(models)
-            if self.explains(best):
+            if self.misfit(best) < _EXPLAINED:
                 break
-        return self.plainer(best, models)
+        return self.without_friction(best, models)
 
-    def plainer(self, best: Model, models: Sequence[Model]) -> Model:
-        """Fit again without friction from what was found with it: alone it may have gone astray."""
+    def without_friction(self, best: Model, models: Sequence[Model]) -> Model:
+        """Fit without friction from the estimate with it; from the linear one it may have diverged."""
         plain, found = Model(None, best.delay), self.tried[best]
-        if best == plain or plain not in models or self._hopeless(plain):
+        if best == plain or plain not in models or self._lacks_friction(plain):
             return best
         if isinstance(found, JointIdError):
             return best
-        lag = found.p[-1:] if best.delay else found.p[:0]
-        before = self.misfit(plain)
-        again = self._fitted(plain, np.concatenate([found.p[: 2 * self.phasors.n], lag]))
-        if isinstance(again, LikelihoodEstimate) and _misfit(again) < before:
+        before, p = self.misfit(plain), found.named
+        lag = {"delay": p.delay} if best.delay else {}
+        start = ParameterLayout.of(self.phasors.n, delay=best.delay).pack(K=p.K, D=p.D, **lag)
+        again = self._fitted(plain, start)
+        if isinstance(again, LikelihoodEstimate) and again.misfit < before:
             self.tried[plain] = again
             return self.best(models)
         return best
 
-    def explains(self, model: Model) -> bool:
-        return self.misfit(model) < _EXPLAINED
-
     def misfit(self, model: Model) -> float:
         estimate = self.tried[model]
-        return np.inf if isinstance(estimate, JointIdError) else _misfit(estimate)
+        return np.inf if isinstance(estimate, JointIdError) else estimate.misfit
 
     def choice(self, best: Model) -> Choice:
         criterion = self._criterion()
@@ -229,63 +235,64 @@ class _Search:
             problem="" if fitted else str(estimate),
             cost=fitted.cost if fitted else np.inf,
             expected_cost=fitted.expected_cost if fitted else 0.0,
-            parameters=fitted.parameters if fitted else 0,
+            parameters=fitted.parameter_count if fitted else 0,
             criterion=criterion,
             chosen=chosen and fitted is not None,
         )
 
-    def _begin(self, model: Model) -> Floats:
-        """Parameters of the last fit of the same kind, or the linear estimate."""
+    def _start(self, model: Model) -> Floats:
+        """Parameters of the last fit of a similar model, or the linear estimate."""
         for lag in (model.delay, False):
             for earlier, estimate in reversed(self.tried.items()):
                 alike = (earlier.reversal is None) == (model.reversal is None) and earlier.delay == lag
                 if alike and isinstance(estimate, LikelihoodEstimate):
                     if earlier.curve == model.curve:
                         return estimate.p
-                    return estimate.p[: 2 * self.phasors.n]
+                    return estimate.elasticity
         return self.start
 
     def _criterion(self) -> dict[Model, float]:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
-        Schwarz's penalty ln(rows) for what is asked for (K, D, friction, delay); Akaike's 2 for the
-        free shapes of the reversals, of which there are many and none matters by itself.
+        Schwarz's penalty ln(rows) for the parameters (K, D, friction, delay), Akaike's 2 for each degree
+        of freedom of the free friction.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
-        misfit = max(1.0, min((_misfit(e) for e in fitted.values()), default=1.0))
+        misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         rows = 2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n])
         criterion = dict.fromkeys(self.tried, np.inf)
         for model, estimate in fitted.items():
-            if self._is_clear(model, estimate):
-                free = estimate.parameters - estimate.p.size
+            if self._is_significant(model, estimate):
+                free = estimate.parameter_count - estimate.p.size
                 penalty = float(np.log(rows)) * estimate.p.size + 2 * free
                 criterion[model] = 2 * estimate.cost / misfit + penalty
         return criterion
 
-    def _is_clear(self, model: Model, estimate: LikelihoodEstimate) -> bool:
-        """Whether friction and delay, where nobody demands them, are needed or stand clear of nothing.
+    def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
+        """Whether optional friction and delay are needed or differ from zero significantly.
 
-        Free shapes of reversals soak up many small things that are no friction; this keeps them out.
+        Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        n, own = self.phasors.n, _misfit(estimate)
+        layout, own = estimate.layout, estimate.misfit
         error = np.sqrt(np.diag(estimate.covariance) * max(1.0, own))
-        clear = np.abs(estimate.p) > _CLEAR * error
-        parts = []
+        significant = np.abs(estimate.p) > _SIGNIFICANT * error
+        parts: list[tuple[Model, bool]] = []
         if model.reversal is not None and NO_FRICTION in self.frictions:
-            rubs = clear[2 * n : 4 * n] & (estimate.p[2 * n : 4 * n] > 0)  # friction takes energy
-            parts.append((Model(None, model.delay), (clear[2 * n :] if model.curve else rubs).any()))
+            own_part = layout.span("coulomb", "viscous")
+            found = significant[own_part] & (estimate.p[own_part] > 0)  # friction dissipates energy
+            if model.curve:
+                found = significant[layout.span("coulomb", "curve")]
+            parts.append((Model(None, model.delay), bool(found.any())))
         if model.delay and False in self.lags:
-            parts.append((Model(model.reversal, False, model.curve), clear[-1]))
-        for without, stands in parts:
+            parts.append(
+                (Model(model.reversal, False, model.curve), bool(significant[layout["delay"]].any()))
+            )
+        for without, clear in parts:
             other = self.tried.get(without)
             if isinstance(other, LikelihoodEstimate):
-                needed = _misfit(other) > _NEEDED * max(1.0, own)
+                needed = other.misfit > _NEEDED * max(1.0, own)
             else:
-                needed = self._hopeless(without)
-            if not stands and not needed:
+                needed = self._lacks_friction(without)
+            if not clear and not needed:
                 return False
         return True
-
-
-def _misfit(estimate: LikelihoodEstimate) -> float:
-    return estimate.cost / estimate.expected_cost if estimate.expected_cost > 0 else 1.0

@@ -1,11 +1,11 @@
-"""The noise of the phasors as the estimators use it: each record's own, moderated by all records'.
+"""Noise of the phasors for the estimators: the estimate of each record, shrunk towards a common model.
 
-A few periods tell a covariance badly, and bad covariances make bad weights. But the sensors are the same
-in all records. In the torque balance r = τ − Z q the noise of the sensors remains, while everything
-that the motors and torques really do, loop noise included, cancels; so the covariances V = E C Eᴴ with
-E = [−Z, I] of all records follow from 2n sensor variances. As far as they do, within what their degrees
-of freedom let expect, each record's own covariance is shrunk towards that model (empirical Bayes; Smyth,
-Statistical Applications in Genetics and Molecular Biology 3, 2004).
+A covariance estimated from a few periods is inaccurate, and so are weights from it. The sensors are the
+same in all records: in the residual r = τ − Z q the real motion and torque cancel, loop noise included,
+and the sensor noise remains. The covariances V = E C Eᴴ with E = [−Z, I] of all records therefore follow
+from 2n sensor variances. Each record's covariance is shrunk towards this model, by as much as the
+scatter around it justifies (empirical Bayes; Smyth, Statistical Applications in Genetics and Molecular
+Biology 3, 2004).
 """
 
 from __future__ import annotations
@@ -20,41 +20,44 @@ from jointid.arrays import Complexes, Floats
 from jointid.joints import motor_impedance
 from jointid.phasors.extract import Phasors
 
-_FLOOR = 1e-9  # of the largest phasor of a signal: nothing is measured better than that
-_MOST_LENT = 1e3  # degrees of freedom that the records together can lend to one
-_LEAST_LENT = 0.5
+_FLOOR = 1e-9
+"""Smallest standard deviation of a phasor, over the signal's largest: better than any sensor."""
+_MOST_PRIOR, _LEAST_PRIOR = 1e3, 0.5
+"""Range of the prior degrees of freedom; below it the records share no common noise."""
+_REWEIGHTED = 8
+"""Iterations of the relative weights of the sensor variances."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Covariance of z = [q; τ] at every harmonic, and how well it is known."""
+    """Covariance of z = [q; τ] at every harmonic, with its degrees of freedom."""
 
     covariance: Complexes
     """Shape (r, H, 2n, 2n)."""
-    freedom: Floats
+    degrees_of_freedom: Floats
     """Degrees of freedom of each record's covariance, shape (r,)."""
 
     @property
     def inverse_bias(self) -> Floats:
-        """Factor by which the inverse of an estimated n × n covariance is too large on average, (r,).
+        """Mean factor by which the inverse of an estimated n × n covariance is too large, (r,).
 
         ν/(ν − n) for a complex Wishart matrix of ν degrees of freedom.
         """
         n = self.covariance.shape[-1] / 2
-        return np.asarray(self.freedom / (self.freedom - n))
+        return np.asarray(self.degrees_of_freedom / (self.degrees_of_freedom - n))
 
     @property
     def weight_penalty(self) -> Floats:
-        """Factor by which weights from an estimated covariance raise the variance of a fit, (r,).
+        """Factor on the variance of a fit whose weights come from an estimated covariance, (r,).
 
         ν²/((ν − n)² − 1) for a complex Wishart matrix of ν degrees of freedom.
         """
         n = self.covariance.shape[-1] / 2
-        return np.asarray(self.freedom**2 / ((self.freedom - n) ** 2 - 1))
+        return np.asarray(self.degrees_of_freedom**2 / ((self.degrees_of_freedom - n) ** 2 - 1))
 
 
 def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floats) -> Noise:
-    """Noise of the records, each shrunk towards what the sensors' noise makes of it.
+    """Noise of the records, each shrunk towards the model of common sensor variances.
 
     Parameters
     ----------
@@ -62,7 +65,7 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     M, arm : ndarray, shapes (r, n) and (r, n, n)
         Rotor inertias and M2⁻¹ of every record.
     K, D : ndarray, shape (n,)
-        A first estimate; the impedance Z hangs on it.
+        First estimate, for the impedance Z.
     """
     _, H, channels = phasors.harmonics.shape
     n = phasors.n
@@ -74,30 +77,30 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     own = np.einsum("rhja,rhab,rhjb->rhj", E, density, E.conj()).real
     sensors = _sensor_variances(np.abs(E) ** 2, np.where(known[..., None], own, 0.0))
     modelled = np.einsum("rhja,ha->rhj", np.abs(E) ** 2, sensors)
-    lent, scale = _lent_freedom(
-        own[known], modelled[known], np.repeat(phasors.freedom, known.sum(axis=1))
+    prior, scale = _prior_degrees_of_freedom(
+        own[known], modelled[known], np.repeat(phasors.degrees_of_freedom, known.sum(axis=1))
     )
     sensors = scale * sensors
-    share = (phasors.freedom / (phasors.freedom + lent))[:, None, None, None]
+    total = phasors.degrees_of_freedom + prior
+    share = (phasors.degrees_of_freedom / total)[:, None, None, None]
     density = share * density + (1 - share) * sensors[:, :, None] * np.eye(channels)
-    freedom = phasors.freedom + lent
-    if freedom.min() <= n + 2:  # cannot be inverted, or hardly
+    if total.min() <= n + 2:  # singular, or nearly
         density = density * np.eye(channels)
-        freedom = np.maximum(freedom, n + 3.0)
+        total = np.maximum(total, n + 3.0)
     covariance = density / phasors.duration_s[:, None, None, None]
     largest = np.abs(phasors.z).max(axis=0)
-    return Noise(covariance + np.diag((_FLOOR * largest) ** 2), freedom)
+    return Noise(covariance + np.diag((_FLOOR * largest) ** 2), total)
 
 
 def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
-    """Non-negative sensor variances (H, 2n) from gains (r, H, n, 2n) and what they make, (r, H, n)."""
+    """Non-negative sensor variances (H, 2n) from gains (r, H, n, 2n) and variances (r, H, n)."""
     H, channels = gains.shape[1], gains.shape[3]
     rows = gains.swapaxes(0, 1).reshape(H, -1, channels)
     values = variances.swapaxes(0, 1).reshape(H, -1)
     use = values > 0
     weight = np.where(use, 1 / np.where(use, values, 1.0), 0.0)
     solution = np.zeros((H, channels))
-    for _ in range(8):  # relative errors count, and relative to the model they are unbiased
+    for _ in range(_REWEIGHTED):  # errors relative to the model are unbiased
         weighted = rows * weight[..., None]
         scale = 1 / np.maximum(np.linalg.norm(weighted, axis=1), 1e-300)
         weighted *= scale[:, None]
@@ -110,7 +113,7 @@ def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
 def _non_negative(A: Floats, b: Floats) -> Floats:
     """Least squares A x = b with x ≥ 0, for matrices (H, m, c) with columns of unit length."""
     normal = A.swapaxes(1, 2) @ A
-    # Where the plain solution is not negative it is the answer; the ridge is for columns of zeros.
+    # A plain solution without negative values is the answer; the ridge is for columns of zeros.
     x = np.linalg.solve(normal + 1e-14 * np.eye(A.shape[2]), np.einsum("hmc,hm->hc", A, b)[..., None])
     solution = np.asarray(x[..., 0])
     for h in np.flatnonzero(np.any(solution < 0, axis=1)):
@@ -118,22 +121,22 @@ def _non_negative(A: Floats, b: Floats) -> Floats:
     return solution
 
 
-def _lent_freedom(own: Floats, modelled: Floats, freedom: Floats) -> tuple[float, float]:
-    """Degrees of freedom d that the model is worth, and the factor that makes it typical.
+def _prior_degrees_of_freedom(
+    own: Floats, modelled: Floats, degrees_of_freedom: Floats
+) -> tuple[float, float]:
+    """Prior degrees of freedom d of the model, and the factor that centres its variances.
 
-    The log variances scatter around the model's as trigamma(d), beyond their own degrees of freedom.
+    The variance of the log variances around the model is trigamma(d) plus that of their own estimation.
     """
     rows = np.all((own > 0) & (modelled > 0), axis=1)
     if rows.sum() < 3:
         return 0.0, 1.0
-    ratio = (
-        np.log(own[rows] / modelled[rows])
-        - (polygamma(0, freedom[rows]) - np.log(freedom[rows]))[:, None]
-    )
-    excess = (ratio**2 - polygamma(1, freedom[rows])[:, None]).mean()
-    if excess <= polygamma(1, _MOST_LENT):
-        return _MOST_LENT, 1.0
-    if excess >= polygamma(1, _LEAST_LENT):
+    own_degrees = degrees_of_freedom[rows, None]
+    ratio = np.log(own[rows] / modelled[rows]) - (polygamma(0, own_degrees) - np.log(own_degrees))
+    excess = (ratio**2 - polygamma(1, own_degrees)).mean()
+    if excess <= polygamma(1, _MOST_PRIOR):
+        return _MOST_PRIOR, 1.0
+    if excess >= polygamma(1, _LEAST_PRIOR):
         return 0.0, 1.0
-    lent = float(brentq(lambda d: polygamma(1, d) - excess, _LEAST_LENT, _MOST_LENT))
-    return lent, float(np.exp(ratio.mean() + polygamma(0, lent) - np.log(lent)))
+    prior = float(brentq(lambda d: polygamma(1, d) - excess, _LEAST_PRIOR, _MOST_PRIOR))
+    return prior, float(np.exp(ratio.mean() + polygamma(0, prior) - np.log(prior)))

@@ -1,4 +1,4 @@
-"""The balance of torques at the motors at every harmonic: what is left over, its noise, its Jacobian.
+"""Residual torque of the model at the motors at every harmonic, its covariance and its Jacobian.
 
 At harmonic h, s = ihω, the residual is r = τ e^{-sδ} − F − Z q with the impedance Z = s²(M + S⁻¹),
 S = M2⁻¹ + s²(K + sD)⁻¹, the inverse of equation (16), and friction F. Both τ and q carry noise of
@@ -18,23 +18,27 @@ from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.joint_equations import inertia_arrays, spring_equations
 from jointid.estimation.noise import Noise
+from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors.extract import Phasors
+
+_STIFFEST = 100.0
+"""Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All that the balance is made of beside the parameters; r records, n joints, H harmonics."""
+    """Data and fixed quantities of the residual; r records, n joints, H harmonics."""
 
     s: Complexes  # (r, H)
     z: Complexes  # (r, H, 2n)
     noise: Noise
-    known: np.ndarray  # (r, H), false where the samples could not carry the harmonic
+    known: np.ndarray  # (r, H), false where the sample rate or record length excludes the harmonic
     M: Floats  # (r, n)
     arm: Floats  # M2⁻¹, (r, n, n)
     friction: FrictionWaveforms | None
-    names: tuple[str, ...]  # of the parameters, K and D first
-    stiffest: Floats  # far above the linear estimate: a stiffness that runs away is none
+    layout: ParameterLayout
+    stiffest: Floats  # upper bound on K, (n,)
 
     @property
     def n(self) -> int:
@@ -43,18 +47,18 @@ class Problem:
 
     @property
     def free(self) -> FreeFriction:
-        """What friction may do around the reversals."""
+        """Free friction waveforms around the reversals."""
         return FreeFriction(()) if self.friction is None else self.friction.free
 
     @property
-    def counts(self) -> np.ndarray:
-        """Whether a joint's torque balance in a record says anything, (r, n)."""
-        return np.ones(self.M.shape, bool) if self.friction is None else ~self.friction.standing
+    def used(self) -> np.ndarray:
+        """Whether a joint's residual in a record carries information, shape (r, n)."""
+        return np.ones(self.M.shape, bool) if self.friction is None else ~self.friction.stationary
 
     @property
     def rows(self) -> int:
-        """How many real equations there are."""
-        return int(2 * self.known.sum(axis=1) @ self.counts.sum(axis=1))
+        """Number of real equations."""
+        return int(2 * self.known.sum(axis=1) @ self.used.sum(axis=1))
 
 
 def make_problem(
@@ -65,7 +69,7 @@ def make_problem(
     delay: bool,
     noise: Noise | None,
 ) -> Problem:
-    """Lay a problem out; parameters as in ``likelihood.maximum_likelihood``.
+    """Collect the data of a fit; parameters as in ``likelihood.maximum_likelihood``.
 
     Raises
     ------
@@ -87,29 +91,25 @@ def make_problem(
         M=M,
         arm=arm,
         friction=friction,
-        names=parameter_names(n, friction, delay=delay),
-        stiffest=100 * start[:n],
+        layout=fitted_layout(n, friction, delay=delay),
+        stiffest=_STIFFEST * start[:n],
     )
 
 
-def parameter_names(n: int, friction: FrictionWaveforms | None, *, delay: bool) -> tuple[str, ...]:
-    """Names of the parameters in their order."""
-    names = [f"{letter}{j + 1}" for letter in "KD" for j in range(n)]
-    if friction is not None:
-        names += [f"{kind} friction {j + 1}" for kind in ("Coulomb", "viscous") for j in range(n)]
-        parts = range(friction.curve.shape[3])
-        names += [f"friction curve {c + 1} of joint {j + 1}" for j in range(n) for c in parts]
-    return (*names, "delay") if delay else tuple(names)
+def fitted_layout(n: int, friction: FrictionWaveforms | None, *, delay: bool) -> ParameterLayout:
+    """Parameters of a fit with these friction waveforms and with or without a delay."""
+    parts = 0 if friction is None else friction.curve.shape[3]
+    return ParameterLayout.of(n, friction=friction is not None, curve_parts=parts, delay=delay)
 
 
 @dataclass(frozen=True, eq=False)
-class Balance:
-    """The balance at one set of parameters."""
+class Residual:
+    """Residual torque at one set of parameters."""
 
     problem: Problem
-    p: Floats
+    p: Parameters
     r: Complexes
-    """Torque left over, shape (r, H, n)."""
+    """Residual, shape (r, H, n), N·m."""
     V: Complexes
     """Its covariance, shape (r, H, n, n)."""
     CE: Complexes
@@ -120,55 +120,53 @@ class Balance:
     """e^{-sδ}, shape (r, H)."""
 
     @classmethod
-    def at(cls, problem: Problem, p: Floats) -> Balance:
-        """Form the balance."""
-        n, s = problem.n, problem.s
-        Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], p[:n], p[n : 2 * n])
-        lag = np.exp(-s * p[-1]) if problem.names[-1] == "delay" else np.ones_like(s)
+    def at(cls, problem: Problem, vector: Floats) -> Residual:
+        """Evaluate the residual at a parameter vector, shape (P,)."""
+        n, s, p = problem.n, problem.s, problem.layout.named(vector)
+        Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], p.K, p.D)
+        lag = np.exp(-s * p.delay)
         E = np.zeros((*Z.shape[:3], 2 * n), complex)
         E[..., :n] = -Z
         for j in range(n):
-            if problem.friction is not None:  # what is viscous acts on q like the impedance
-                E[..., j, j] -= s * p[3 * n + j]
+            if problem.friction is not None:  # viscous friction acts on q like the impedance
+                E[..., j, j] -= s * p.viscous[j]
             E[..., j, n + j] = lag
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
-            r -= sliding(problem, p, s.shape[1])
+            r -= sliding_friction(problem.friction, p, s.shape[1])
         return cls(problem, p, r, E @ CE, CE, stiff, lag)
 
-    def jacobian(self, pull: Complexes) -> Complexes:
+    def jacobian(self, weighted_residual: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
 
         Parameters
         ----------
-        pull : ndarray, shape (r, H, n)
-            V⁻¹r, of that part of r which tells of the signals.
+        weighted_residual : ndarray, shape (r, H, n)
+            V⁻¹r without the part that free friction explains.
         """
         problem, p, n, s = self.problem, self.p, self.problem.n, self.problem.s
-        smooth = problem.z - (self.CE @ pull[..., None])[..., 0]
-        J = np.zeros((*self.r.shape, p.size), complex)
+        layout = problem.layout
+        smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
+        J = np.zeros((*self.r.shape, layout.size), complex)
         # ∂Z = −s² S⁻¹ ∂S S⁻¹, ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
-        spring = p[:n] + s[..., None] * p[n : 2 * n]
+        spring = p.K + s[..., None] * p.D
         twist = (self.stiff @ smooth[..., :n, None])[..., 0] * (-((s * s) ** 2)[..., None] / spring**2)
-        J[..., :n] = self.stiff * twist[..., None, :]
-        J[..., n : 2 * n] = s[..., None, None] * J[..., :n]
+        J[..., layout["K"]] = self.stiff * twist[..., None, :]
+        J[..., layout["D"]] = s[..., None, None] * J[..., layout["K"]]
         for j in range(n):
             if problem.friction is not None:
                 curve = problem.friction.curve[:, :, j]
-                first = 4 * n + j * curve.shape[2]
-                J[..., j, 2 * n + j] = -problem.friction.coulomb[..., j]
-                J[..., j, 3 * n + j] = -s * smooth[..., j]
+                first = layout["curve"].start + j * curve.shape[2]
+                J[..., j, layout["coulomb"].start + j] = -problem.friction.coulomb[..., j]
+                J[..., j, layout["viscous"].start + j] = -s * smooth[..., j]
                 J[..., j, first : first + curve.shape[2]] = -curve
-            if problem.names[-1] == "delay":
-                J[..., j, -1] = -s * self.lag * smooth[..., n + j]
+            if "delay" in layout:
+                J[..., j, layout["delay"].start] = -s * self.lag * smooth[..., n + j]
         return J
 
 
-def sliding(problem: Problem, p: Floats, h: int) -> Complexes:
-    """Coulomb friction and its curve at the first h harmonics, shape (r, h, n)."""
-    assert problem.friction is not None
-    n, curve = problem.n, problem.friction.curve[:, :h]
-    weights = p[4 * n : 4 * n + n * curve.shape[3]].reshape(n, -1)
-    coulomb = p[2 * n : 3 * n] * problem.friction.coulomb[:, :h]
-    return np.asarray(coulomb + (curve * weights).sum(axis=3))
+def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:
+    """Coulomb friction and its curve at the first h harmonics, shape (r, h, n), N·m."""
+    curve = (friction.curve[:, :h] * p.curve).sum(axis=3)
+    return np.asarray(p.coulomb * friction.coulomb[:, :h] + curve)

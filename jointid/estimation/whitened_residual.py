@@ -1,4 +1,4 @@
-"""The balance of torques in units of its noise, without what friction is free to do at the reversals."""
+"""Residual torque in units of its noise, with the free friction at the reversals projected out."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import Projection, real_rows
-from jointid.estimation.residual import Balance, Problem, sliding
+from jointid.estimation.residual import Problem, Residual, sliding_friction
 from jointid.small_matrices import whitener
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedBalance:
-    """Residual at one set of parameters; its Jacobian on demand."""
+class WhitenedResidual:
+    """Whitened residual at one set of parameters; its Jacobian on demand."""
 
-    at: Balance
+    at: Residual
     weight: Floats
-    """By which the variance is larger than that of the noise alone, shape (r, H)."""
+    """Factor on the variance of the noise alone, shape (r, H)."""
     W: Complexes
-    """W V Wᴴ = I for the balances that count, zero for the others, shape (r, H, n, n)."""
+    """W V Wᴴ = I for the residuals in use, zero for the others, shape (r, H, n, n)."""
     projection: Projection
     whole: Floats
     """Real rows of W r, shape (r, 2Hn, 1)."""
     rows: Floats
-    """What of them friction does not explain freely, shape (r, 2Hn)."""
+    """The same after the projection, shape (r, 2Hn)."""
 
     @classmethod
-    def of(cls, problem: Problem, p: Floats, scale: Floats) -> WhitenedBalance:
-        """Whiten the balance, each harmonic's variance larger by a scale of shape (H,)."""
-        at = Balance.at(problem, p)
+    def of(cls, problem: Problem, vector: Floats, scale: Floats) -> WhitenedResidual:
+        """Whiten the residual, with a factor on each harmonic's variance, ``scale`` of shape (H,)."""
+        at = Residual.at(problem, vector)
         weight = problem.noise.inverse_bias[:, None] * scale
         W = _whitener(problem, at.V * weight[..., None, None])
         projection = problem.free.projection(W)
@@ -44,39 +44,38 @@ class WhitenedBalance:
 
     def columns(self, *, smooth: bool = True) -> Floats:
         """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at those measured."""
-        # What friction may do freely, and balances that say nothing, tell nothing of the true signals.
-        pull = np.zeros_like(self.at.r)
+        # Rows that free friction explains, or that are not in use, carry no information on the signals.
+        weighted = np.zeros_like(self.at.r)
         if smooth:
             half = self.rows.shape[1] // 2
-            told = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
-            pull = (self.W.conj().swapaxes(2, 3) @ told[..., None])[..., 0] * self.weight[..., None]
-        return self.projection.rest(real_rows(self.W @ self.at.jacobian(pull)))
+            left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
+            weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        return self.projection.rest(real_rows(self.W @ self.at.jacobian(weighted)))
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
-        """Cost over expected cost of each harmonic, shape (H,); rank is that of the free shapes."""
+        """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""
         problem = self.at.problem
         H, n = problem.s.shape[1], problem.n
         squares = (self.rows**2).reshape(-1, 2, H, n).sum(axis=(0, 1, 3))
-        measured = problem.counts.sum(axis=1) @ problem.known
+        measured = problem.used.sum(axis=1) @ problem.known
         left = 1 - rank / max(problem.rows, 1)
         return np.asarray(squares / np.maximum(measured * left, 1.0))
 
-    def taken(self) -> Complexes:
-        """Fundamental of the torque that friction and delay take, shape (r, n)."""
+    def friction_delay_torque(self) -> Complexes:
+        """Fundamental of the torque that friction and delay account for, shape (r, n), N·m."""
         problem, p = self.at.problem, self.at.p
         n, s, z = problem.n, problem.s[:, :1], problem.z[:, 0]
-        lag = p[-1] if problem.names[-1] == "delay" else 0.0
-        taken = z[:, n:] * (1 - np.exp(-s * lag))
+        torque = z[:, n:] * (1 - np.exp(-s * p.delay))
         if problem.friction is None:
-            return np.asarray(taken)
-        taken = taken + sliding(problem, p, 1)[:, 0] + p[3 * n : 4 * n] * s * z[:, :n]
-        taken = taken + self.projection.fundamental(self.whole)
-        # Where a motor stands, all that is left over is friction.
-        return np.asarray(np.where(problem.counts, taken, taken + self.at.r[:, 0]))
+            return np.asarray(torque)
+        torque = torque + sliding_friction(problem.friction, p, 1)[:, 0] + p.viscous * s * z[:, :n]
+        torque = torque + self.projection.fundamental(self.whole)
+        # At a stationary motor the whole residual is friction.
+        return np.asarray(np.where(problem.used, torque, torque + self.at.r[:, 0]))
 
 
 def _whitener(problem: Problem, V: Complexes) -> Complexes:
-    counts = problem.counts[:, None, :, None]
-    if not counts.all():
-        V = np.where(counts & counts.swapaxes(2, 3), V, np.eye(problem.n))
-    return np.asarray(whitener(V) * (problem.known[..., None, None] & counts))
+    used = problem.used[:, None, :, None]
+    if not used.all():
+        V = np.where(used & used.swapaxes(2, 3), V, np.eye(problem.n))
+    return np.asarray(whitener(V) * (problem.known[..., None, None] & used))

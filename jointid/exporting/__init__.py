@@ -1,4 +1,4 @@
-"""Results for other tools: one file per idea, text or bytes out, nothing is written to disk here."""
+"""Results for other tools, as text or bytes; nothing here writes to disk."""
 
 import lazy_loader
 

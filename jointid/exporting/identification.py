@@ -1,4 +1,4 @@
-"""What an identification found and how it was obtained: the part of an analysis that travels."""
+"""The exported part of an analysis: K and D with their covariance, model, inertias and origin."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.answer import model_name
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import METHODS, Friction
@@ -18,7 +19,7 @@ from jointid.wording import counted
 
 @dataclass(frozen=True)
 class Obtained:
-    """How K and D were obtained: enough to obtain them again and to know the study again."""
+    """Version, settings and study digest: enough to reproduce K and D."""
 
     version: str
     """Version of this software."""
@@ -27,24 +28,24 @@ class Obtained:
     study: str
     """Name of the study."""
     origin: str
-    """"simulated", "measured", or empty when the study does not say."""
+    """"simulated", "measured", or empty when not stated."""
     method: str
-    """Estimator asked for, one of ``jointid.estimation.elasticity.METHODS``."""
+    """Requested estimator, one of ``jointid.estimation.elasticity.METHODS``."""
     model: str
-    """What was fitted: "elasticity", with " + friction" and " + delay" where these were."""
+    """Fitted model, see ``model_name``."""
     free_reversal: float
-    """Share of the largest velocity below which friction was left free."""
+    """Share of the largest velocity below which friction is a free parameter."""
     records: int
     """Number of records."""
     frequencies_hz: tuple[float, ...]
-    """Their frequencies, ascending, each once, Hz."""
+    """Distinct frequencies, ascending, Hz."""
     misfit: float
-    """What the equations leave over what the noise explains, about 1 when the model holds."""
+    """Residual over the noise level (variances); about 1 when the model holds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """K and D of n joints with all that is needed to use them elsewhere; motor side.
+    """K and D of n joints with their model, for other tools; motor side.
 
     Raises
     ------
@@ -55,21 +56,21 @@ class Identification:
     K: Floats
     """Stiffness, shape (n,), N·m/rad."""
     D: Floats
-    """Damping, shape (n,), N·m·s/rad; negative when the data say so."""
+    """Damping, shape (n,), N·m·s/rad; may be negative."""
     covariance: Floats
     """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n)."""
     friction: Friction | None
-    """Friction at the motors, when it was fitted."""
+    """Fitted friction of the motors, or None."""
     delay: float | None
-    """Lag of the torque beyond what the records state, s, when it was fitted."""
+    """Fitted torque delay in addition to the stated one, s, or None."""
     delay_error: float | None
     """Its standard error, s."""
     inertia: Inertia
-    """Inertia that was taken as known, for records without a pose."""
+    """Assumed inertia of records without a pose."""
     poses: dict[str, Inertia]
     """Inertia of each named pose."""
     nominal: Elasticity | None
-    """What the controller assumes today."""
+    """Present values of the controller."""
     obtained: Obtained
 
     def __post_init__(self) -> None:
@@ -117,14 +118,14 @@ class Identification:
         Raises
         ------
         JointIdError
-            When they are no spring and damper.
+            When they are unphysical.
         """
         below_noise = self.D + 2 * self.standard_error[self.n :] < 0
         return Elasticity(K=self.K, D=np.where(below_noise, self.D, np.maximum(self.D, 0.0)))
 
 
 def identification(analysis: Analysis) -> Identification:
-    """Take from an analysis what travels.
+    """Return the exported part of an analysis.
 
     Parameters
     ----------
@@ -136,8 +137,6 @@ def identification(analysis: Analysis) -> Identification:
         When the fit holds a value that is not finite.
     """
     fit, study = analysis.fit, analysis.study
-    parts = ["elasticity", *["friction"] * (fit.friction is not None)]
-    parts += ["delay"] * (fit.delay is not None)
     return Identification(
         K=fit.K,
         D=fit.D,
@@ -154,7 +153,7 @@ def identification(analysis: Analysis) -> Identification:
             study=study.name,
             origin=study.origin,
             method=fit.method,
-            model=" + ".join(parts),
+            model=model_name(fit),
             free_reversal=next((c.reversal for c in fit.candidates if c.chosen), 0.0),
             records=len(study.records),
             frequencies_hz=tuple(sorted({record.frequency_hz for record in study.records})),

@@ -1,6 +1,6 @@
 """An identification as JSON or TOML, and back, equal to the last bit.
 
-Both hold the same document, in SI units and seen from the motors:
+Both hold the same document, motor side, SI units:
 
     format = 1
     kind = "jointid identification"
@@ -11,7 +11,7 @@ Both hold the same document, in SI units and seen from the motors:
     [inertia] M, M2     [poses.NAME] M, M2     [nominal] K, D
     [obtained] version, digest, study, origin, method, model, ...
 
-``standard_error`` and ``units`` at the top are for the reader; they follow from the rest.
+``standard_error`` and ``units`` at the top are for people; readers ignore them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.joints import Elasticity, Inertia
+from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal
+from jointid.joints import Inertia
 from jointid.version import __version__
 from jointid.wording import shown
 
@@ -44,8 +45,6 @@ _UNITS = {
 }
 _FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
 _DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-7"}
-_INERTIA = {"M": "M = [0.0025, 0.0010]", "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]"}
-_NOMINAL = {"K": "K = [20.0, 3.5]", "D": "D = [0.10, 0.015]"}
 _OBTAINED = {
     "version": f'version = "{__version__}"',
     "digest": 'digest = "…", 32 hexadecimal digits',
@@ -143,11 +142,11 @@ def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
     try:
         values = json.loads(data, parse_constant=_no_constant)
     except RecursionError:
-        raise JointIdError(f"{where}: brackets are nested too deeply.") from None
+        raise JointIdError(f"{where}: brackets are nested too deeply.", file=where) from None
     except ValueError as error:
-        raise JointIdError(f"{where} is not valid JSON: {error!s:.200}.") from error
+        raise JointIdError(f"{where} is not valid JSON: {error!s:.200}.", file=where) from error
     if not isinstance(values, dict):
-        raise JointIdError(f"{where} holds {shown(values)}; expected a {KIND}.")
+        raise JointIdError(f"{where} holds {shown(values)}; expected a {KIND}.", file=where)
     return _identification(CheckedTable(where, values, _TOP))
 
 
@@ -167,12 +166,13 @@ def load_identification(path: str | os.PathLike[str]) -> Identification:
     """
     file = Path(path)
     if file.suffix.lower() not in (".json", ".toml"):
-        raise JointIdError(f"{file.name}: expected a file that ends in .json or .toml.")
+        raise JointIdError(f"{file.name}: expected a file that ends in .json or .toml.", file=file.name)
     try:
         with file.open("rb") as stream:
             data = stream.read(MAX_TOML_BYTES + 1)
     except (OSError, ValueError) as error:
-        raise JointIdError(f"{file} cannot be read: {getattr(error, 'strerror', error)}.") from error
+        fault = getattr(error, "strerror", error)
+        raise JointIdError(f"{file} cannot be read: {fault}.", file=str(file)) from error
     read = from_json if file.suffix.lower() == ".json" else from_toml
     return read(data, where=file.name)
 
@@ -180,31 +180,30 @@ def load_identification(path: str | os.PathLike[str]) -> Identification:
 def _identification(top: CheckedTable) -> Identification:
     kind = top.text("kind", "")
     if kind != KIND:
-        raise JointIdError(f'{top.where}: kind = "{kind:.60}"; expected kind = "{KIND}".')
+        raise top.error(f'kind = "{kind:.60}"; expected kind = "{KIND}".')
     if (number := top.integer("format")) != 1:
-        raise JointIdError(f"{top.where}: format = {shown(number)}, but this version reads format 1.")
+        raise top.error(f"format = {shown(number)}, but this version reads format 1.")
     if (side := top.text("side", "motor")) != "motor":
-        raise JointIdError(f'{top.where}: side = "{side:.60}"; expected side = "motor".')
-    friction = delay = error = nominal = None
+        raise top.error(f'side = "{side:.60}"; expected side = "motor".')
+    friction = delay = error = None
     if "friction" in top:
         table = top.table("friction", _FRICTION)
-        friction = Friction(**{name: _array(table, name) for name in _FRICTION})
+        parts: dict[str, Any] = {name: table.numbers(name) for name in _FRICTION}
+        friction = Friction(**parts)  # checked and converted by Identification
     if "delay" in top:
         table = top.table("delay", _DELAY)
         delay = table.number("seconds")
         error = table.number("standard_error") if "standard_error" in table else None
-    inertia = _inertia(top.table("inertia", _INERTIA))
-    poses = {name: _inertia(t) for name, t in top.named_tables("poses", _INERTIA).items()}
+    inertia = read_inertia(top.table("inertia", INERTIA_KEYS))
+    poses = {name: read_inertia(t) for name, t in top.named_tables("poses", INERTIA_KEYS).items()}
     how = top.table("obtained", _OBTAINED)
     texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
-    if "nominal" in top:
-        table = top.table("nominal", _NOMINAL)
-        nominal = Elasticity(K=table.numbers("K"), D=table.numbers("D"))
-    try:
+    nominal = read_nominal(top)
+    arrays: dict[str, Any] = {name: top.numbers(name) for name in "KD"}
+    arrays["covariance"] = top.matrix("covariance")
+    with in_place(top.where, top.file):
         return Identification(
-            K=_array(top, "K"),
-            D=_array(top, "D"),
-            covariance=top.matrix("covariance"),  # type: ignore[arg-type]  # checked and converted there
+            **arrays,
             friction=friction,
             delay=delay,
             delay_error=error,
@@ -219,20 +218,6 @@ def _identification(top: CheckedTable) -> Identification:
                 misfit=how.number("misfit"),
             ),
         )
-    except JointIdError as problem:
-        raise JointIdError(f"{top.where}: {problem}") from problem
-
-
-def _array(table: CheckedTable, key: str) -> Any:
-    return table.numbers(key)
-
-
-def _inertia(table: CheckedTable) -> Inertia:
-    M, M2 = table.numbers("M"), table.matrix("M2")
-    try:
-        return Inertia(M=M, M2=M2)
-    except JointIdError as error:
-        raise JointIdError(f"{table.where}: {error}") from error
 
 
 def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
@@ -246,5 +231,6 @@ def _no_constant(name: str) -> float:
 def _require_size(where: str, data: str | bytes) -> None:
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
-            f"{where} has more than {MAX_TOML_BYTES} bytes; an identification is far smaller."
+            f"{where} has more than {MAX_TOML_BYTES} bytes; an identification is far smaller.",
+            file=where,
         )

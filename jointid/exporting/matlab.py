@@ -1,4 +1,4 @@
-"""Everything as one MATLAB file (version 5), ready for ``ss`` and ``frd``."""
+"""All results as one MATLAB file (version 5), for ``ss`` and ``frd``."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from jointid.transfer_matrix import TransferMatrix
 
 _HEADER = b"MATLAB 5.0 MAT-file, written by jointid"
 _HEADER_BYTES = 116
+"""Length of the text header of a MAT-file, version 5."""
 
 
 def to_mat(analysis: Analysis) -> bytes:
@@ -33,10 +34,10 @@ def to_mat(analysis: Analysis) -> bytes:
     bytes
         Variables: ``identification`` (struct as in JSON: K, D, covariance, obtained ...); ``model``
         (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque to acceleration of
-        the motors; missing when the estimate is no spring); ``transfer`` (struct array by pose:
+        the motors; missing for an unphysical estimate); ``transfer`` (struct array by pose:
         ``frd(transfer(1).H, transfer(1).omega)``, H as measured);
-        ``transfer_without_friction_and_delay`` (the same from torques without what was found of
-        these; missing when nothing was); ``phasors`` (struct omega, q, tau, std, labels).
+        ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
+        them); ``phasors`` (struct omega, q, tau, std, labels).
     """
     document = to_document(identification(analysis))
     if poses := document.pop("poses", None):
@@ -58,7 +59,7 @@ def to_mat(analysis: Analysis) -> bytes:
         contents["transfer_without_friction_and_delay"] = _transfer(free)
     try:
         model = state_space(analysis.study.inertia, analysis.fit.elasticity)
-    except JointIdError:  # an estimate that is no spring has no model
+    except JointIdError:  # an unphysical estimate has no model
         pass
     else:
         contents["model"] = {"A": model.A, "B": model.B, "C": model.C, "D": model.D}
@@ -93,7 +94,7 @@ def _prepared(value: Any) -> Any:
 
 
 def _structs(rows: Any) -> np.ndarray:
-    """A struct array: what MATLAB indexes with (k)."""
+    """A MATLAB struct array, indexed with (k)."""
     rows = list(rows)
     array = np.empty(len(rows), dtype=[(name, object) for name in rows[0]])
     for k, row in enumerate(rows):

@@ -1,18 +1,19 @@
-"""Snippets for robot simulators, with the gear ratio applied.
+"""Elastic joints as snippets for robot simulators, on the arm side of the gears.
 
-Simulators see the joints from the arm. A motor shaft turns N times its joint, so on the arm side
+A motor shaft turns N times its joint, so on the arm side
 
     K_arm = N² K,   D_arm = N² D,   rotor inertia N² J_m,   F_c,arm = |N| F_c,   F_v,arm = N² F_v.
 
-An elastic joint is two hinges about the same axis in series: the motor's, which is driven and carries
-the rotor and its friction, then the spring's, which carries stiffness and damping.
+An elastic joint is two hinges in series about one axis: the driven one of the motor, with the rotor and
+its friction, and the one of the spring, with stiffness and damping.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape, quoteattr
+from typing import NamedTuple
+from xml.etree.ElementTree import Comment, Element, SubElement, indent, tostring
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +26,7 @@ from jointid.wording import counted
 
 @dataclass(frozen=True, eq=False)
 class ArmSide:
-    """An identification as the arm sees it."""
+    """An identification on the arm side of the gears."""
 
     gear_ratio: Floats
     """Motor turns per joint turn, negative where the motor turns the other way, shape (n,)."""
@@ -51,7 +52,7 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Carry an identification through the gears.
+    """Reflect an identification to the arm side.
 
     Parameters
     ----------
@@ -76,7 +77,7 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
         raise JointIdError(f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0: it must not be.")
     twice = np.concatenate([N**2, N**2])
     none = np.zeros(i.n)
-    # A small negative friction is noise; no simulator takes it.
+    # A small negative friction is noise; simulators refuse it.
     friction = [none, none] if i.friction is None else [i.friction.coulomb, i.friction.viscous]
     return ArmSide(
         gear_ratio=N,
@@ -106,8 +107,8 @@ def mujoco_snippet(
     Returns
     -------
     str
-        XML that MuJoCo loads: each joint on its own, with the two hinges that are to stand in the body
-        of its link, and the motors. The actuators' inputs are motor torques.
+        XML that MuJoCo loads: each joint on its own, with the two hinges of its link's body, and the
+        motors. The actuators' inputs are motor torques.
 
     Raises
     ------
@@ -115,29 +116,21 @@ def mujoco_snippet(
         As in ``arm_side``, or when the names do not fit.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _NESTING_NOTE]
-    lines += ['<mujoco model="elastic_joints">', "  <worldbody>"]
+    root = Element("mujoco", model="elastic_joints")
+    world, actuators = _add(root, "worldbody"), _add(root, "actuator")
     for j, name in enumerate(names):
-        about = _x(arm.M2[j, j])
-        lines += [
-            f"    <body name={quoteattr(f'{name}_link')}>",
-            "      <!-- Both hinges stand in the body of the link: their angles add up. -->",
-            f'      <joint name={quoteattr(f"{name}_motor")} type="hinge" axis="0 0 1" '
-            f'armature="{_x(arm.rotor[j])}" damping="{_x(arm.viscous[j])}" '
-            f'frictionloss="{_x(arm.coulomb[j])}"/>',
-            f'      <joint name={quoteattr(f"{name}_spring")} type="hinge" axis="0 0 1" '
-            f'stiffness="{_x(arm.K[j])}" springref="0" damping="{_x(arm.D[j])}"/>',
-            f'      <inertial pos="0 0 0" mass="{_x(_LINK_MASS)}" '
-            f'diaginertia="{about} {about} {about}"/>',
-            "    </body>",
-        ]
-    lines += ["  </worldbody>", "  <actuator>"]
-    for j, name in enumerate(names):
-        lines.append(
-            f"    <motor name={quoteattr(f'{name}_torque')} joint={quoteattr(f'{name}_motor')} "
-            f'gear="{_x(arm.gear_ratio[j])}"/>'
-        )
-    return "\n".join([*lines, "  </actuator>", "</mujoco>", ""])
+        body = _add(world, "body", name=f"{name}_link")
+        body.append(Comment(" Both hinges belong to the body of the link: their angles add up. "))
+        hinge = {"type": "hinge", "axis": "0 0 1"}
+        motor = {"armature": arm.rotor[j], "damping": arm.viscous[j], "frictionloss": arm.coulomb[j]}
+        spring = {"stiffness": arm.K[j], "springref": 0, "damping": arm.D[j]}
+        _add(body, "joint", name=f"{name}_motor", **hinge, **motor)
+        _add(body, "joint", name=f"{name}_spring", **hinge, **spring)
+        about = " ".join(3 * [_text(arm.M2[j, j])])
+        _add(body, "inertial", pos="0 0 0", mass=_LINK_MASS_KG, diaginertia=about)
+        gear = arm.gear_ratio[j]
+        _add(actuators, "motor", name=f"{name}_torque", joint=f"{name}_motor", gear=gear)
+    return _document(identification, arm, _NESTING_NOTE, root)
 
 
 def urdf_snippet(
@@ -145,42 +138,33 @@ def urdf_snippet(
 ) -> str:
     """Joints, rotor links and transmissions for URDF, stiffness in Gazebo's extension.
 
-    Parameters and errors as in ``mujoco_snippet``. URDF itself knows no spring.
+    Parameters and errors as in ``mujoco_snippet``. URDF itself has no spring.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _ROTOR_NOTE]
-    lines += ['<robot name="elastic_joints">', f'  <link name="{_BASE}"/>']
+    root = Element("robot", name="elastic_joints")
+    _add(root, "link", name=_BASE)
     for j, name in enumerate(names):
-        motor, spring, rotor = (quoteattr(f"{name}_{part}") for part in ("motor", "spring", "rotor"))
-        link = quoteattr(f"{name}_link")
-        lines += [
-            *_urdf_link(rotor, _ROTOR_MASS, float(arm.rotor[j])),
-            *_urdf_link(link, _LINK_MASS, float(arm.M2[j, j])),
-            f'  <joint name={motor} type="continuous">',
-            f'    <parent link="{_BASE}"/>',
-            f"    <child link={rotor}/>",
-            '    <axis xyz="0 0 1"/>',
-            f'    <dynamics damping="{_x(arm.viscous[j])}" friction="{_x(arm.coulomb[j])}"/>',
-            "  </joint>",
-            f'  <joint name={spring} type="continuous">',
-            f"    <parent link={rotor}/>",
-            f"    <child link={link}/>",
-            '    <axis xyz="0 0 1"/>',
-            f'    <dynamics damping="{_x(arm.D[j])}" friction="0"/>',
-            "  </joint>",
-            f"  <gazebo reference={spring}>",
-            "    <springReference>0</springReference>",
-            f"    <springStiffness>{_x(arm.K[j])}</springStiffness>",
-            "  </gazebo>",
-            f"  <transmission name={quoteattr(f'{name}_transmission')}>",
-            "    <type>transmission_interface/SimpleTransmission</type>",
-            f"    <joint name={motor}/>",
-            f"    <actuator name={quoteattr(f'{name}_actuator')}>",
-            f"      <mechanicalReduction>{_x(arm.gear_ratio[j])}</mechanicalReduction>",
-            "    </actuator>",
-            "  </transmission>",
-        ]
-    return "\n".join([*lines, "</robot>", ""])
+        for link, mass, inertia in _links(arm, name, j):
+            inertial = _add(_add(root, "link", name=link), "inertial")
+            _add(inertial, "mass", value=mass)
+            diagonal = {"ixx": inertia, "iyy": inertia, "izz": inertia}
+            _add(inertial, "inertia", **diagonal, ixy=0, ixz=0, iyz=0)
+        motor, spring = _hinges(arm, name, j)
+        for hinge in (motor, spring):
+            joint = _add(root, "joint", name=hinge.name, type="continuous")
+            _add(joint, "parent", link=hinge.parent)
+            _add(joint, "child", link=hinge.child)
+            _add(joint, "axis", xyz="0 0 1")
+            _add(joint, "dynamics", damping=hinge.damping, friction=hinge.friction)
+        gazebo = _add(root, "gazebo", reference=spring.name)
+        _add(gazebo, "springReference", 0)
+        _add(gazebo, "springStiffness", spring.stiffness)
+        transmission = _add(root, "transmission", name=f"{name}_transmission")
+        _add(transmission, "type", "transmission_interface/SimpleTransmission")
+        _add(transmission, "joint", name=motor.name)
+        actuator = _add(transmission, "actuator", name=f"{name}_actuator")
+        _add(actuator, "mechanicalReduction", arm.gear_ratio[j])
+    return _document(identification, arm, _ROTOR_NOTE, root)
 
 
 def sdf_snippet(
@@ -191,36 +175,39 @@ def sdf_snippet(
     SDFormat joints take arm-side torques: multiply a motor torque by the gear ratio.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
-    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, _ROTOR_NOTE]
-    lines += [
-        '<sdf version="1.9">',
-        '  <model name="elastic_joints">',
-        f'    <link name="{_BASE}"/>',
-        f'    <joint name="{_BASE}_fixed" type="fixed">',
-        f"      <parent>world</parent><child>{_BASE}</child>",
-        "    </joint>",
-    ]
+    root = Element("sdf", version="1.9")
+    model = _add(root, "model", name="elastic_joints")
+    _add(model, "link", name=_BASE)
+    fixed = _add(model, "joint", name=f"{_BASE}_fixed", type="fixed")
+    _add(fixed, "parent", "world")
+    _add(fixed, "child", _BASE)
     for j, name in enumerate(names):
-        spring = (
-            f"<spring_reference>0</spring_reference><spring_stiffness>{_x(arm.K[j])}</spring_stiffness>"
-        )
-        lines += [
-            *_sdf_link(f"{name}_rotor", _ROTOR_MASS, float(arm.rotor[j])),
-            *_sdf_link(f"{name}_link", _LINK_MASS, float(arm.M2[j, j])),
-            *_sdf_joint(
-                name, "motor", (_BASE, f"{name}_rotor"),
-                f"<damping>{_x(arm.viscous[j])}</damping><friction>{_x(arm.coulomb[j])}</friction>",
-            ),
-            *_sdf_joint(
-                name, "spring", (f"{name}_rotor", f"{name}_link"),
-                f"<damping>{_x(arm.D[j])}</damping>{spring}",
-            ),
-        ]  # fmt: skip
-    return "\n".join([*lines, "  </model>", "</sdf>", ""])
+        for link, mass, inertia in _links(arm, name, j):
+            inertial = _add(_add(model, "link", name=link), "inertial")
+            _add(inertial, "mass", mass)
+            tensor = _add(inertial, "inertia")
+            for element in ("ixx", "iyy", "izz"):
+                _add(tensor, element, inertia)
+        for hinge in _hinges(arm, name, j):
+            joint = _add(model, "joint", name=hinge.name, type="continuous")
+            _add(joint, "parent", hinge.parent)
+            _add(joint, "child", hinge.child)
+            axis = _add(joint, "axis")
+            _add(axis, "xyz", "0 0 1")
+            dynamics = _add(axis, "dynamics")
+            _add(dynamics, "damping", hinge.damping)
+            _add(dynamics, "friction", hinge.friction)
+            if hinge.stiffness:
+                _add(dynamics, "spring_reference", 0)
+                _add(dynamics, "spring_stiffness", hinge.stiffness)
+    return _document(identification, arm, _ROTOR_NOTE, root)
 
 
 _BASE = "elastic_joints_base"
-_LINK_MASS = 1.0
+_LINK_MASS_KG = 1.0
+"""Placeholder: the links' own masses take its place."""
+_ROTOR_MASS_KG = 1e-3
+"""Simulators refuse links without mass."""
 _FRAGMENT_NOTE = """\
 <!-- It loads as it is, for a look: every joint stands on the base on its own, and its link has the arm
      inertia J_a that the joint sees in this pose; couplings J_12 are not in it. For a model of the arm
@@ -229,7 +216,6 @@ _FRAGMENT_NOTE = """\
 _NESTING_NOTE = """\
 <!-- Nest the bodies as your arm does. Where motor 2 turns link 2 against link 1 (serial drive) the
      hinges stand as they are; a parallelogram drive turns link 2 against the base. -->"""
-_ROTOR_MASS = 1e-3
 _ROTOR_NOTE = """\
 <!-- The rotor link carries the rotor inertia reflected to the arm side. As a body of its own it also
      turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
@@ -237,53 +223,63 @@ _ROTOR_NOTE = """\
      rotor's mass only keeps it from being zero. -->"""
 
 
-def _urdf_link(name: str, mass: float, inertia: float) -> list[str]:
-    about = _x(inertia)
-    return [
-        f"  <link name={name}>",
-        "    <inertial>",
-        f'      <mass value="{_x(mass)}"/>',
-        f'      <inertia ixx="{about}" iyy="{about}" izz="{about}" ixy="0" ixz="0" iyz="0"/>',
-        "    </inertial>",
-        "  </link>",
-    ]
+class _Hinge(NamedTuple):
+    """A hinge between two links of URDF and SDFormat."""
+
+    name: str
+    parent: str
+    child: str
+    damping: float
+    friction: float
+    stiffness: float
 
 
-def _sdf_link(name: str, mass: float, inertia: float) -> list[str]:
-    about = _x(inertia)
-    return [
-        f"    <link name={quoteattr(name)}>",
-        f"      <inertial><mass>{_x(mass)}</mass><inertia>",
-        f"        <ixx>{about}</ixx><iyy>{about}</iyy><izz>{about}</izz>",
-        "      </inertia></inertial>",
-        "    </link>",
-    ]
+def _links(arm: ArmSide, name: str, j: int) -> tuple[tuple[str, float, float], ...]:
+    """Name, mass in kg and inertia in kg·m² of a joint's rotor and link."""
+    rotor = (f"{name}_rotor", _ROTOR_MASS_KG, float(arm.rotor[j]))
+    return rotor, (f"{name}_link", _LINK_MASS_KG, float(arm.M2[j, j]))
 
 
-def _sdf_joint(name: str, part: str, links: tuple[str, str], dynamics: str) -> list[str]:
-    return [
-        f'    <joint name={quoteattr(f"{name}_{part}")} type="continuous">',
-        f"      <parent>{escape(links[0])}</parent>",
-        f"      <child>{escape(links[1])}</child>",
-        f"      <axis><xyz>0 0 1</xyz><dynamics>{dynamics}</dynamics></axis>",
-        "    </joint>",
-    ]
+def _hinges(arm: ArmSide, name: str, j: int) -> tuple[_Hinge, _Hinge]:
+    """The motor's hinge and the spring's."""
+    rotor, link = f"{name}_rotor", f"{name}_link"
+    motor = _Hinge(f"{name}_motor", _BASE, rotor, arm.viscous[j], arm.coulomb[j], 0.0)
+    return motor, _Hinge(f"{name}_spring", rotor, link, arm.D[j], 0.0, arm.K[j])
+
+
+def _add(parent: Element, tag: str, text: str | float = "", /, **attributes: str | float) -> Element:
+    """Append an element."""
+    element = SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
+    element.text = _text(text)
+    return element
+
+
+def _text(value: str | float) -> str:
+    """Text as it is, a number with all its digits."""
+    return value if isinstance(value, str) else repr(float(value))
+
+
+def _document(identification: Identification, arm: ArmSide, note: str, root: Element) -> str:
+    """The XML of a snippet below its comments."""
+    indent(root)
+    lines = [*_heading(identification, arm), _FRAGMENT_NOTE, note, tostring(root, "unicode"), ""]
+    return "\n".join(lines)
 
 
 def _heading(identification: Identification, arm: ArmSide) -> list[str]:
-    """What the numbers are, as an XML comment."""
+    """Source, units and side of the numbers, as an XML comment."""
     i = identification
-    ratios = ", ".join(_x(value) for value in arm.gear_ratio)
+    ratios = ", ".join(_text(value) for value in arm.gear_ratio)
     lines = [
         f"<!-- Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
         f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)}.",
         f"     Arm side, SI units: gear ratios N = {ratios} are applied, K_arm = N^2 K, D_arm = N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
-    for j in range(i.n):
+    for j, (K, D, J_m) in enumerate(zip(i.K, i.D, i.inertia.M, strict=True), start=1):
         lines.append(
-            f"     Joint {j + 1}, motor side: K = {_x(i.K[j])} N.m/rad, D = {_x(i.D[j])} N.m.s/rad, "
-            f"J_m = {_x(i.inertia.M[j])} kg.m^2."
+            f"     Joint {j}, motor side: K = {_text(K)} N.m/rad, D = {_text(D)} N.m.s/rad, "
+            f"J_m = {_text(J_m)} kg.m^2."
         )
     if i.friction is None:
         lines.append("     Friction was not identified and is 0 here.")
@@ -305,8 +301,3 @@ def _names(n: int, names: Sequence[str] | None) -> list[str]:
 def _comment(text: str) -> str:
     """Text as it may stand in an XML comment."""
     return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
-
-
-def _x(value: float) -> str:
-    """All digits."""
-    return repr(float(value))

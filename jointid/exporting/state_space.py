@@ -1,12 +1,12 @@
 """The identified model as a state space, and the measured H as frequency response data.
 
-Inputs are the motor torques, outputs what the motors do, all motor side. Equation (1), with the spring
-deflections x = q − q_a and the springs' torque Kx + Dẋ:
+Inputs are the motor torques, outputs the motor accelerations, velocities or positions, all motor side.
+Equation (1), with the spring deflections x = q − q_a and the spring torque Kx + Dẋ:
 
     M q̈ = τ − Kx − Dẋ            ẍ = M⁻¹τ − (M⁻¹ + M2⁻¹)(Kx + Dẋ)
 
-So the motor acceleration needs the 2n states x, ẋ only, and its response is finite at ω = 0. Velocity
-adds the n states q̇, and position q as well.
+The motor acceleration needs only the 2n states x, ẋ, and its response is finite at ω = 0. Velocity adds
+the n states q̇, position also q.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SYMBOLS = {"acceleration": "ddtheta_m", "velocity": "dtheta_m", "position": "th
 
 @dataclass(frozen=True, eq=False)
 class StateSpaceModel:
-    """ż = Az + Bτ, y = Cz + Dτ with names for everything; motor side, SI units."""
+    """ż = Az + Bτ, y = Cz + Dτ with named signals; motor side, SI units."""
 
     A: Floats
     """Shape (s, s)."""
@@ -57,7 +57,7 @@ class StateSpaceModel:
 def state_space(
     inertia: Inertia, elasticity: Elasticity, *, output: Output = "acceleration"
 ) -> StateSpaceModel:
-    """Return the state space from motor torques to what the motors do.
+    """Return the state space from motor torques to motor motion.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def state_space(
     Raises
     ------
     JointIdError
-        When the joints do not agree, or the output is not known.
+        When the numbers of joints differ, or the output is not known.
     """
     if output not in get_args(Output):
         raise JointIdError(f'output = "{output}": expected one of {", ".join(get_args(Output))}.')
@@ -179,7 +179,7 @@ def control_frd(matrix: TransferMatrix, *, smooth: bool = False, name: str = "me
 
 
 def _integrations(output: Output) -> tuple[str, ...]:
-    """Quantities to integrate to, one after the other, from the acceleration."""
+    """Quantities to integrate from the acceleration, in order."""
     return {"acceleration": (), "velocity": ("velocity",), "position": ("velocity", "position")}[output]
 
 

@@ -1,4 +1,4 @@
-"""Phasors and transfer matrix as CSV tables that open anywhere; numbers are exact."""
+"""Phasors and transfer matrix as CSV tables; numbers are exact."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def phasor_table(analysis: Analysis) -> str:
         complex number. The torque is corrected for hold and delay.
     """
     p = analysis.phasors
-    names = [f"theta_m{j + 1}|rad" for j in range(p.n)] + [f"tau_m{j + 1}|Nm" for j in range(p.n)]
     header = ["record", "pose", "frequency_hz"]
-    for name in names:
-        signal, unit = name.split("|")
-        header += [f"{signal}_{part}_{unit}" for part in ("re", "im", "std")]
+    for signal, unit in (("theta", "rad"), ("tau", "Nm")):
+        header += [
+            f"{signal}_m{j + 1}_{part}_{unit}" for j in range(p.n) for part in ("re", "im", "std")
+        ]
     values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, -1)
     rows = (
         [label, record.pose or "", record.frequency_hz, *row]
@@ -49,9 +49,8 @@ def transfer_matrix_table(analysis: Analysis) -> str:
     Returns
     -------
     str
-        CSV with a header row; only the header when the records allow no transfer matrix. H as measured;
-        where friction or a delay was found, also from torques without them, in columns
-        ``H11_without_friction_and_delay_re`` and so on.
+        CSV with a header row; only the header without a transfer matrix. H as measured; with identified
+        friction or delay also compensated, in columns ``H11_without_friction_and_delay_re`` and so on.
     """
     n = analysis.study.inertia.n
     free = without_friction_and_delay(analysis)
@@ -71,7 +70,7 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:
-    """Transfer matrices by pose from torques without what was found of these; empty when nothing was."""
+    """Return friction- and delay-compensated transfer matrices by pose; empty without these effects."""
     nothing = analysis.fit.friction is None and analysis.fit.delay is None
     poses = analysis.transfer_matrices.keys() & analysis.freed_transfer_matrices.keys()
     if nothing or len(poses) < len(analysis.transfer_matrices):
@@ -90,7 +89,7 @@ def _cells(matrix: TransferMatrix) -> list[list[float]]:
 
 
 def _csv(header: list[str], rows: Iterable[list[object]]) -> str:
-    """Python writes floats with the fewest digits that read back as the same number."""
+    """CSV text; floats have the fewest digits that give the same number again."""
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)

@@ -48,7 +48,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
         "<extra></extra>",
     }
     traces = [bars]
-    if spread.outstanding.any():
+    if spread.outliers.any():
         traces.append(_outstanding(spread, low, high, ink.measured))
     shapes = [_upright(spread.median, ink.measured, "solid")]
     if np.isfinite(spread.spread) and spread.spread > 0:
@@ -128,7 +128,7 @@ def drift_over_time(
 
 def _outstanding(spread: Spread, low: float, high: float, colour: str) -> Trace:
     """Crosses on the axis; arrows at its ends for what lies beyond."""
-    which, unit = spread.outstanding, _UNITS[spread.name[0]]
+    which, unit = spread.outliers, _UNITS[spread.name[0]]
     value = spread.value[which]
     symbols = np.where(value < low, "triangle-left", np.where(value > high, "triangle-right", "x"))
     rows = [row for row, out in zip(spread.rows, which, strict=True) if out]

@@ -1,11 +1,13 @@
-"""Frequency responses ready to draw: what was measured, the models over it, and the scales they share.
+"""Frequency responses ready to draw: measured points, models, and the scales they share.
 
-Nothing here draws: the app's figures and the report's drawings take the same curves from here.
+The app's figures and the report's drawings take the same curves from here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +19,10 @@ from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 
 _POINTS = 400
+"""Points of a model's curve over the band."""
 _PEAK_POINTS = 41
+"""Additional points within 3 % of each resonance."""
+_OPEN_SYMBOLS = ("circle-open", "square-open", "diamond-open", "triangle-up-open")
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +45,18 @@ class Response:
             return np.asarray(self.error / np.abs(self.H))
 
 
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One frequency response of a figure."""
+
+    name: str
+    source: Literal["measured", "nominal", "identified"]
+    """Decides the colour."""
+    response: Response
+    symbol: str = ""
+    """Marker of measured points; empty for a model's line."""
+
+
 def element_name(i: int, j: int) -> str:
     """Return "H₁₂" for joints 0 and 1."""
     return f"H{i + 1}{j + 1}".translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))
@@ -52,7 +69,7 @@ def measured(matrix: TransferMatrix, i: int, j: int) -> Response:
 
 
 def freed_or_measured(analysis: Analysis, pose: str) -> tuple[TransferMatrix, str]:
-    """Return the transfer matrix to hold against the model, and what is not in it, in words."""
+    """Return the transfer matrix to compare with the model, and the effects removed, in words."""
     removed = without(analysis.fit)
     if not removed or pose not in analysis.freed_transfer_matrices:
         return analysis.transfer_matrices[pose], ""
@@ -69,19 +86,70 @@ def single_records(analysis: Analysis, pose: str, joint: int) -> list[Response]:
 
 
 def nominal(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of what the controller assumes; None when the study does not say."""
+    """Return H_ij of the controller's nominal model; None when the study has none."""
     if analysis.study.nominal is None:
         return None
     return _model(analysis, pose, i, j, analysis.study.nominal)
 
 
 def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of the identified model; None for an estimate that is no spring."""
+    """Return H_ij of the identified model; None for an unphysical estimate."""
     try:
         elasticity = analysis.fit.elasticity
     except JointIdError:
         return None
     return _model(analysis, pose, i, j, elasticity)
+
+
+def model_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]:
+    """Return nominal and identified H_ij, where they exist."""
+    curves = []
+    if (assumed := nominal(analysis, pose, i, j)) is not None:
+        curves.append(Curve("nominal model", "nominal", assumed))
+    if (found := identified(analysis, pose, i, j)) is not None:
+        curves.append(Curve("identified model", "identified", found))
+    return curves
+
+
+def element_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]:
+    """Return the models of H_ij, then its measured points by equations (17)-(18).
+
+    Filled points are friction- and delay-compensated where these were identified; open points of a
+    diagonal element are as measured. Off the diagonal, H_ji (open) follows H_ij: without errors they
+    are equal.
+    """
+    curves = model_curves(analysis, pose, i, j)
+    raw, (freed, removed) = analysis.transfer_matrices[pose], freed_or_measured(analysis, pose)
+    if i != j:
+        for row, column, symbol in ((i, j, "circle"), (j, i, "square-open")):
+            name = f"measured {element_name(row, column)}{removed and ', ' + removed}"
+            curves.append(Curve(name, "measured", measured(freed, row, column), symbol))
+        return curves
+    if removed:
+        curves.append(Curve("as measured", "measured", measured(raw, i, i), "circle-open"))
+    name = removed or f"measured {element_name(i, i)}"
+    return [*curves, Curve(name, "measured", measured(freed, i, i), "circle")]
+
+
+def single_record_curves(analysis: Analysis, pose: str, joint: int) -> list[Curve]:
+    """Return the models of H_jj, then acceleration over torque of a joint from each record alone."""
+    curves = model_curves(analysis, pose, joint, joint)
+    responses = single_records(analysis, pose, joint)
+    for k, response in enumerate(responses):
+        name = f"record {k + 1} of each frequency" if len(responses) > 1 else "each record alone"
+        curves.append(Curve(name, "measured", response, _OPEN_SYMBOLS[k % len(_OPEN_SYMBOLS)]))
+    return curves
+
+
+def phases_deg(curves: Sequence[Curve]) -> list[Floats]:
+    """Return each curve's phase on the branch nearest to the last model, degrees."""
+    model = next((curve.response for curve in reversed(curves) if not curve.symbol), None)
+    return [phase_deg(curve.response, model) for curve in curves]
+
+
+def measured_frequencies(curves: Sequence[Curve]) -> Floats:
+    """Return the frequencies of all measured points, Hz."""
+    return np.concatenate([c.response.frequency_hz for c in curves if c.symbol])
 
 
 def band_of(frequency_hz: Floats) -> tuple[float, float]:
@@ -92,10 +160,10 @@ def band_of(frequency_hz: Floats) -> tuple[float, float]:
 
 
 def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, float]:
-    """Return the range of |H_jj| and of what single records show of it.
+    """Return the common range of |H_jj| and of its single-record responses, 1/(kg·m²).
 
-    With it the figures of a joint share their scale. A joint that stands still makes single responses
-    of any size; they do not stretch the scale by more than a factor of ten.
+    A joint at rest gives single-record responses of any size; they stretch the range by a factor of ten
+    at most.
     """
     models = (f(analysis, pose, joint, joint) for f in (nominal, identified))
     sizes = [np.abs(model.H) for model in models if model is not None]
@@ -113,7 +181,7 @@ def magnitude_limits(analysis: Analysis, pose: str, joint: int) -> tuple[float, 
 
 
 def phase_deg(response: Response, model: Response | None) -> Floats:
-    """Return the phase on the branch that lies nearest to the model's, so that no point jumps by 360°.
+    """Return the phase on the branch nearest to the model's, so that no point jumps by 360°.
 
     Parameters
     ----------

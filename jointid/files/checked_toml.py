@@ -1,4 +1,4 @@
-"""TOML whose keys are asked for by type: every fault is named with its file, table and key."""
+"""TOML tables with typed keys; each error names file, table and key."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointid.errors import JointIdError
 from jointid.wording import listed, nearest, shown
 
 MAX_TOML_BYTES = 1 << 20
-"""Largest TOML file that is parsed."""
+"""Largest TOML file that is parsed, bytes."""
 
 # The parser's memory grows with the square of a dotted key's length: one line of 200 kB fills gigabytes.
 _KEY = r"""(?:"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+'|[\w-]{1,200}+)"""
@@ -20,29 +20,39 @@ _LONG_DOTTED_KEY = re.compile(rf"(?<![\w-]){_KEY}(?:[ \t]*+\.[ \t]*+{_KEY}){{32}
 
 
 class CheckedTable:
-    """One TOML table; ``where`` opens every message about it."""
+    """One TOML table; every message about it begins with ``where``."""
 
-    def __init__(self, where: str, values: Mapping[str, object], examples: Mapping[str, str]) -> None:
-        """Check that no key is unknown.
+    def __init__(
+        self, file: str, values: Mapping[str, object], examples: Mapping[str, str], table: str = ""
+    ) -> None:
+        """Refuse unknown keys.
 
         Parameters
         ----------
-        where : str
-            File and table, for messages.
+        file : str
+            Name of the file, for messages.
         values : mapping
             The parsed table.
         examples : mapping of str to str
             Every valid key with an example of its value.
+        table : str
+            Name of the table, as in "[inertia]"; "" for the top of the file.
         """
-        self.where = where
+        self.file = file
+        self.where = f"{file}, {table}" if table else file
+        self._table = table
         self._values = values
         self._examples = examples
         for key in values:
             if key not in examples:
-                raise JointIdError(
-                    f'{where}: unknown key "{key[:60]}".{nearest(key, examples)} '
+                raise self.error(
+                    f'unknown key "{key[:60]}".{nearest(key, examples)} '
                     f"Valid keys: {', '.join(examples)}."
                 )
+
+    def error(self, message: str) -> JointIdError:
+        """Return an error about this table."""
+        return JointIdError(f"{self.where}: {message}", file=self.file)
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
@@ -120,7 +130,7 @@ class CheckedTable:
     def _get(self, key: str, default: object = None) -> object:
         value = self._values.get(key, default)
         if value is None:
-            raise JointIdError(f"{self.where}: {key} is missing. Example: {self._examples[key]}.")
+            raise self.error(f"{key} is missing. Example: {self._examples[key]}.")
         return value
 
     def _number(self, key: str, value: object) -> float:
@@ -131,18 +141,18 @@ class CheckedTable:
         except OverflowError:  # an integer beyond 1.8e308
             number = math.inf
         if not math.isfinite(number):
-            raise JointIdError(f"{self.where}: {key} holds {number}; every value must be finite.")
+            raise self.error(f"{key} holds {number}; every value must be finite.")
         return number
 
     def _subtable(self, name: str, key: str, value: object, examples: Mapping[str, str]) -> CheckedTable:
         if not isinstance(value, dict):
             raise self._wrong_type(key, value, f"a table {name}")
-        return CheckedTable(f"{self.where}, {name}", value, examples)
+        inside = f"{self._table}, {name}" if self._table else name
+        return CheckedTable(self.file, value, examples, inside)
 
     def _wrong_type(self, key: str, value: object, expected: str) -> JointIdError:
-        return JointIdError(
-            f"{self.where}: {key} must be {expected}, but {shown(value)} stands there. "
-            f"Example: {self._examples[key]}."
+        return self.error(
+            f"{key} must be {expected}, but {shown(value)} stands there. Example: {self._examples[key]}."
         )
 
 
@@ -166,24 +176,30 @@ def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTa
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(
             f"{file} has {len(data)} bytes, more than the limit of {MAX_TOML_BYTES}: "
-            "keep measurements in record files."
+            "keep measurements in record files.",
+            file=file,
         )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise JointIdError(
-            f"{file}, line {line}: not UTF-8 text. Save the file with the encoding UTF-8."
+            f"{file}, line {line}: not UTF-8 text.",
+            file=file,
+            line=line,
+            hint="Save the file with the encoding UTF-8.",
         ) from error
     if match := _LONG_DOTTED_KEY.search(text):
         line = text.count("\n", 0, match.start()) + 1
         raise JointIdError(
-            f"{file}, line {line}: a key of more than 32 dotted parts. {listed(examples)} are known."
+            f"{file}, line {line}: a key of more than 32 dotted parts. {listed(examples)} are known.",
+            file=file,
+            line=line,
         )
     try:
         values = tomllib.loads(text)
     except RecursionError:
-        raise JointIdError(f"{file}: brackets are nested too deeply.") from None
+        raise JointIdError(f"{file}: brackets are nested too deeply.", file=file) from None
     except ValueError as error:
-        raise JointIdError(f"{file} is not valid TOML: {error!s:.200}.") from error
+        raise JointIdError(f"{file} is not valid TOML: {error!s:.200}.", file=file) from error
     return CheckedTable(file, values, examples)

@@ -1,4 +1,4 @@
-"""What a folder and an archive of files have in common: plain names, and limits to what is read."""
+"""What folders and archives share: safe file names, and limits on what is read."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from jointid.errors import JointIdError
 from jointid.wording import listed, nearest
 
 MAX_TOTAL_BYTES = 1 << 30
-"""What may be read from one container, unpacked; also the largest single file."""
+"""Largest sum of the files read from one container, and largest single file, unpacked, bytes."""
 MAX_MEMBERS = 10_000
-"""Files in one container."""
+"""Most files in one container."""
+
+
+class MissingFileError(JointIdError):
+    """A file that is not in its container."""
 
 
 class Container(Protocol):
     """Named bytes; names use "/" and are relative to the container's root."""
 
     name: str
-    """What messages call it."""
+    """Its name in messages."""
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all files, sorted."""
@@ -29,7 +33,7 @@ class Container(Protocol):
         """Return a file's bytes, all of them or the first ``at_most``."""
 
     def path(self, name: str) -> Path | None:
-        """Return where a file lies by itself, to be read in parts; None inside an archive."""
+        """Return a file's path on disk, for reading in parts; None inside an archive."""
 
 
 def safe_name(name: str) -> str:
@@ -53,20 +57,22 @@ def safe_name(name: str) -> str:
         fault = "has a control character: rename the file"
     else:
         return str(path)
-    raise JointIdError(f"The file name {name!r:.200} {fault}.")
+    raise JointIdError(f"The file name {name!r:.200} {fault}.", file=name)
 
 
 def is_clutter(name: str) -> bool:
-    """Tell whether a file is what file managers leave behind."""
+    """Whether a file manager left this file behind."""
     parts = PurePosixPath(name).parts
     return "__MACOSX" in parts or parts[-1] == ".DS_Store" or parts[-1].startswith("._")
 
 
-def missing(name: str, container: Container, taken: Iterable[str] = ()) -> JointIdError:
-    """Return the error for a file that is not there; suggest the most similar one that is not taken."""
+def missing(name: str, container: Container, taken: Iterable[str] = ()) -> MissingFileError:
+    """Return the error for a missing file; suggest the most similar name that is not taken."""
     names, used = container.names(), set(taken)
     similar = nearest(name, [other for other in names if other not in used])
-    return JointIdError(f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.")
+    return MissingFileError(
+        f"{name} is missing in {container.name}.{similar} Files found: {listed(names)}.", file=name
+    )
 
 
 def require_few_files(container: str, count: int) -> None:
@@ -74,7 +80,8 @@ def require_few_files(container: str, count: int) -> None:
     if count > MAX_MEMBERS:
         raise JointIdError(
             f"{container} holds more files than the limit of {MAX_MEMBERS}: give one study's folder, or "
-            "that folder as .zip."
+            "that folder as .zip.",
+            file=container,
         )
 
 
@@ -86,21 +93,25 @@ class Budget:
         self._left = MAX_TOTAL_BYTES
 
     def require(self, size: int) -> None:
-        """Refuse a container whose files are known to come to more."""
+        """Refuse a container when the stated sizes of its files exceed the limit."""
         if size > self._left:
             raise JointIdError(
                 f"{self._container} would unpack to {mebibytes(size)}, more than the limit of "
-                f"{mebibytes(MAX_TOTAL_BYTES)}. Split the study, or log less."
+                f"{mebibytes(MAX_TOTAL_BYTES)}.",
+                file=self._container,
+                hint="Split the study, or log less.",
             )
 
     def spend(self, size: int, name: str) -> None:
-        """Count what is read of a file, and refuse to go on beyond the limit."""
+        """Count the bytes read of a file; refuse those beyond the limit."""
         self._left -= size
         if self._left < 0:
             raise JointIdError(
                 f"{name} in {self._container}: the files unpack to more than the limit of "
-                f"{mebibytes(MAX_TOTAL_BYTES)}. Split the study, log less, or give its folder with the "
-                "records as Parquet: long ones are read in parts."
+                f"{mebibytes(MAX_TOTAL_BYTES)}.",
+                file=name,
+                hint="Split the study, log less, or give its folder with the records as Parquet: long "
+                "ones are read in parts.",
             )
 
 

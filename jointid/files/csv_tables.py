@@ -1,4 +1,4 @@
-"""Columns of numbers out of a CSV file: fast when it is right, exact about the place when it is not."""
+"""Columns of numbers from a CSV file: a fast reader, and the exact place of the first fault."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Iterator, Sequence
+from typing import Literal, TypeAlias
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -18,10 +19,10 @@ from jointid.wording import counted
 MAX_LINE = 1 << 16
 """Longest line of a CSV file, bytes."""
 DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars"}
-"""What people use instead of commas."""
+"""Other separators of columns, with their names."""
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 COMMENT = b"#"
-"""How lines begin that may stand before the column names."""
+"""First character of the lines that may precede the column names."""
 _SOMETHING = re.compile(rb"[^\r\n]")
 ARROW_FAULTS = (
     pa.ArrowException,
@@ -33,7 +34,7 @@ ARROW_FAULTS = (
     MemoryError,
     OverflowError,
 )
-"""What Arrow raises over a file it cannot read."""
+"""Exceptions of Arrow for a file it cannot read."""
 
 
 def read_header(file: str, data: bytes) -> tuple[list[str], int]:
@@ -68,39 +69,45 @@ def read_header(file: str, data: bytes) -> tuple[list[str], int]:
             break
         begin = body
     if _SOMETHING.search(data, body) is None:
-        raise JointIdError(f"{file} has a header but no rows: export the record again.")
+        raise JointIdError(f"{file} has a header but no rows: export the record again.", file=file)
     for delimiter, what in DELIMITERS.items():
         if "time_s" not in names and text.count(delimiter) > text.count(","):
             raise JointIdError(
                 f"{file} has {what} between its columns: expected commas. Save it with commas between "
-                "columns and points as decimal marks (0.25, not 0,25), or use Import a log, which reads "
-                "it as it is."
+                "columns and points as decimal marks (0.25, not 0,25), or import it as a log, which "
+                "accepts it unchanged.",
+                file=file,
             )
     return names, body
 
 
 def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, str]:
-    """Cells of the first line from ``begin`` that is not blank, the line, its end, and its text."""
+    """Cells, bytes, end and text of the first line from ``begin`` that is not blank."""
     start = _SOMETHING.search(data, begin)
     if start is None:
         what = "comments and blank lines" if COMMENT in data[:begin] else "blank lines"
-        raise JointIdError(f"{file} holds only {what}: export the record again.")
+        raise JointIdError(f"{file} holds only {what}: export the record again.", file=file)
     line = data[start.start() : start.start() + MAX_LINE]
     end = re.search(rb"[\r\n]", line)
     if end is None and len(line) == MAX_LINE:
-        raise JointIdError(f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.")
+        raise JointIdError(
+            f"{file}: the first line is longer than {MAX_LINE} bytes: not a CSV table.", file=file
+        )
     line = line[: end.start()] if end else line
     if line.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in line:
         raise JointIdError(
-            f"{file} is not UTF-8 text but binary or UTF-16. Export it as CSV with the encoding UTF-8."
+            f"{file} is not UTF-8 text but binary or UTF-16.",
+            file=file,
+            hint="Export it as CSV with the encoding UTF-8.",
         )
     try:
         text = line.decode(errors="replace" if line.startswith(COMMENT) else "strict")
         names = [name.strip() for name in next(csv.reader([text]))]
     except UnicodeDecodeError as error:
         raise JointIdError(
-            f"{file} is not UTF-8 text: its first line has the byte 0x{line[error.start]:02X}. "
-            "Save it with the encoding UTF-8."
+            f"{file} is not UTF-8 text: its first line has the byte 0x{line[error.start]:02X}.",
+            file=file,
+            hint="Save it with the encoding UTF-8.",
         ) from None
     except csv.Error as error:
         raise unreadable(file, "CSV", error) from error
@@ -151,7 +158,7 @@ def read_columns(
 def text_lines(
     file: str, data: bytes, *, errors: str, at_most: int | None = None, begin: int = 0
 ) -> Iterator[str]:
-    """Yield lines from an offset one by one, so that a file of any size costs the memory of one line."""
+    """Yield lines from an offset, with only one line in memory."""
     stream = io.BytesIO(data)
     stream.seek(begin)
     text = io.TextIOWrapper(stream, encoding="utf-8-sig", errors=errors, newline="")
@@ -159,9 +166,9 @@ def text_lines(
     while (line := text.readline(MAX_LINE)) and number != at_most:
         number += 1
         if len(line) == MAX_LINE:
-            raise JointIdError(
-                f"{file}, line {lines_above(data, begin) + number}: longer than {MAX_LINE} characters: "
-                "not a CSV table."
+            raise row_error(
+                (file, "line", lines_above(data, begin) + number),
+                f"longer than {MAX_LINE} characters: not a CSV table.",
             )
         yield line
 
@@ -172,24 +179,44 @@ def lines_above(data: bytes, offset: int) -> int:
 
 
 def are_usable(columns: Sequence[Floats]) -> bool:
-    """Tell whether every value is finite and the first column increases."""
+    """Whether every value is finite and the first column increases."""
     finite = all(np.isfinite(column).all() for column in columns)
     return finite and bool(np.all(columns[0][1:] > columns[0][:-1]))
 
 
-def time_fault(where: str, time: float, previous: float, previous_where: str) -> JointIdError:
+Place: TypeAlias = tuple[str, Literal["line", "row"], int]
+"""File, and number of a line of text or of a row of a Parquet table, from 1."""
+
+
+def row_error(
+    place: Place, fault: str, *, column: str | None = None, hint: str | None = None
+) -> JointIdError:
+    """Return the error for one row of a table."""
+    file, unit, number = place
+    where = f"{file}, {unit} {number}" + (f", column {column}" if column is not None else "")
+    return JointIdError(f"{where}: {fault}", file=file, line=number, column=column, hint=hint)
+
+
+def time_error(place: Place, time: float, previous: float, previous_number: int) -> JointIdError:
     """Return the error for a time that does not increase."""
     fault = "repeats" if time == previous else "goes back from"
-    return JointIdError(
-        f"{where}, column time_s: {time:.12g} s {fault} {previous:.12g} s of {previous_where}. "
-        "Times must increase: sort the rows, remove duplicates, and keep one experiment per file."
+    return row_error(
+        place,
+        f"{time:.12g} s {fault} {previous:.12g} s of {place[1]} {previous_number}.",
+        column="time_s",
+        hint="Times must increase: sort the rows, remove duplicates, and keep one experiment per file.",
     )
 
 
-def unreadable(file: str, kind: str, error: object) -> JointIdError:
+def unreadable(file: str, kind: str, error: object, *, line: int | None = None) -> JointIdError:
     """Return the error for a file that its reader refuses."""
+    where = file if line is None else f"{file}, line {line}"
     message = " ".join(str(error).split())
-    return JointIdError(f"{file} cannot be read as {kind} ({message:.200}): export the record again.")
+    return JointIdError(
+        f"{where} cannot be read as {kind} ({message:.200}): export the record again.",
+        file=file,
+        line=line,
+    )
 
 
 def _explain_fault(
@@ -202,37 +229,40 @@ def _explain_fault(
     try:
         for row in filter(None, rows):
             line = above + rows.line_num
-            where = f"{file}, line {line}"
+            place: Place = (file, "line", line)
             if len(row) != len(header):
-                hint = " It has semicolons: expected commas." if ";" in "".join(row) else ""
-                raise JointIdError(
-                    f"{where}: {counted(len(row), 'value')}, but the header names "
-                    f"{counted(len(header), 'column')}.{hint} "
-                    "Repair or remove the line."
+                semicolons = " It has semicolons: expected commas." if ";" in "".join(row) else ""
+                raise row_error(
+                    place,
+                    f"{counted(len(row), 'value')}, but the header names "
+                    f"{counted(len(header), 'column')}.{semicolons}",
+                    hint="Repair or remove the line.",
                 )
-            values = [_number(f"{where}, column {header[k]}", row[k]) for k in positions]
+            values = [_number(place, header[k], row[k]) for k in positions]
             if values[0] <= previous:
-                raise time_fault(where, values[0], previous, f"line {previous_line}")
+                raise time_error(place, values[0], previous, previous_line)
             previous, previous_line = values[0], line
     except csv.Error as error:
-        raise unreadable(f"{file}, line {above + rows.line_num}", "CSV", error) from error
+        raise unreadable(file, "CSV", error, line=above + rows.line_num) from error
 
 
-def _number(where: str, cell: str) -> float:
+def _number(place: Place, column: str, cell: str) -> float:
     text = cell.strip()
     if not text:
-        raise JointIdError(f"{where}: the value is missing. Fill it in or remove the line.")
+        raise row_error(
+            place, "the value is missing.", column=column, hint="Fill it in or remove the line."
+        )
     try:
         value = float(text) if text.isascii() and "_" not in text else None
     except ValueError:
         value = None
-    if value is None:
-        hint = " Write decimals with a point." if re.fullmatch(r"[-+]?\d*,\d+", text) else ""
-        raise JointIdError(
-            f'{where}: "{text:.60}" is not a number.{hint} Repair the value or remove the line.'
-        )
-    if not np.isfinite(value):
-        raise JointIdError(
-            f'{where}: "{text:.60}" is not a finite number. Repair the value or remove the line.'
-        )
-    return value
+    if value is not None and np.isfinite(value):
+        return value
+    kind = "number" if value is None else "finite number"
+    comma = " Write decimals with a point." if re.fullmatch(r"[-+]?\d*,\d+", text) else ""
+    raise row_error(
+        place,
+        f'"{text:.60}" is not a {kind}.{comma}',
+        column=column,
+        hint="Repair the value or remove the line.",
+    )

@@ -1,4 +1,4 @@
-"""A study's fingerprint: equal studies, and only they, share it."""
+"""Digest of a study: equal for equal studies only."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class _Hash(Protocol):
 
 
 def study_digest(study: Study) -> str:
-    """Return a key under which results of a study may be cached.
+    """Return a key for caching the results of a study.
 
-    Every value counts to its last bit: samples, frequencies, timing, inertias, nominal values, names,
-    robot and date.
+    It depends on every bit of samples, frequencies, timing, inertias, nominal values, names, robot and
+    date.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def study_digest(study: Study) -> str:
     """
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))
-    if study.robot or study.date is not None:  # a study without them keeps the digest it always had
+    if study.robot or study.date is not None:  # without them, the digest is that of version 0.1
         _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
     _inertias(state, [study.inertia, *study.poses.values()])
     _texts(state, study.poses)
@@ -76,6 +76,6 @@ def _elasticity(state: _Hash, elasticity: Elasticity | None) -> None:
 
 
 def _array(state: _Hash, array: Floats) -> None:
-    """Shape, then values in Fortran order: that is how records lie in memory, so nothing is copied."""
+    """Hash shape and values, these in Fortran order: records are stored so, and no copy is needed."""
     state.update(struct.pack(f"<{array.ndim + 1}q", array.ndim, *array.shape))
     state.update(np.ascontiguousarray(array.T).data.cast("B"))

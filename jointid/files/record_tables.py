@@ -1,4 +1,4 @@
-"""One record's table, CSV or Parquet: bytes to arrays and back."""
+"""The table of one record, CSV or Parquet: from bytes to arrays and back."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.containers import MAX_TOTAL_BYTES
+from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.csv_tables import (
     ARROW_FAULTS,
     are_usable,
     read_columns,
     read_header,
-    time_fault,
+    row_error,
+    time_error,
     unreadable,
 )
 from jointid.records import SineRecord
@@ -68,7 +69,7 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
         the times do not increase; with file, row, column, value and remedy.
     """
     if not data:
-        raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
+        raise JointIdError(f"{file} is empty (0 bytes): export the record again.", file=file)
     kind = file.lower().rpartition(".")[2]
     if kind == "csv":
         header, body = read_header(file, data)
@@ -76,7 +77,7 @@ def read_record_table(file: str, data: bytes, joints: int) -> RecordTable:
     elif kind == "parquet":
         columns = _read_parquet(file, data, joints)
     else:
-        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
+        raise JointIdError(f"{file}: a record must be a .csv or .parquet file.", file=file)
     n = columns[0].size
     theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
     for j in range(joints):
@@ -100,27 +101,35 @@ def write_record_table(record: SineRecord, record_format: str) -> bytes:
 
 
 def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
-    """Positions of the record's columns among those found."""
+    """Positions of a record's columns among those of its file."""
     for name in found:
         match = _JOINT_COLUMN.fullmatch(name)
         number = int(match[1] or match[2]) if match else 0
         if number > joints:
             raise JointIdError(
                 f"{file} has the column {name}, but the inertia in study.toml has "
-                f"{counted(joints, 'joint')}. "
-                f"Give M and M2 of all {number} joints, or remove the columns of joint {number}."
+                f"{counted(joints, 'joint')}.",
+                file=file,
+                column=name,
+                hint=f"Give M and M2 of all {number} joints, or remove the columns of joint {number}.",
             )
     positions = []
     expected = column_names(joints)
     for name in expected:
         count = found.count(name)
         if count > 1:
-            raise JointIdError(f"{file} has {count} columns {name}: keep one and rename the others.")
+            raise JointIdError(
+                f"{file} has {count} columns {name}: keep one and rename the others.",
+                file=file,
+                column=name,
+            )
         if count == 0:
             others = [other for other in found if other not in expected]
             raise JointIdError(
                 f"{_meaning(name)} is missing in {file}: expected a column {name}."
-                f"{_conversion(name, others)} Columns found: {listed(found)}."
+                f"{_conversion(name, others)} Columns found: {listed(found)}.",
+                file=file,
+                column=name,
             )
         positions.append(found.index(name))
     return positions
@@ -133,7 +142,7 @@ def _meaning(column: str) -> str:
 
 
 def _conversion(name: str, found: Sequence[str]) -> str:
-    """Say how a column in another unit becomes the one that is missing, or name the most similar."""
+    """Suggest a conversion from a column in another unit, else the most similar name."""
     quantity = name.rpartition("_")[0]
     for other, unit, how in (
         (f"{quantity}_deg", "degrees to radians", "multiply by π/180"),
@@ -158,7 +167,9 @@ def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
         kind = schema.types[k]
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise JointIdError(
-                f"{file}, column {schema.names[k]}: holds {kind}; expected numbers (float64)."
+                f"{file}, column {schema.names[k]}: holds {kind}; expected numbers (float64).",
+                file=file,
+                column=schema.names[k],
             )
     return positions
 
@@ -171,7 +182,7 @@ def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
         raise unreadable(file, "Parquet", error) from error
     names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
     if rows == 0:
-        raise JointIdError(f"{file} has columns but no rows: export the record again.")
+        raise JointIdError(f"{file} has columns but no rows: export the record again.", file=file)
     try:
         _require_bounded(file, source.metadata, len(names))
         table = source.read(columns=names)
@@ -179,11 +190,7 @@ def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
         for name in names:
             column = table.column(name)
             if column.null_count:
-                row = int(np.argmax(column.is_null().to_numpy())) + 1
-                raise JointIdError(
-                    f"{file}, row {row}, column {name}: the value is missing. "
-                    "Fill it in or remove the row."
-                )
+                raise empty_cell(file, int(np.argmax(column.is_null().to_numpy())) + 1, name)
             columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
     except JointIdError:
         raise
@@ -195,15 +202,23 @@ def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
 
 
 def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:
-    """A few bytes of Parquet can stand for billions of equal values."""
+    """Refuse a table that is too large unpacked: a few bytes of Parquet can hold billions of values."""
     # Not by column: Arrow ends the whole process over some damaged column metadata.
     stated = sum(metadata.row_group(k).total_byte_size for k in range(metadata.num_row_groups))
     size = max(metadata.num_rows * columns * 8, stated)
     if size > MAX_TOTAL_BYTES:
         raise JointIdError(
-            f"{file} would take {size / 2**20:.4g} MiB, more than the limit of "
-            f"{MAX_TOTAL_BYTES / 2**20:.4g} MiB. Split the record, or log less."
+            f"{file} would take {mebibytes(size)}, more than the limit of {mebibytes(MAX_TOTAL_BYTES)}.",
+            file=file,
+            hint="Split the record, or log less.",
         )
+
+
+def empty_cell(file: str, row: int, column: str) -> JointIdError:
+    """Return the error for a Parquet table with a null."""
+    return row_error(
+        (file, "row", row), "the value is missing.", column=column, hint="Fill it in or remove the row."
+    )
 
 
 def explain_fault(
@@ -213,7 +228,7 @@ def explain_fault(
     above: int = 0,
     before: float = -math.inf,
 ) -> NoReturn:
-    """Say where columns that ``are_usable`` refuses are at fault.
+    """Raise for the first fault of columns that ``are_usable`` refuses.
 
     Parameters
     ----------
@@ -229,10 +244,12 @@ def explain_fault(
     for name, column in zip(names, columns, strict=True):
         if not np.isfinite(column).all():
             row = int(np.argmin(np.isfinite(column)))
-            raise JointIdError(
-                f"{file}, row {above + row + 1}, column {name}: {column[row]} is not a finite number. "
-                "Repair the value or remove the row."
+            raise row_error(
+                (file, "row", above + row + 1),
+                f"{column[row]} is not a finite number.",
+                column=name,
+                hint="Repair the value or remove the row.",
             )
     time = np.concatenate([[before], columns[0]])
     row = int(np.argmax(time[1:] <= time[:-1]))
-    raise time_fault(f"{file}, row {above + row + 1}", time[row + 1], time[row], f"row {above + row}")
+    raise time_error((file, "row", above + row + 1), time[row + 1], time[row], above + row)

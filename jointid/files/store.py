@@ -1,15 +1,19 @@
-"""Work that is not lost: named pieces of data in a folder, shared by any number of processes.
+"""Persistent workspace storage: named pieces of data in a folder, shared by any number of processes.
 
-A workspace is known by an unguessable id, which whoever knows may use. Each entry is a few files:
+An unguessable id gives access to a workspace. Each entry is a few files:
 
     workspaces/<hash of the workspace's id>/<entry>.data      the data, never changed
-    workspaces/<hash of the workspace's id>/<entry>.json      digest, size, checksum; its arrival commits
-    workspaces/<hash of the workspace's id>/<entry>.name      its latest name, when it was renamed
-    workspaces/<hash of the workspace's id>/<entry>.note      what became of an entry that is gone
-    damaged/                                                  what could not be read, set aside
+    workspaces/<hash of the workspace's id>/<entry>.json      digest, size, checksum; commits the entry
+    workspaces/<hash of the workspace's id>/<entry>.name      the latest name, after a renaming
+    workspaces/<hash of the workspace's id>/<entry>.note      the reason why an entry is gone
+    damaged/                                                  unreadable entries, in quarantine
 
-Every file is written under another name and then renamed, so that it is complete or absent. No lock is
-held: data come before their .json and leave after it. A data file's time says when it was last opened.
+Every file is written atomically, without locks: the data precede their .json and are removed after it.
+The modification time of a data file is the time of its last use.
+
+Files, not SQLite: an entry of 1 GiB exceeds SQLite's blob limit; a damaged file costs one entry, a
+damaged database can cost all; network drives without locks work; removing an entry frees its space at
+once, where a database on a full disk needs as much again for a VACUUM.
 """
 
 from __future__ import annotations
@@ -49,42 +53,43 @@ __all__ = [
 ]  # fmt: skip
 
 LIMIT_BYTES = 1 << 30
-"""What a store holds unless told otherwise, 1 GiB."""
+"""Default capacity of a store, 1 GiB."""
 PARTS = ("import", "mappings", "fleet")
-"""What a workspace holds beside studies, each in a place of its own, see ``part_of``."""
+"""Parts of a workspace beside its studies, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFT_OVER_S = 3600.0
-_UNOPENED_S = 60.0
+"""Age at which an incomplete entry counts as left over by a crash: no write takes that long."""
+_TOUCH_EVERY_S = 60.0
+"""Resolution of the time of last use."""
 
 
 def new_workspace() -> str:
-    """Return a fresh id of 192 random bits, fit for an address."""
+    """Return a new id of 192 random bits, for use in an URL."""
     return secrets.token_urlsafe(24)
 
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of workspaces; nothing is read or written until a method is called.
+    """A folder of workspaces, created with the first entry.
 
-    Every method raises ``JointIdError`` when the folder cannot be read or written, and when an id is
-    not one that this store made.
+    Every method raises ``JointIdError`` when the folder cannot be read or written, or an id is invalid.
     """
 
     folder: Path
     limit_bytes: int = LIMIT_BYTES
-    """Beyond this, entries that were not opened for longest are dropped, with a note."""
+    """Capacity; beyond it the least recently used entries are dropped, with a note."""
 
     def known(self, workspace: str) -> bool:
-        """Whether this is the id of a workspace; any text may be asked."""
+        """Whether a text is the id of an existing workspace."""
         if not _WORKSPACE.fullmatch(workspace):
             return False
         places = (workspace, *(part_of(workspace, part) for part in PARTS))
         return any(self._place(place).is_dir() for place in places)
 
     def entries(self, workspace: str) -> tuple[Entry, ...]:
-        """Return what a workspace holds, newest first; a damaged entry is set aside with a note."""
+        """Return the entries of a workspace, newest first; set damaged ones aside with a note."""
         place, found = self._place(workspace), []
         with self._failing("read"):
             for file in place.glob("*.json"):
@@ -93,34 +98,34 @@ class Store:
                 why = ""
                 try:
                     found.append(read_entry(file))
-                except FileNotFoundError:  # without its description it was deleted meanwhile
+                except FileNotFoundError:  # without a .json it was deleted meanwhile
                     why = "its data are missing" if file.exists() else ""
                 except (ValueError, KeyError, TypeError, RecursionError):
                     why = "its description or its size is wrong"
                 if why:
-                    with suppress(OSError):  # where nothing can be written the others are still of use
+                    with suppress(OSError):  # on a read-only disk the other entries are still readable
                         self._set_aside(file, why)
         return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
 
     def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:
-        """Keep data; they are complete on the disk when this returns.
+        """Store data; they are on the disk when this returns.
 
-        The same digest again brings the entry that is there to the front under the new name.
+        An entry with the same digest moves to the front under the new name.
 
         Parameters
         ----------
         workspace : str
             From ``new_workspace``.
         name : str
-            For people; cut to ``MAX_NAME`` characters.
+            Displayed name; cut to ``MAX_NAME`` characters.
         digest : str
-            What the caller knows the content by.
+            The caller's key of the content.
         data : bytes
 
         Raises
         ------
         JointIdError
-            When they are larger than the whole store, or cannot be written.
+            When they exceed the capacity of the store, or cannot be written.
         """
         place = self._place(workspace)
         if len(data) > self.limit_bytes:
@@ -132,9 +137,9 @@ class Store:
         with self._failing("written"):
             self._make_room(len(data))
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
-            # An entry that holds these very bytes keeps its id: addresses that name it stay good.
-            stays = next((id_ for id_ in same if holds(place / f"{id_}.data", data)), None)
-            kept = write_entry(place / f"{stays or secrets.token_hex(16)}.json", name, digest, data)
+            # An entry with equal bytes keeps its id: links to it stay valid.
+            same_bytes = next((id_ for id_ in same if holds(place / f"{id_}.data", data)), None)
+            kept = write_entry(place / f"{same_bytes or secrets.token_hex(16)}.json", name, digest, data)
             for id_ in same:
                 if id_ != kept.id:
                     self._remove(place / f"{id_}.json")
@@ -142,12 +147,12 @@ class Store:
         return kept
 
     def read(self, workspace: str, entry: str) -> bytes:
-        """Return an entry's data and remember that it was opened.
+        """Return an entry's data and update the time of its last use.
 
         Raises
         ------
         JointIdError
-            When there is no such entry, or its data are damaged; they are then set aside.
+            When there is no such entry, or its data are damaged; these are set aside.
         """
         file = self._file(workspace, entry)
         try:
@@ -167,43 +172,43 @@ class Store:
         return data
 
     def touch(self, workspace: str, entry: Entry) -> None:
-        """Remember that an entry was opened now, to the minute."""
-        if time.time() - entry.opened_s > _UNOPENED_S:
+        """Update the time of an entry's last use, to the minute."""
+        if time.time() - entry.opened_s > _TOUCH_EVERY_S:
             with suppress(OSError):
                 os.utime(self._file(workspace, entry.id).with_suffix(".data"))
 
     def rename(self, workspace: str, entry: str, name: str) -> None:
-        """Give an entry another name; the last of two at once wins.
+        """Rename an entry; of two simultaneous renamings the last one wins.
 
         Raises
         ------
         JointIdError
             When the name is empty, or there is no such entry.
         """
-        if not (wanted := one_line(name)):
+        if not (new_name := one_line(name)):
             raise JointIdError("The name is empty: give at least one character.")
         file = self._file(workspace, entry)
         with self._failing("written"):
             if file.exists():
-                write_whole(file.with_suffix(".name"), wanted.encode("utf-8", "replace"))
-            if not file.exists():  # perhaps deleted meanwhile
+                write_whole(file.with_suffix(".name"), new_name.encode("utf-8", "replace"))
+            if not file.exists():  # deleted meanwhile
                 file.with_suffix(".name").unlink(missing_ok=True)
                 raise JointIdError(
                     "This study is not in the store any more: there is nothing to rename."
                 )
 
     def delete(self, workspace: str, entry: str) -> None:
-        """Remove an entry; one that is gone already is no error."""
+        """Remove an entry, if it exists."""
         with self._failing("written"):
             self._remove(self._file(workspace, entry))
 
     def set_aside(self, workspace: str, entry: str, why: str) -> None:
-        """Move an entry that cannot be used to the folder ``damaged`` and leave a note."""
+        """Move an unusable entry to the folder ``damaged`` and leave a note."""
         with self._failing("written"):
             self._set_aside(self._file(workspace, entry), why)
 
     def notes(self, workspace: str) -> tuple[Note, ...]:
-        """Return what became of entries that are gone without having been deleted, oldest first."""
+        """Return notes on entries that were dropped or set aside, oldest first."""
         found = []
         with self._failing("read"):
             files = sorted(self._place(workspace).glob("*.note"), key=changed_s)
@@ -213,17 +218,17 @@ class Store:
         return tuple(found)
 
     def dismiss(self, workspace: str, note: str) -> None:
-        """Remove a note that was read."""
+        """Remove a note."""
         with self._failing("written"):
             self._file(workspace, note).with_suffix(".note").unlink(missing_ok=True)
 
     def size_bytes(self) -> int:
-        """What all workspaces take together, with what was set aside."""
+        """Size of all workspaces and damaged entries, bytes."""
         with self._failing("read"):
             return sum(size for size, _, _ in self._all())
 
     def _place(self, workspace: str) -> Path:
-        """A workspace's folder: its name does not tell the id, and never leaves the store."""
+        """Folder of a workspace: a hash hides the id and keeps the path inside the store."""
         if not _WORKSPACE.fullmatch(workspace):
             raise JointIdError(f'"{workspace[:40]}" is not the id of a workspace.')
         return self.folder / "workspaces" / blake2b(workspace.encode(), digest_size=16).hexdigest()
@@ -241,7 +246,7 @@ class Store:
                 yield stat.st_size, stat.st_mtime, file
 
     def _make_room(self, needed: int, *, spare: str = "") -> None:
-        """Drop what a crash left over, then what was set aside, then what was unopened for longest."""
+        """Drop left-over files of crashes, then damaged entries, then the least recently used ones."""
         files, now = list(self._all()), time.time()
         for _, changed, file in files:
             left = file.suffix == ".new" or (

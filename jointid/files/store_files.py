@@ -1,10 +1,9 @@
-"""The files of a store's entries: written complete or not at all, compared when they are read."""
+"""Files of a store's entries: atomic writing, checked reading."""
 
 from __future__ import annotations
 
 import json
 import os
-import secrets
 import sys
 import time
 from base64 import urlsafe_b64encode
@@ -14,12 +13,14 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
+from jointid.files.atomic_write import new_file
+
 MAX_NAME = 120
 """Longest name of an entry, characters."""
 
 
 def user_folder() -> Path:
-    """Return where a store stands by default: JOINTID_DATA_DIR, else the user's data directory."""
+    """Return the default folder of a store: JOINTID_DATA_DIR, else the user's data directory."""
     if chosen := os.environ.get("JOINTID_DATA_DIR"):
         return Path(chosen)
     if sys.platform == "win32":
@@ -32,7 +33,7 @@ def user_folder() -> Path:
 
 
 def part_of(workspace: str, part: str) -> str:
-    """Return the id of a part of a workspace: whoever knows the workspace knows it, and nobody else."""
+    """Return the id of a part of a workspace, derived from the workspace's secret id."""
     digest = blake2b(f"{workspace} {part}".encode(), digest_size=24).digest()
     return urlsafe_b64encode(digest).decode()
 
@@ -44,21 +45,21 @@ class Entry:
     id: str
     """32 hexadecimal digits."""
     name: str
-    """For people; need not be unique."""
+    """Displayed name; need not be unique."""
     digest: str
-    """What the caller knows the content by."""
+    """The caller's key of the content."""
     size_bytes: int
     checksum: str
-    """Of the data as they were written."""
+    """Checksum of the written data."""
     created_s: float
     """Seconds since 1970."""
     opened_s: float
-    """When it was last opened, seconds since 1970."""
+    """Time of the last use, seconds since 1970."""
 
 
 @dataclass(frozen=True)
 class Note:
-    """What became of an entry that is gone."""
+    """Reason why an entry is gone."""
 
     id: str
     text: str
@@ -99,12 +100,12 @@ def holds(file: Path, data: bytes) -> bool:
 
 
 def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
-    """Write an entry's data, unless they are there, then its .json, which commits it under this name.
+    """Write an entry's data, unless they exist, then its .json, which commits the entry.
 
     Parameters
     ----------
     file : Path
-        Of the .json; the data lie beside it.
+        Path of the .json; the data are beside it.
     name, digest : str
         As for ``Store.put``.
     data : bytes
@@ -126,33 +127,13 @@ def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file complete or not at all, and only for this user."""
-    fresh = file.with_name(f".{secrets.token_hex(8)}.new")
-    handle = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        fresh.replace(file)
-        _settle(file.parent)
-    except BaseException:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
-
-
-def _settle(folder: Path) -> None:
-    """Have a renaming survive a power cut, where the system can."""
-    if os.name == "posix":
-        handle = os.open(folder, os.O_RDONLY)
-        with suppress(OSError):  # some network drives cannot
-            os.fsync(handle)
-        os.close(handle)
+    """Write a file complete or not at all, readable by this user only."""
+    with new_file(file, private=True) as stream:
+        stream.write(data)
 
 
 def latest_name(file: Path) -> str:
-    """Return what an entry was renamed to, else nothing."""
+    """Return an entry's name after a renaming, else an empty text."""
     try:
         return one_line(file.with_suffix(".name").read_text("utf-8", "replace"))
     except FileNotFoundError:
@@ -160,7 +141,7 @@ def latest_name(file: Path) -> str:
 
 
 def one_line(name: str) -> str:
-    """Return a name as one line of printable characters, not too long."""
+    """Return a name as one line of at most ``MAX_NAME`` printable characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
 
 
@@ -170,7 +151,7 @@ def checksum(data: bytes) -> str:
 
 
 def changed_s(file: Path) -> float:
-    """Return when a file was changed, seconds since 1970; 0 when it is gone."""
+    """Return a file's modification time, seconds since 1970; 0 when it is gone."""
     try:
         return file.stat().st_mtime
     except FileNotFoundError:

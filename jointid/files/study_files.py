@@ -13,7 +13,6 @@ frequency_hz = 3.0
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,7 +24,7 @@ import pandas as pd
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.files.container_limits import Container, missing, safe_name
+from jointid.files.container_limits import Container, MissingFileError, missing, safe_name
 from jointid.files.containers import Source, open_container
 from jointid.files.record_tables import read_record_table
 from jointid.files.study_keys import (
@@ -48,24 +47,26 @@ from jointid.wording import listed, nearest, shown
 __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
 
 PEEK_ROWS = 500
+"""Rows of a table in a preview."""
 _PEEK_BYTES = 1 << 20
+"""Beginning of a CSV file that a preview reads, bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class PeekedTable:
-    """The beginning of one table of a study, for the eye."""
+    """Preview of one table of a study."""
 
     name: str
     """File name inside the study."""
     frame: pd.DataFrame
-    """The first rows as they stand, or those around the one that is refused; the index is the line in
-    the file, or the row. Empty when nothing could be read."""
+    """The first rows, or those around the refused one; the index is the line in the file, or the row.
+    Empty when nothing could be read."""
     error: str = ""
     """Why nothing could be read, else empty."""
     refused: bool = False
-    """Whether this is the file for which the study is refused."""
+    """Whether the study is refused because of this file."""
     refused_at: int | None = None
-    """Line, or row, for which it is refused, when it is a single one."""
+    """Line or row of the fault, when it is a single one."""
 
 
 def load_study(path_or_file: Source) -> Study:
@@ -103,7 +104,7 @@ def load_study(path_or_file: Source) -> Study:
         _require_different_files(tables)
         _require_files(tables, container)
         records = [_record(table, timing, container, inertia.n, tuple(poses)) for table in tables]
-    with in_place(STUDY_FILE):
+    with in_place(STUDY_FILE, STUDY_FILE):
         return Study(tuple(records), inertia, nominal, name, origin, description, poses, robot, date)
 
 
@@ -126,10 +127,11 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
         When the folder or archive itself cannot be read.
     """
     tables = []
-    culprit, place = _refused_for(path_or_file)
+    refused = _refusal(path_or_file)
+    culprit, line = (refused.file, refused.line) if refused is not None else (None, None)
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         for name in container.names():
-            at = place if name == culprit else None
+            at = line if name == culprit else None
             is_csv = name.lower().endswith(".csv")
             if not (is_csv or name.lower().endswith(".parquet")):
                 continue
@@ -144,31 +146,24 @@ def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     return tuple(tables)
 
 
-def _refused_for(source: Source) -> tuple[str, int | None]:
-    """Name of the table for which a study is refused, and the line or row; "" when it is none."""
+def _refusal(source: Source) -> JointIdError | None:
+    """Why ``load_study`` refuses a study; None when it does not."""
     try:
         load_study(source)
     except JointIdError as error:
-        message = re.split(r" Files found:| Did you mean", str(error))[0]
-        with open_container(source, marker=STUDY_FILE) as container:
-            named = [name for name in container.names() if name in message and name != STUDY_FILE]
-        if not named:
-            return "", None
-        first = min(named, key=lambda name: (message.index(name), -len(name)))
-        place = re.match(r", (?:line|row) (\d{1,9})\b", message[message.index(first) + len(first) :])
-        return first, int(place[1]) if place else None
-    return "", None
+        return error
+    return None
 
 
 def _require_format_1(top: CheckedTable) -> None:
-    with suppress(JointIdError):  # what it is instead is said below
+    with suppress(JointIdError):  # reported below
         if top.number("format") == 1:
             return
     version = top.integer("format")
     if version != 1:
-        raise JointIdError(
-            f"{STUDY_FILE}: format = {shown(version)}, but this version reads format 1. "
-            "Update jointid, or write format = 1 if the file follows it."
+        raise top.error(
+            f"format = {shown(version)}, but this version reads format 1. Update jointid, or write "
+            "format = 1 if the file follows it."
         )
 
 
@@ -177,29 +172,25 @@ def _require_different_files(tables: Sequence[CheckedTable]) -> None:
     for table in tables:
         file = _record_file(table)
         if file in seen:
-            raise JointIdError(
-                f"{table.where}: {file} is also the file of {seen[file]}. Give each record its own file."
-            )
+            raise table.error(f"{file} is also the file of {seen[file]}. Give each record its own file.")
         seen[file] = table.where
 
 
 def _require_files(tables: Sequence[CheckedTable], container: Container) -> None:
-    """Refuse a file that is not there, with the most similar that no record has."""
+    """Refuse a missing file; suggest the most similar one without a record."""
     files = [_record_file(table) for table in tables]
     there = set(container.names())
     for file in files:
         if file not in there:
             try:
-                container.read(file, at_most=1)  # its spelling may be another of a name that is there
-            except JointIdError as error:
-                if "is missing in" not in str(error):
-                    raise
+                container.read(file, at_most=1)  # another spelling may name the same file
+            except MissingFileError:
                 raise missing(file, container, taken=[STUDY_FILE, *files]) from None
 
 
 def _record_file(table: CheckedTable) -> str:
     file = table.text("file")
-    with in_place(table.where):
+    with in_place(table.where, table.file):
         return safe_name(file)
 
 
@@ -221,7 +212,8 @@ def _record(
     if pose is not None and pose not in poses:
         raise JointIdError(
             f'{table.where} ({file}): pose "{pose:.60}" is not defined.{nearest(pose, poses)} '
-            f"Known poses: {listed(poses)}."
+            f"Known poses: {listed(poses)}.",
+            file=table.file,
         )
     known: dict[str, Any] = {
         "frequency_hz": frequency,
@@ -233,7 +225,7 @@ def _record(
     }
     path = container.path(file)
     if path is not None and is_long(file, path, joints):
-        with in_place(file):
+        with in_place(file, file):
             return read_long_record(file, path, joints, **known)
     columns = read_record_table(file, container.read(file), joints)
     try:
@@ -241,11 +233,12 @@ def _record(
             time_s=columns.time_s, theta_rad=columns.theta_rad, tau_Nm=columns.tau_Nm, **known
         )
     except JointIdError as error:
-        raise JointIdError(f"{file}: {error}{_other_time_unit(frequency, columns.time_s)}") from error
+        unit = _other_time_unit(frequency, columns.time_s)
+        raise JointIdError(f"{file}: {error}{unit}", file=file) from error
 
 
 def _other_time_unit(frequency_hz: float, time: Floats) -> str:
-    """Suggest the unit in which the times would fit, when in seconds they cannot."""
+    """Suggest the unit in which the times fit, where seconds do not."""
     span = float(time[-1] - time[0])
     if time.size < 2 or frequency_hz * span < 0.5 * (time.size - 1):
         return ""

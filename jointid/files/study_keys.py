@@ -1,4 +1,4 @@
-"""The keys of a study.toml with an example of each, and the values that more than one reader takes."""
+"""Keys of a study.toml with an example of each, and the values that several readers share."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def read_inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia
     """
     M = default.M if default is not None and "M" not in table else table.numbers("M")
     M2 = table.matrix("M2")
-    with in_place(table.where):
+    with in_place(table.where, table.file):
         return Inertia(M=M, M2=M2)
 
 
@@ -65,7 +65,7 @@ def read_poses(top: CheckedTable, default: Inertia) -> dict[str, Inertia]:
 
 
 def read_nominal(top: CheckedTable) -> Elasticity | None:
-    """Return what the controller assumes; None when there is no [nominal].
+    """Return the controller's present values; None without [nominal].
 
     Raises
     ------
@@ -76,14 +76,16 @@ def read_nominal(top: CheckedTable) -> Elasticity | None:
         return None
     table = top.table("nominal", NOMINAL_KEYS)
     K, D = table.numbers("K"), table.numbers("D")
-    with in_place(table.where):
+    with in_place(table.where, table.file):
         return Elasticity(K=K, D=D)
 
 
 @contextmanager
-def in_place(where: str) -> Iterator[None]:
-    """Open the message of a refused value with the place it came from."""
+def in_place(where: str, file: str) -> Iterator[None]:
+    """Put the place of a refused value before its message, unless the message names the file."""
     try:
         yield
     except JointIdError as error:
-        raise JointIdError(f"{where}: {error}") from error
+        if error.file == file:
+            raise
+        raise error.within(where, file=file) from error

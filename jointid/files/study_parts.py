@@ -1,4 +1,4 @@
-"""Long records of a study: Parquet files that are read in parts, however large they are."""
+"""Long records: Parquet files of any size, read in parts."""
 
 from __future__ import annotations
 
@@ -16,28 +16,33 @@ import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.csv_tables import ARROW_FAULTS, are_usable, unreadable
-from jointid.files.record_tables import column_names, explain_fault, numeric_columns
+from jointid.files.record_tables import column_names, empty_cell, explain_fault, numeric_columns
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 
 LONG_BYTES = 256 << 20
-"""Numbers of a record that are still read at once."""
+"""Largest record that is read at once, bytes of its numbers unpacked."""
 
 _PART_SAMPLES = 1 << 20
-_PART_PERIODS = 32  # enough for the noise of a part, and for 31 harmonics not to look like its drift
-_SHOWN_SAMPLES = 1 << 17  # stay in memory, for plots
+"""Fewest samples of a part."""
+_PART_PERIODS = 32
+"""Fewest periods of a part: they determine its noise and separate 31 harmonics from its drift."""
+_SHOWN_SAMPLES = 1 << 17
+"""Samples kept in memory, for plots."""
 _BATCH = 1 << 16
-_BUFFER_BYTES = 1 << 20  # of each column's packed pages; else all of a row group is read at once
+"""Rows that Arrow decodes at a time."""
+_BUFFER_BYTES = 1 << 20
+"""Buffer for a column's packed pages; without it Arrow reads a whole row group at once."""
 
 
 def is_long(name: str, path: Path, joints: int) -> bool:
-    """Tell whether a record is to be read in parts: a large Parquet file."""
+    """Whether a record is read in parts: a large Parquet file."""
     if not name.lower().endswith(".parquet"):
         return False
     try:
         rows = pa_parquet.read_metadata(path).num_rows
     except ARROW_FAULTS:
-        return False  # what is wrong with it is said when it is read
+        return False  # the reader reports the fault
     return bool(rows * (1 + 2 * joints) * 8 > LONG_BYTES)
 
 
@@ -53,7 +58,7 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
     joints : int
         Number of joints of the study.
     **known
-        What ``SineRecord`` takes beside its arrays.
+        Arguments of ``SineRecord`` other than its arrays.
 
     Raises
     ------
@@ -92,7 +97,7 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
 
 @dataclass(frozen=True)
 class _LongFile:
-    """A Parquet file and how it is divided."""
+    """A Parquet file and its division into parts."""
 
     name: str
     path: Path
@@ -120,7 +125,7 @@ class _LongFile:
                     **self.known,
                 )
             except JointIdError as error:
-                raise JointIdError(f"from row {begin + 1}: {error}") from error
+                raise error.within(f"{self.name}, from row {begin + 1}", file=self.name) from error
             begin += len(table)
 
     def _tables(self) -> Iterator[Floats]:
@@ -138,10 +143,8 @@ class _LongFile:
                         column = batch.column(name).slice(begin, taken)
                         if column.null_count:
                             fault = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
-                            raise JointIdError(
-                                f"{self.name}, row {row - batch.num_rows + begin + fault + 1}, column "
-                                f"{name}: the value is missing. Fill it in or remove the row."
-                            )
+                            first = row - batch.num_rows + begin
+                            raise empty_cell(self.name, first + fault + 1, name)
                         table[filled : filled + taken, k] = column.to_numpy(zero_copy_only=False)
                     filled, begin = filled + taken, begin + taken
                     if filled == self.size:

@@ -1,4 +1,4 @@
-"""The beginning of a record's table as it stands, for the eye: also of one that is refused."""
+"""Preview of a record's table, also of one that is refused."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from jointid.files.csv_tables import (
 
 
 def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.DataFrame:
-    """Return some rows of a table as they stand, whatever they are.
+    """Return some rows of a table, valid or not.
 
     Parameters
     ----------
@@ -33,20 +33,20 @@ def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.Data
     data : bytes
         The file's content; for CSV its beginning is enough.
     rows : int
-        How many rows at most.
+        Largest number of rows.
     around : int
-        Line of the file, for Parquet its row, that shall be among them; by default the first rows.
+        Line of the file, for Parquet its row, to include; by default the first rows.
 
     Returns
     -------
     pandas.DataFrame
         Columns that hold only numbers as numbers, also with decimal commas; others as text. The
-        index says where each row stands: "Line" of a CSV file, "Row" of a Parquet file, from 1.
+        index is the "Line" of a CSV file or the "Row" of a Parquet file, from 1.
 
     Raises
     ------
     JointIdError
-        When nothing can be shown.
+        When no preview is possible.
     """
     if not data:
         raise JointIdError(f"{file} is empty (0 bytes).")
@@ -56,7 +56,7 @@ def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.Data
     try:
         body = read_header(file, data)[1]
     except JointIdError:
-        body = 0  # whatever it is
+        body = 0  # the preview begins with the first line
     above = lines_above(data, body)
     begin = max(data.rfind(b"\n", 0, body), data.rfind(b"\r", 0, body)) + 1
     below = text_lines(file, data, errors="replace", begin=begin)
@@ -74,7 +74,7 @@ def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.Data
         raise unreadable(file, "CSV", error) from error
     width = max([len(names), *(len(row) for _, row in table)], default=0)
     header = [name.strip() for name in [*names, *[""] * (width - len(names))]]
-    if len(set(header)) < width or "" in header:  # a frame for the eye needs distinct names
+    if len(set(header)) < width or "" in header:  # a frame needs distinct names
         header = [f"{k}: {name}" for k, name in enumerate(header, start=1)]
     padded = [row + [""] * (width - len(row)) for _, row in table]
     index = pd.Index([line for line, _ in table], name="Line")
@@ -89,7 +89,7 @@ def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.Data
 
 
 def plottable(frame: pd.DataFrame) -> dict[str, Floats]:
-    """Return the columns of a peeked table that are mostly numbers; what is none is NaN, shape (N,)."""
+    """Return the mostly numeric columns of a preview, shape (N,); other cells are NaN."""
     found = {}
     for name in frame.columns:
         numbers = pd.to_numeric(_with_points(frame[name]), errors="coerce")
@@ -119,7 +119,7 @@ def _peek_parquet(file: str, data: bytes, first: int, rows: int) -> pd.DataFrame
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """What separates columns; a comma may be a decimal mark, the others may not."""
+    """Separator of the columns; only the comma can also be a decimal mark."""
     written = [line for line in lines if line.strip()]
     for delimiter in DELIMITERS:
         if 2 * sum(delimiter in line for line in written) > len(written):
@@ -134,7 +134,7 @@ def _numbers_or_text(cells: list[str], decimal: str) -> pd.Series:
 
 
 def _with_points(column: pd.Series) -> pd.Series:
-    """Cells like 0,25 as 0.25; other cells and columns of numbers as they are."""
+    """Cells like 0,25 as 0.25; other cells and numeric columns unchanged."""
     if pd.api.types.is_numeric_dtype(column):
         return column
     return column.astype(str).str.replace(

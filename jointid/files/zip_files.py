@@ -1,7 +1,7 @@
 """A zip archive as a safe read-only set of named bytes.
 
-Archives come from strangers: nothing is unpacked to disk, names that leave the archive are refused, and
-what it may grow to is bounded by its directory and again while reading, because a directory can lie.
+Archives are untrusted: nothing is unpacked to disk, names that leave the archive are refused, and the
+unpacked size is limited by the directory and again while reading, because a directory can be forged.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from jointid.files.container_limits import (
 )
 
 MAX_RATIO = 200
-"""Unpacked over packed size of an archive member above 1 MiB; measured numbers stay below 20."""
+"""Largest compression ratio of a member above 1 MiB; measurements stay below 20."""
 MAX_DIRECTORY_BYTES = 4 << 20
-"""Size of an archive's directory: bounds the work of opening one that holds millions of names."""
+"""Largest directory of an archive: bounds the work of opening one with millions of names."""
 
 _CHUNK = 1 << 20
 _ZIP_FAULTS = (
@@ -50,7 +50,7 @@ class Zip:
     ----------
     file : binary file
     name : str
-        What messages call it.
+        Its name in messages.
     marker : str
         File that marks the root; see ``open_container``.
     """
@@ -64,7 +64,8 @@ class Zip:
         except _ZIP_FAULTS as error:
             raise JointIdError(
                 f"{name} is not a readable zip archive; it is damaged or incomplete ({error!s:.200}). "
-                "Give the study's folder, or that folder as .zip."
+                "Give the study's folder, or that folder as .zip.",
+                file=name,
             ) from error
         self._check_sizes(members)
         self._members: dict[str, zipfile.ZipInfo] = {}
@@ -73,7 +74,7 @@ class Zip:
             if member.is_dir():
                 continue
             if path in self._members:
-                raise JointIdError(f"{name} lists {path} twice: make the archive again.")
+                raise JointIdError(f"{name} lists {path} twice: make the archive again.", file=name)
             self._members[path] = member
         self._members = {path: m for path, m in self._members.items() if not is_clutter(path)}
         self._step_into_top_folder(marker)
@@ -100,12 +101,12 @@ class Zip:
             raise
         except _ZIP_FAULTS as error:
             raise JointIdError(
-                f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again."
+                f"{name} in {self.name} is damaged ({error!s:.200}): make the archive again.", file=name
             ) from error
         return b"".join(chunks)
 
     def path(self, name: str) -> None:
-        """Return None: nothing lies by itself in an archive."""
+        """Return None: a member of an archive has no path."""
 
     def _check_sizes(self, members: list[zipfile.ZipInfo]) -> None:
         require_few_files(self.name, len(members))
@@ -123,7 +124,7 @@ class Zip:
         try:
             path = safe_name(name)
         except JointIdError as error:
-            raise JointIdError(f"{self.name}: {error}") from None
+            raise error.within(self.name) from None
         if stat.S_ISLNK(member.external_attr >> 16):
             raise JointIdError(f"{path} in {self.name} is a link: put the file itself into the archive.")
         if member.flag_bits & 0x1:
@@ -139,7 +140,7 @@ class Zip:
         return path
 
     def _step_into_top_folder(self, marker: str) -> None:
-        """People zip the folder itself: then every name starts with it."""
+        """Remove the folder from the names, in an archive of one folder."""
         tops = {PurePosixPath(name).parts[0] for name in self._members}
         top = next(iter(tops)) if len(tops) == 1 else ""
         if marker not in self._members and f"{top}/{marker}" in self._members:

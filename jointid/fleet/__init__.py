@@ -5,8 +5,7 @@
     summary = analyse_fleet(["cells/*/2026-*.zip"], "results.parquet", workers=4)
     rows = read_fleet(summary.out)
 
-From study to row (``row.py``, ``worker.py``) the way is the same wherever it runs; ``local.py`` and
-``cluster.py`` say where.
+``worker.py`` turns a study into its row; ``local.py`` and ``cluster.py`` run it.
 """
 
 import lazy_loader

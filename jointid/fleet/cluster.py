@@ -1,8 +1,7 @@
-"""Studies analysed on a Dask cluster: each travels as bytes and comes back as its row.
+"""Analysis on a Dask cluster: each study is sent as bytes and returned as its row.
 
-The files are read here, in a process that can be ended; on the workers a study is analysed by a process
-of its own as well, so that what one study does to it never reaches the worker. When a worker is lost,
-the scheduler gives its studies to others.
+A child process reads the files here, and child processes analyse them on the workers: a crash or hang
+affects one study only. When a worker is lost, the scheduler gives its studies to others.
 """
 
 from __future__ import annotations
@@ -22,21 +21,22 @@ from distributed.scheduler import KilledWorker
 
 from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
-from jointid.fleet.jobs import WORKER, Done, Job, asked, do_job
-from jointid.fleet.row import LOST, Row, failed, from_plain
+from jointid.fleet.jobs import WORKER, Done, Job, ask_child, do_job
+from jointid.fleet.row import LOST, Row, failed_row, from_plain
 from jointid.version import __version__
 
 _CONNECT_S = 20.0
-_LOOK_S = 1.0
-_AHEAD = 3
-"""Studies on their way for each thread of the cluster: enough to keep it busy, little to hold."""
+"""Longest wait for the scheduler and its first worker."""
+_POLL_S = 1.0
+_SENT_PER_THREAD = 3
+"""Studies sent ahead for each thread of the cluster: they stay busy, few studies are in memory."""
 
 
 class _Client(Client):
-    """A client that is closed by its owner, here by ``Cluster``.
+    """A client that only its owner closes, here ``Cluster``.
 
-    The inherited one closes itself when it is forgotten. One that never came to connect, as with an
-    address without a port, then waits 40 s at the end of the program, for a loop that is over.
+    The inherited destructor closes it too; a client that never connected, as with an address without a
+    port, then waits 40 s at the end of the program for a loop that has ended.
     """
 
     def __del__(self) -> None:
@@ -51,7 +51,7 @@ class Cluster:
     address : str
         Such as "tcp://10.0.0.5:8786".
     limits : Limits
-        What one study may take.
+        Time and memory for one study.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class Cluster:
             ) from error
         try:
             versions = dict(self._client.run(_version))
-        except Exception as error:  # whatever an import over there raises
+        except Exception as error:  # an import on a worker can raise anything
             raise JointIdError(
                 f"The workers of {self._address} cannot load jointid ({error!s:.200}): install it "
                 f"there, version {__version__}."
@@ -100,22 +100,22 @@ class Cluster:
                 )
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-        """Yield jobs as they are done; closing the generator gives the others up."""
+        """Yield finished jobs; closing the generator cancels the others."""
         done = queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception]()
-        room, stopped = _Room(_AHEAD), threading.Event()
+        slots, stopped = _Slots(_SENT_PER_THREAD), threading.Event()
         reader = Child(WORKER, self._limits)
 
         def send() -> None:
             try:
                 for job in jobs:
-                    room.wait()
+                    slots.wait()
                     if stopped.is_set():
                         return
                     read = _read(reader, job)
                     if isinstance(read, Done):
                         done.put(read)
                         continue
-                    # Its very own key: an equal one would share an earlier result, or its loss.
+                    # A unique key: equal ones share a result, or its loss.
                     future = self._client.submit(
                         _analysed,
                         read,
@@ -136,34 +136,34 @@ class Cluster:
             sender.start()
             try:
                 for _ in jobs:
-                    result = self._next(done, room)
-                    room.leave()
+                    result = self._next(done, slots)
+                    slots.leave()
                     yield result
             finally:
                 stopped.set()
-                room.open()
+                slots.open()
                 reader.kill()
                 sender.join()
                 self._leave()
 
     def _next(
-        self, done: queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception], room: _Room
+        self, done: queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception], slots: _Slots
     ) -> Done:
-        """The next result; meanwhile, how many threads there are is looked up now and then."""
+        """Return the next result; update the number of threads while waiting."""
         looked = 0.0
         while True:
-            if time.monotonic() - looked > _LOOK_S:
+            if time.monotonic() - looked > _POLL_S:
                 looked = time.monotonic()
                 with suppress(OSError, TimeoutError):
-                    room.size = max(1, sum(dict(self._client.nthreads()).values()))
+                    slots.size = max(1, sum(dict(self._client.nthreads()).values()))
             try:
-                result = done.get(timeout=_LOOK_S)
+                result = done.get(timeout=_POLL_S)
             except queue.Empty:
                 if self._client.status == "closed":
-                    raise self._gone() from None
+                    raise self._lost_connection() from None
                 continue
             if isinstance(result, Exception):
-                raise self._gone() from result
+                raise self._lost_connection() from result
             if isinstance(result, Done):
                 return result
             return self._received(*result)
@@ -173,21 +173,21 @@ class Cluster:
             return Done(job, future.result())
         except KilledWorker:
             text = "Every worker that it was given to was lost: it may take more memory than they have."
-            return Done(job, failed(job.study, job.method, LOST, text))
+            return Done(job, failed_row(job.study, job.method, LOST, text))
         except Exception as error:
             if future.status == "error":
                 text = f"The worker failed: {type(error).__name__}: {error!s:.300}"
-                return Done(job, failed(job.study, job.method, LOST, text))
-            raise self._gone() from error
+                return Done(job, failed_row(job.study, job.method, LOST, text))
+            raise self._lost_connection() from error
 
-    def _gone(self) -> JointIdError:
+    def _lost_connection(self) -> JointIdError:
         return JointIdError(
             f"The connection to the scheduler at {self._address} is lost. Finished rows are kept: give "
             "the same command again when it is back."
         )
 
     def _leave(self) -> None:
-        """End the processes on the workers, as far as they can be reached."""
+        """End the child processes on the workers that respond."""
         with suppress(Exception):
             if self._client.status == "running":
                 self._client.run(_stop_children, self._batch, on_error="ignore")
@@ -195,8 +195,8 @@ class Cluster:
             self._client.close()
 
 
-class _Room:
-    """How many studies may be on their way; grows and shrinks with the cluster."""
+class _Slots:
+    """Limit of studies sent but not finished; follows the size of the cluster."""
 
     def __init__(self, ahead: int) -> None:
         self.size = 1
@@ -206,7 +206,7 @@ class _Room:
         self._changed = threading.Condition()
 
     def wait(self) -> None:
-        """Enter when there is room."""
+        """Take a slot when one is free."""
         with self._changed:
             while not self._open and self._inside >= self._ahead * self.size:
                 self._changed.wait(0.1)
@@ -218,26 +218,26 @@ class _Room:
             self._changed.notify()
 
     def open(self) -> None:
-        """Hold nobody back any more."""
+        """Remove the limit."""
         with self._changed:
             self._open = True
             self._changed.notify()
 
 
 def _read(reader: Child, job: Job) -> Job | Done:
-    """The job with its study's bytes, or what became of it already."""
+    """Return the job with its study's bytes, or its result when that is known already."""
     if isinstance(job.source, bytes):
         return job
-    said, data = asked(reader, job, {"do": "pack", "path": str(job.source)})
-    if "content" in said:
-        return replace(job, source=data, known="", content=said["content"])
-    return Done(job, from_plain(said["row"]) if "row" in said else None)
+    answer, data = ask_child(reader, job, {"do": "pack", "path": str(job.source)})
+    if "content" in answer:
+        return replace(job, source=data, known="", content=answer["content"])
+    return Done(job, from_plain(answer["row"]) if "row" in answer else None)
 
 
 # --- on the workers
 
 _children: dict[tuple[str, int], Child] = {}
-"""One process for each batch and thread of this worker."""
+"""Child processes by batch and thread of this worker."""
 
 
 def _analysed(job: Job, limits: Limits, batch: str) -> Row | None:

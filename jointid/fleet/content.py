@@ -1,4 +1,4 @@
-"""The files of a study as they lie on disk: their digest, and all of them in one piece to send."""
+"""The files of a study on disk: their digest, and one zip of them to send."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _CHUNK = 1 << 20
 
 
 def content_digest(source: Path | bytes) -> str:
-    """Return a key that changes with any byte of a study's files, however long they are.
+    """Return a key that changes with any byte of a study's files.
 
     Parameters
     ----------
     source : Path or bytes
-        A folder or a .zip by its path, or the zip itself. A folder's files are its study.toml and its
-        tables; what else lies there does not matter.
+        A folder or a .zip by its path, or the zip itself. Of a folder, only study.toml and the tables
+        count.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def content_digest(source: Path | bytes) -> str:
     Raises
     ------
     JointIdError
-        When nothing is there, or the folder cannot be listed.
+        When the path does not exist, or the folder cannot be listed.
     OSError
         When a zip cannot be read.
     """
@@ -71,13 +71,13 @@ def content_digest(source: Path | bytes) -> str:
 
 
 def packed(path: Path) -> bytes:
-    """Return a study as one zip: a .zip as it is, a folder's study.toml and tables stored as they are.
+    """Return a study as one zip: a .zip unchanged, a folder's study.toml and tables uncompressed.
 
     Raises
     ------
     JointIdError
-        When nothing is there, the folder cannot be listed, a file in it cannot be read, a record is so
-        long that it is read in parts, or the files are more than an archive may hold.
+        When the path does not exist, the folder cannot be listed, a file cannot be read, a record is so
+        long that it is read in parts, or the files exceed the limit of an archive.
     OSError
         When a zip cannot be read.
     """
@@ -107,7 +107,7 @@ def packed(path: Path) -> bytes:
 def _is_long(name: str, file: Path) -> bool:
     """Whether a record of as many joints as its columns say is read in parts."""
     if name.lower().endswith(".parquet"):
-        with suppress(*ARROW_FAULTS):  # what is wrong with it is said when it is read
+        with suppress(*ARROW_FAULTS):  # the reader reports the fault
             columns = pa_parquet.read_schema(file).names
             return is_long(name, file, sum(column.startswith("theta_m") for column in columns))
     return False
@@ -121,7 +121,7 @@ def _too_long(folder: Path, name: str) -> JointIdError:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Path | JointIdError]]:
-    """Name and place of every file that a study may consist of, or why it has none."""
+    """Name and path of every file of a study, or the error instead of the path."""
     with open_container(folder, marker=STUDY_FILE) as container:
         for name in container.names():
             if name != STUDY_FILE and not name.lower().endswith(_RECORDS):

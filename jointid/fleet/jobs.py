@@ -1,4 +1,4 @@
-"""What is to be done, who can do it, and what comes back."""
+"""A study to analyse, its result, and the interface of what analyses it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from jointid.background.child_process import Child, Ended
-from jointid.fleet.row import CRASH, TIME, Row, failed, from_plain, to_plain
+from jointid.fleet.row import CRASH, TIME, Row, failed_row, from_plain, to_plain
 
 WORKER = "jointid.fleet.worker"
-"""What the processes run that analyse."""
+"""Module that the child processes run."""
 
 
 @dataclass(frozen=True)
@@ -19,40 +19,40 @@ class Job:
     """A study to analyse."""
 
     study: str
-    """What its row calls it."""
+    """Its name in the table."""
     source: Path | bytes
     """A folder or .zip by its path, or a zip."""
     method: str = "auto"
     known: str = ""
-    """Digest of files that have their row already."""
+    """Digest of the files of an existing row; an equal study is not analysed again."""
     content: str = ""
-    """Digest of the files that ``source`` was made from; left out: that of ``source``."""
+    """Digest of the files that ``source`` was made from; by default that of ``source``."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """A job that is done."""
+    """A finished job."""
 
     job: Job
     row: Row | None
-    """None: its files are the known ones."""
+    """None when its files are unchanged."""
 
 
 class Executor(Protocol):
-    """Something that does jobs, in whatever order; every job comes back exactly once."""
+    """Analyses jobs, in any order; every job is returned exactly once."""
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-        """Yield jobs as they are done; closing the generator gives the others up.
+        """Yield finished jobs; closing the generator cancels the others.
 
         Raises
         ------
         JointIdError
-            When no job can be done any more, whatever the study.
+            When no further job of any study is possible.
         """
 
 
 def do_job(child: Child, job: Job) -> Done:
-    """Have a process analyse a study: the way from study to row, on this computer and on a cluster.
+    """Analyse a study in a child process, on this computer or on a cluster.
 
     Raises
     ------
@@ -61,17 +61,17 @@ def do_job(child: Child, job: Job) -> Done:
     """
     by_path = isinstance(job.source, Path)
     request = {"do": "analyse", "path": str(job.source) if by_path else "", "content": job.content}
-    said, _ = asked(child, job, request, b"" if isinstance(job.source, Path) else job.source)
-    return Done(job, from_plain(said["row"]) if "row" in said else None)
+    answer, _ = ask_child(child, job, request, b"" if isinstance(job.source, Path) else job.source)
+    return Done(job, from_plain(answer["row"]) if "row" in answer else None)
 
 
-def asked(
+def ask_child(
     child: Child, job: Job, request: dict[str, str], body: bytes = b""
 ) -> tuple[dict[str, Any], bytes]:
-    """Ask about a job; the answer holds a row, or "unchanged", or what else was asked for."""
+    """Send a request about a job; the answer holds a row, "unchanged", or what was requested."""
     about = {"study": job.study, "method": job.method, "known": job.known}
     try:
         return child.ask(request | about, body)
     except Ended as ended:
         failure = TIME if ended.late else CRASH
-        return {"row": to_plain(failed(job.study, job.method, failure, str(ended)))}, b""
+        return {"row": to_plain(failed_row(job.study, job.method, failure, str(ended)))}, b""

@@ -1,7 +1,8 @@
-"""Finished rows, on disk as soon as they are finished: a file that only grows, a line for each.
+"""Finished rows of a running batch: an append-only file beside the table, one JSON line a row.
 
-It stands beside the table of results for as long as the work goes on. A line that was cut short, by a
-full disk or a power cut, is dropped when work goes on; every line before it stays.
+A line that a full disk or a power cut truncated is dropped when the batch resumes; damage elsewhere
+costs one row. An SQLite database needs the same code for errors, removal and foreign files, can lose
+every row to one damaged page, and fails on network drives without locks.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import write_error
 from jointid.fleet.row import Row, checked, from_plain, to_plain
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
@@ -25,7 +27,7 @@ class Journal:
     Parameters
     ----------
     path : Path
-        Where it stands, or shall stand.
+        The file; it is created when missing.
 
     Raises
     ------
@@ -43,7 +45,7 @@ class Journal:
             raise
 
     def add(self, row: Row) -> None:
-        """Keep a row: it is on the disk when this returns."""
+        """Append a row; it is on the disk when this returns."""
         line = json.dumps(to_plain(row), ensure_ascii=False).encode("utf-8", "surrogatepass") + b"\n"
         try:
             self._file.write(line)
@@ -61,16 +63,16 @@ class Journal:
         self.rows = ()
 
     def remove(self) -> None:
-        """Remove the file: its rows are kept elsewhere."""
-        if os.name == "nt":  # removes no file that is open; elsewhere the lock must outlast the file
+        """Remove the file, when its rows are in the table."""
+        if os.name == "nt":  # cannot remove an open file; elsewhere the lock must outlast it
             self.close()
         with suppress(OSError):
             self.path.unlink()
         self.close()
 
     def close(self) -> None:
-        """Let go of the file; one without a row is removed."""
-        with suppress(OSError, ValueError):  # a ValueError: it is closed already
+        """Close the file; remove it when it has no row."""
+        with suppress(OSError, ValueError):  # ValueError: closed already
             here = os.fstat(self._file.fileno())
             if here.st_size <= len(_HEAD) and os.path.samestat(self.path.stat(), here):
                 self.path.unlink()
@@ -78,7 +80,7 @@ class Journal:
             self._file.close()
 
     def _held(self) -> BinaryIO:
-        """The file, locked: the lock goes with the process, however that ends."""
+        """Open and lock the file; the lock ends with the process."""
         try:
             while True:
                 file = self.path.open("ab+")
@@ -91,15 +93,12 @@ class Journal:
                 with suppress(FileNotFoundError):
                     if os.path.samestat(self.path.stat(), os.fstat(file.fileno())):
                         return file
-                file.close()  # the batch that held it has just finished and removed it
+                file.close()  # the batch that held it has just removed it
         except OSError as error:
-            raise JointIdError(
-                f"{self.path} cannot be written: {error.strerror or error}. Make room or check the "
-                "permissions, or choose another file for the results."
-            ) from error
+            raise write_error(self.path, error) from error
 
     def _read(self) -> Iterator[Row]:
-        """Rows of the whole lines; what follows the last of them is cut off."""
+        """Rows of the complete lines; cut off the rest."""
         self._file.seek(0)
         data = self._file.read()
         whole = data.rfind(b"\n") + 1
@@ -116,13 +115,13 @@ class Journal:
             self._file.flush()
             os.fsync(self._file.fileno())
         for line in data[len(_HEAD) : whole].splitlines():
-            # A damaged line: that study is analysed again. Deep nesting raises a RecursionError.
+            # The study of a damaged line is analysed again. Deep nesting raises a RecursionError.
             with suppress(ValueError, TypeError, RecursionError):
                 yield checked(from_plain(json.loads(line.decode("utf-8", "surrogatepass"))))
 
 
 def _lock(file: object) -> bool:
-    """Whether this process now holds the file; where locks are not known, it does."""
+    """Lock a file; True also where the system has no locks."""
     try:
         import fcntl
     except ImportError:  # Windows

@@ -1,4 +1,4 @@
-"""Studies analysed on this computer: as many processes as there are workers."""
+"""Analysis on this computer, in one child process per worker."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from jointid.background.child_process import Child, Limits
 from jointid.errors import JointIdError
 from jointid.fleet.jobs import WORKER, Done, Job, do_job
 
-_LOOK_S = 0.2
+_POLL_S = 0.2
 
 
 class Local:
-    """Processes of this computer, each with one BLAS thread.
+    """Child processes on this computer, each with one BLAS thread.
 
     Parameters
     ----------
     workers : int
         How many at a time.
     limits : Limits
-        What one study may take.
+        Time and memory for one study.
     waiting : callable, optional
-        Called a few times a second while no study is done. What it raises comes out of ``run`` and
-        ends the processes at once, in the middle of their studies.
+        Called a few times a second between results. Its exceptions leave ``run`` and end the processes
+        at once.
 
     Raises
     ------
@@ -46,7 +46,7 @@ class Local:
         self._waiting = waiting
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-        """Yield jobs as they are done; closing the generator ends the processes."""
+        """Yield finished jobs; closing the generator ends the processes."""
         todo, done = iter(jobs), queue.SimpleQueue[Done | Exception]()
         lock, stopped = threading.Lock(), threading.Event()
         children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
@@ -59,7 +59,7 @@ class Local:
                     if job is None:
                         return
                     done.put(do_job(child, job))
-            except Exception as error:  # else the others would wait for this one forever
+            except Exception as error:  # without it the generator would wait forever
                 done.put(error)
             finally:
                 child.stop()
@@ -83,7 +83,7 @@ class Local:
     def _next(self, done: queue.SimpleQueue[Done | Exception]) -> Done | Exception:
         while self._waiting is not None:
             try:
-                return done.get(timeout=_LOOK_S)
+                return done.get(timeout=_POLL_S)
             except queue.Empty:
                 self._waiting()
         return done.get()

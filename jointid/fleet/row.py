@@ -1,4 +1,4 @@
-"""One study, one row: what its analysis says in a line of a table."""
+"""The row of a study in a fleet's table: its analysis in one line."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from jointid.answer import model_name
 from jointid.files.digest import study_digest
 from jointid.study import Analysis
 from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
-"""Why a study has no answer: its files cannot be used; it took too long; too much memory; its process
-ended; its workers were lost; a fault of this software."""
+"""Why a study has no answer: unusable files; time limit; memory limit; its process ended; its workers
+were lost; a fault of this software."""
 FAILURES = ("", REFUSED, TIME, MEMORY, CRASH, LOST, FAULT)
 VERDICTS = ("", "good", "warning", "problem")
 MAX_JOINTS = 64
-"""Most joints of a row that is read."""
+"""Most joints of a row read from a file; larger numbers are damage."""
 JOINTWISE = (
     "K", "K_error", "D", "D_error", "K_unseen", "D_unseen", "K_nominal", "D_nominal",
     "coulomb", "viscous",
@@ -29,7 +30,7 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Row:
-    """The answer for one study of n joints, or why there is none; motor side, SI units."""
+    """The answer for one study of n joints, or the reason for its failure; motor side, SI units."""
 
     study: str
     """Path of the study, or the name of the file it came in."""
@@ -40,17 +41,17 @@ class Row:
     version: str
     """Version of this software."""
     time_s: float
-    """How long reading and analysing took, s."""
+    """Time of reading and analysis, s."""
     error: str = ""
-    """Why there is no answer; empty when there is one."""
+    """Message of a failure; empty for an answer."""
     failure: str = ""
-    """The kind of error: "refused", "time", "memory", "crash", "lost", "fault", or empty."""
+    """Kind of failure: "refused", "time", "memory", "crash", "lost", "fault", or empty."""
     digest: str = ""
     """Digest of the study as loaded, see ``jointid.files.digest``."""
     name: str = ""
     robot: str = ""
     date: str = ""
-    """When it was measured, ISO 8601 as the study says it; empty when it does not say."""
+    """Date of the measurement, ISO 8601; empty when not stated."""
     origin: str = ""
     joints: int = 0
     records: int = 0
@@ -67,19 +68,19 @@ class Row:
     D_unseen: Numbers = ()
     """The part of ``D_error`` that no noise makes, N·m·s/rad."""
     K_nominal: Numbers = ()
-    """What the controller assumes; empty when the study does not say."""
+    """Nominal values of the controller; empty when not stated."""
     D_nominal: Numbers = ()
     coulomb: Numbers = ()
     """Coulomb friction, n values, N·m; empty when none was fitted."""
     viscous: Numbers = ()
     """Viscous friction, n values, N·m·s/rad; empty when none was fitted."""
     delay_s: float | None = None
-    """Lag of the torque beyond what the records state, when it was fitted."""
+    """Fitted torque delay in addition to the stated one."""
     delay_error_s: float | None = None
     model: str = ""
-    """What was fitted, in words."""
+    """Fitted model, as "elasticity + friction"."""
     misfit: float | None = None
-    """What the equations leave over what the noise explains, about 1 when the model holds."""
+    """Residual over the noise level (variances); about 1 when the model holds."""
     verdict: str = ""
     """Level of the most important finding: "good", "warning" or "problem"."""
     findings: tuple[str, ...] = field(default=())
@@ -92,7 +93,7 @@ class Row:
 
     @property
     def is_final(self) -> bool:
-        """Whether the same files would give the same row again: time, memory and luck play no part."""
+        """Whether the same files give the same row again, independent of time, memory and chance."""
         return self.failure in ("", REFUSED)
 
 
@@ -109,16 +110,15 @@ def row_of(
     content : str
         Digest of the study's files, see ``jointid.fleet.content``.
     method : str
-        Estimator that was asked for.
+        Requested estimator.
     time_s : float
-        How long it took, s.
+        Time of reading and analysis, s.
     """
     fit, known = analysis.fit, analysis.study
     n = fit.n
     error = fit.standard_error
     unseen = [float(x) for x in (fit.unseen_error + 0.0 * error)]
     friction, nominal = fit.friction, known.nominal
-    parts = ["elasticity"] + ["friction"] * (friction is not None) + ["delay"] * (fit.delay is not None)
     return Row(
         study=study,
         content=content,
@@ -144,32 +144,32 @@ def row_of(
         viscous=() if friction is None else _numbers(friction.viscous),
         delay_s=fit.delay,
         delay_error_s=fit.delay_error,
-        model=" + ".join(parts),
+        model=model_name(fit),
         misfit=float(fit.misfit),
         verdict=analysis.findings[0].level,
         findings=tuple(f"{f.level}: {f.title}" for f in analysis.findings),
     )
 
 
-def failed(
+def failed_row(
     study: str, method: str, failure: str, error: str, *, content: str = "", time_s: float = 0.0
 ) -> Row:
-    """Return the row of a study without an answer."""
+    """Return the row of a failed study."""
     return Row(study, content, method, __version__, time_s, error, failure)
 
 
 def to_plain(row: Row) -> dict[str, Any]:
-    """Return a row as JSON can hold it."""
+    """Return a row as plain values for JSON."""
     return {f.name: getattr(row, f.name) for f in fields(Row)}
 
 
 def from_plain(document: Any) -> Row:
-    """Return the row that ``to_plain`` was given.
+    """Return a row from the values of ``to_plain``.
 
     Raises
     ------
     TypeError
-        When it is no object, or a field is unknown or missing.
+        When it is not an object, or a field is unknown or missing.
     """
     if not isinstance(document, dict):
         raise TypeError(f"{document!r:.60} is no row")
@@ -178,12 +178,12 @@ def from_plain(document: Any) -> Row:
 
 
 def checked(row: Row) -> Row:
-    """Return the row if a batch could have written it.
+    """Return the row if its values are valid.
 
     Raises
     ------
     ValueError
-        When a field is of another kind, or what it says cannot be.
+        When a field has the wrong type or an impossible value.
     """
     for f in fields(Row):
         value = getattr(row, f.name)
@@ -207,12 +207,12 @@ def checked(row: Row) -> Row:
 
 
 def _is_of_kind(kind: str, value: object) -> bool:
-    """Whether a value is what the field's annotation says."""
+    """Whether a value has the type of the field's annotation."""
     if kind.startswith("tuple") or kind == "Numbers":
         inner = "float" if kind == "Numbers" else "str"
         return isinstance(value, tuple) and all(_is_of_kind(inner, item) for item in value)
     if kind == "str" and isinstance(value, str):
-        value.encode("utf-8", "surrogateescape")  # what is left over no table can hold
+        value.encode("utf-8", "surrogateescape")  # other surrogates have no UTF-8
         return True
     if kind == "float | None":
         return value is None or isinstance(value, float)

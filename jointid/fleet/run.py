@@ -1,4 +1,4 @@
-"""The whole batch: what is left to do is done, every row is kept at once, one table comes out."""
+"""A batch: analyse the new and changed studies, journal every row, write one table."""
 
 from __future__ import annotations
 
@@ -16,56 +16,56 @@ from jointid.fleet.jobs import Executor, Job
 from jointid.fleet.journal import Journal
 from jointid.fleet.local import Local
 from jointid.fleet.row import Row
-from jointid.fleet.studies import find_studies, shown
+from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows
 from jointid.version import __version__
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a batch has come."""
+    """Progress of a batch."""
 
     studies: int
-    """How many there are."""
+    """Number of studies."""
     done: int
-    """How many have their row, those from an earlier run included."""
+    """Studies with a row, from an earlier run too."""
     skipped: int
-    """How many had their row from an earlier run."""
+    """Studies with a row from an earlier run."""
     failed: int
-    """How many of the rows hold an error."""
+    """Rows with an error."""
     time_s: float
-    """Since the batch began, s."""
+    """Elapsed time, s."""
     last: Row | None = None
-    """The row that has just been added; None at the beginning."""
+    """The latest row; None at the beginning."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What came out of a batch."""
+    """Result of a batch."""
 
     out: Path
     """The table of results."""
     studies: int
-    """How many studies were meant."""
+    """Number of studies."""
     skipped: int
-    """How many of them had their row from an earlier run."""
+    """Studies with a row from an earlier run."""
     failures: tuple[Row, ...]
-    """Rows of these studies that hold an error, in the order of the table."""
+    """Rows with an error, in the order of the table."""
     verdicts: Mapping[str, int]
-    """How many answers have which verdict: "good", "warning", "problem"."""
+    """Number of answers by verdict: "good", "warning", "problem"."""
     kept: int
-    """Rows of other studies, which were in the table before and stay."""
+    """Earlier rows of other studies, kept in the table."""
     time_s: float
-    """How long it took, s."""
+    """Elapsed time, s."""
 
     @property
     def good(self) -> int:
-        """How many of the studies have an answer."""
+        """Number of studies with an answer."""
         return self.studies - len(self.failures)
 
 
 def journal_path(out: Path) -> Path:
-    """Return where finished rows stand until the table is complete."""
+    """Return the path of the journal, which holds finished rows until the table is complete."""
     return out.with_name(out.name + ".journal")
 
 
@@ -80,55 +80,54 @@ def analyse_fleet(
     fresh: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Summary:
-    """Analyse many studies into one Parquet table, a row per study; go on where an earlier run stopped.
+    """Analyse many studies into one Parquet table, a row per study; resume an earlier run.
 
-    A study that cannot be read, takes too long or ends its process becomes a row with its error, and
-    the others go on. A row from an earlier run is taken over when path, files, method and version are
-    the same, unless it tells of time, memory or a process that ended: that is tried again. However the
-    batch ends, finished rows stay in a journal beside ``out``; the same call goes on from there.
+    A study that cannot be read, takes too long or ends its process becomes a row with its error; the
+    others continue. A row from an earlier run is reused when path, files, method and version are equal,
+    unless it reports time, memory or an ended process. A journal beside ``out`` keeps the finished rows
+    of an interrupted batch; the same call resumes it.
 
     Parameters
     ----------
     studies : iterable of path
         Folders, .zip files, patterns, folders of studies; see ``find_studies``.
     out : path
-        The table, sorted by the order of the studies. Rows of other studies that are in it already
-        stay, after those.
+        The table, in the order of the studies. Earlier rows of other studies follow.
     method : str, default "auto"
         Estimator, one of ``jointid.estimation.elasticity.METHODS``.
     workers : int, optional
-        Processes of this computer; left out: as many as it has cores.
+        Processes on this computer; by default one per core.
     scheduler : str, optional
-        Address of a Dask scheduler, such as "tcp://10.0.0.5:8786", whose workers take the studies
-        instead. Studies are sent as bytes, so workers need not see their paths.
+        Address of a Dask scheduler, such as "tcp://10.0.0.5:8786", to use its workers instead. Studies
+        are sent as bytes; workers need no access to their paths.
     limits : Limits, optional
-        What one study may take.
+        Time and memory for one study.
     fresh : bool, default False
-        Analyse everything anew, and drop what ``out`` and its journal hold.
+        Analyse everything again; drop the rows of ``out`` and its journal.
     progress : callable, optional
         Called with a ``Progress`` at the beginning and after every row.
 
     Raises
     ------
     JointIdError
-        When no study is meant, ``out`` is something else than a fleet's table or cannot be written,
-        another batch writes it, or the cluster cannot be reached.
+        When there is no study, ``out`` is another kind of file or cannot be written, another batch
+        writes it, or the cluster cannot be reached.
     """
     if method not in METHODS:
         raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
     if workers is not None and scheduler is not None:
         raise JointIdError("workers are of this computer, a scheduler has its own: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))
-    meant = find_studies(studies)
+    found = find_studies(studies)
     if not target.parent.is_dir():
         raise JointIdError(f"{target.parent} is not a folder: make it first, or choose another path.")
     with closing(Journal(journal_path(target))) as journal:
         before = _rows_before(target, journal, fresh)
-        jobs = [_job(path, method, before.get(shown(path))) for path in meant]
+        jobs = [_job(path, method, before.get(path_text(path))) for path in found]
         rows: dict[str, Row] = {}
         state = Progress(len(jobs), 0, 0, 0, 0.0)
 
-        def tell(row: Row | None, *, skipped: bool = False) -> None:
+        def report(row: Row | None, *, skipped: bool = False) -> None:
             nonlocal state
             state = replace(
                 state,
@@ -141,7 +140,7 @@ def analyse_fleet(
             if progress is not None:
                 progress(state)
 
-        tell(None)
+        report(None)
         executor = _executor(workers, scheduler, limits or Limits())
         with closing(executor.run(jobs)) as finished:
             for done in finished:
@@ -151,7 +150,7 @@ def analyse_fleet(
                 else:
                     journal.add(row)
                 rows[done.job.study] = row
-                tell(row, skipped=done.row is None)
+                report(row, skipped=done.row is None)
         here = [rows[job.study] for job in jobs]
         others = [row for study, row in before.items() if study not in rows]
         write_rows(target, [*here, *others])
@@ -178,14 +177,14 @@ def _executor(workers: int | None, scheduler: str | None, limits: Limits) -> Exe
 
 
 def _cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
-    """Rows by study: of the table, then of the journal, the later ones in place of the earlier."""
+    """Rows by study, of the table and of the journal; the journal's take precedence."""
     in_table: tuple[Row, ...] = ()
     if target.exists():
         try:
@@ -202,4 +201,4 @@ def _rows_before(target: Path, journal: Journal, fresh: bool) -> dict[str, Row]:
 
 def _job(path: Path, method: str, row: Row | None) -> Job:
     same = row is not None and row.is_final and (row.method, row.version) == (method, __version__)
-    return Job(shown(path), path, method, row.content if row is not None and same else "")
+    return Job(path_text(path), path, method, row.content if row is not None and same else "")

@@ -1,6 +1,6 @@
-"""How a fleet's values are spread, which of them stand out, and how they drift.
+"""Spread, outliers and drift of a fleet's values.
 
-Medians throughout: a few robots that are broken, or studies that went wrong, must not hide themselves.
+All statistics are robust (medians): a few broken robots or bad studies must not mask themselves.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.fleet.row import Row
 
-OUTSTANDING = 4.0
-"""A value stands out when it lies this many times its expected distance from the median."""
-LEAST = 5
-"""Fewer values than this tell no spread."""
+OUTLIER_Z = 4.0
+"""An outlier is more than this many expected distances from the centre."""
+MIN_VALUES = 5
+"""Fewest values for a spread or a drift."""
 
-_NORMAL = 1.4826  # median absolute deviation to standard deviation, for a normal distribution
-_THEIL_SEN = float(np.sqrt(np.pi / 3))  # its standard error over that of least squares, likewise
-_MOST_PAIRED = 300
+_NORMAL = 1.4826
+"""Standard deviation over median absolute deviation of a normal distribution, 1 / Φ⁻¹(3/4)."""
+_THEIL_SEN = float(np.sqrt(np.pi / 3))
+"""Standard error of the Theil-Sen slope over that of least squares, for normal errors."""
+_MAX_PAIRED = 300
+"""Most values of which all pairs are formed; of more, an evenly spaced selection."""
 _YEAR_S = 365.25 * 86400.0
 
 
@@ -30,46 +33,45 @@ class Spread:
     """One quantity of one joint over m studies of a fleet."""
 
     name: str
-    """Such as "K1"."""
+    """Quantity and joint, as in "K1"."""
     rows: tuple[Row, ...]
-    """The studies that have it."""
+    """Studies with this quantity."""
     value: Floats
     """Shape (m,), N·m/rad or N·m·s/rad."""
     error: Floats
     """One standard error, shape (m,)."""
     median: float
-    """NaN without any value."""
+    """NaN without values."""
     spread: float
-    """1.4826 times the median absolute deviation from the median; NaN below ``LEAST`` values."""
+    """1.4826 times the median absolute deviation from the median; NaN below ``MIN_VALUES`` values."""
     centre: Floats
-    """What each value is compared with, shape (m,): the fleet's median, or its robot's."""
+    """Reference of each value, shape (m,): the median of the fleet or of its robot."""
     z: Floats
-    """Distance from the centre over what is expected, shape (m,); NaN where too few are compared."""
+    """Distance from the centre over its expected value, shape (m,); NaN below ``MIN_VALUES`` values."""
 
     @property
-    def outstanding(self) -> np.ndarray:
-        """Which values stand out, shape (m,)."""
-        return np.asarray(np.abs(self.z) > OUTSTANDING)
+    def outliers(self) -> np.ndarray:
+        """Mask of the outliers, shape (m,)."""
+        return np.asarray(np.abs(self.z) > OUTLIER_Z)
 
 
 def fleet_spread(
     rows: Sequence[Row], quantity: str, joint: int, *, within_robot: bool = False
 ) -> Spread:
-    """Say how one quantity is spread over a fleet, and which values stand out.
+    """Return the spread and the outliers of one quantity over a fleet.
 
-    The expected distance from the centre is √(s² + e²): s is the robust spread of the values that are
-    compared, e the value's own standard error. So neither a fleet that varies nor a study that knows
-    little makes a value stand out.
+    The expected distance from the centre is √(s² + e²): s is the robust spread of the compared values, e
+    the value's own standard error. Neither the fleet's variation nor an uncertain study makes outliers.
 
     Parameters
     ----------
     rows : sequence of Row
-        Those without an answer, with fewer joints, or with a value that is not finite are passed over.
+        Rows without an answer, with fewer joints or without a finite value are skipped.
     quantity : {"K", "D"}
     joint : int
         From 1.
     within_robot : bool, default False
-        Compare every study with those of the same robot rather than with the whole fleet.
+        Compare a study with those of the same robot, not with the whole fleet.
     """
     having = tuple(row for row in rows if _has(row, quantity, joint))
     value = np.array([getattr(row, quantity)[joint - 1] for row in having])
@@ -103,11 +105,11 @@ def _has(row: Row, quantity: str, joint: int) -> bool:
 
 
 def robust_spread(values: Floats) -> float:
-    """Return 1.4826 times the median absolute deviation, NaN below ``LEAST`` values.
+    """Return 1.4826 times the median absolute deviation, NaN below ``MIN_VALUES`` values.
 
-    For normally distributed values it is their standard deviation; up to half of them may be anything.
+    It estimates the standard deviation of normal values; up to half of them may be outliers.
     """
-    if values.size < LEAST:
+    if values.size < MIN_VALUES:
         return float("nan")
     return float(_NORMAL * np.median(np.abs(values - np.median(values))))
 
@@ -124,15 +126,15 @@ class Drift:
     error: Floats
     rows: tuple[Row, ...]
     slope_per_s: float
-    """Median of the slopes between all pairs (Theil and Sen); NaN below ``LEAST`` times."""
+    """Median of the slopes between all pairs (Theil and Sen); NaN below ``MIN_VALUES`` times."""
     slope_error_per_s: float
-    """Its standard error from the scatter around the line."""
+    """Standard error of the slope, from the scatter around the line."""
     level: float
     """Value of the line at the median time."""
 
     @property
     def per_year(self) -> tuple[float, float]:
-        """Change per year over the level, and its standard error."""
+        """Relative change per year, and its standard error."""
         scale = _YEAR_S / abs(self.level) if self.level else float("nan")
         return self.slope_per_s * scale, self.slope_error_per_s * scale
 
@@ -142,12 +144,12 @@ class Drift:
 
 
 def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> Drift:
-    """Follow a quantity of one robot over the dates that its studies state.
+    """Return the drift of a quantity of one robot over the dates of its studies.
 
     Parameters
     ----------
     rows : sequence of Row
-        Those without a date, with an error, or of other robots are passed over.
+        Rows of other robots, with an error or without a date are skipped.
     quantity : {"K", "D"}
     joint : int
         From 1.
@@ -177,7 +179,7 @@ def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> D
 
 
 def seconds(date: str) -> float:
-    """Return a row's date as seconds since 1970; what states no offset counts as UTC.
+    """Return a row's date as seconds since 1970; without an offset it is UTC.
 
     Raises
     ------
@@ -190,10 +192,9 @@ def seconds(date: str) -> float:
 
 def _theil_sen(time: Floats, value: Floats) -> tuple[float, float, float]:
     """Slope, its standard error, and the value at the median time."""
-    if np.unique(time).size < LEAST:
+    if np.unique(time).size < MIN_VALUES:
         return float("nan"), float("nan"), float(np.median(value)) if value.size else float("nan")
-    # Of very many values, some that are spread evenly say the same.
-    pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MOST_PAIRED)).round().astype(int))
+    pick = np.unique(np.linspace(0, time.size - 1, min(time.size, _MAX_PAIRED)).round().astype(int))
     t, v = time[pick] - np.median(time), value[pick]
     i, j = np.triu_indices(t.size, 1)
     apart = t[j] != t[i]

@@ -1,4 +1,4 @@
-"""Which studies are meant: folders, zips, patterns, and folders that hold studies."""
+"""The studies of a batch: folders, zips, patterns, and folders of studies."""
 
 from __future__ import annotations
 
@@ -13,49 +13,48 @@ from jointid.files.study_saving import STUDY_FILE
 
 _MAGIC = re.compile(r"[*?\[]")
 _ESCAPE = re.compile(rb"\\(?=x(?:[89a-f][0-9a-f]|5c))")
-"""A backslash that would read as the beginning of an escape."""
+"""A backslash that looks like the beginning of an escape."""
 
 
 def find_studies(paths: Iterable[str | os.PathLike[str]]) -> tuple[Path, ...]:
-    """Return the studies that are meant, each once, in an order that does not change.
+    """Return the studies of paths and patterns, each once, in a fixed order.
 
     Parameters
     ----------
     paths : iterable of path
-        Each is a study (a folder with study.toml, that file, or a .zip), a folder that holds studies at
-        any depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Names that begin with a
-        dot are passed over.
+        Each is a study (a folder with study.toml, that file, or a .zip), a folder of studies at any
+        depth, or a pattern such as ``cells/*/2026-*.zip`` or ``cells/**``. Hidden names (".…") are
+        skipped.
 
     Returns
     -------
     tuple of Path
-        Absolute and without links, so that a study has one path by whatever way it was reached; in the
-        order of ``paths``, below a folder by name; numbers in names count as numbers. What is named
-        outright is there even when it is no study: its row will say why.
+        Absolute and without links, so that a study has one path; in the order of ``paths``, below a
+        folder by name, numbers in names by value. An explicit path is included even when it is no study:
+        its row has the error.
 
     Raises
     ------
     JointIdError
-        When a pattern or a folder holds no study, or nothing is given.
+        When ``paths`` is empty, or a pattern or folder has no study.
     """
     given = [os.fspath(path) for path in paths]
     if not given:
         raise JointIdError("No study is named: give folders, .zip files or patterns.")
-    found = dict.fromkeys(os.path.realpath(path) for text in given for path in _meant(text))
+    found = dict.fromkeys(os.path.realpath(path) for text in given for path in _expanded(text))
     return tuple(Path(path) for path in found)
 
 
-def shown(path: Path) -> str:
-    r"""Return a path as a table can hold it: no two paths are shown alike.
+def path_text(path: Path) -> str:
+    r"""Return a path as text without surrogates; different paths give different texts.
 
-    A byte that is no character becomes ``\xff``; where a name itself holds such a text, its backslash
-    becomes ``\x5c``.
+    An undecodable byte becomes ``\xff``; a backslash before such a text in a name becomes ``\x5c``.
     """
     return _ESCAPE.sub(rb"\\x5c", os.fsencode(path)).decode("utf-8", "backslashreplace")
 
 
-def _meant(text: str) -> Iterator[Path]:
-    path = Path(text).absolute()  # its ".." stay, for after a link they lead elsewhere
+def _expanded(text: str) -> Iterator[Path]:
+    path = Path(text).absolute()  # resolving ".." here would be wrong after a link
     if not _MAGIC.search(text) or os.path.lexists(text):
         if path.name == STUDY_FILE:
             yield path.parent
@@ -78,7 +77,7 @@ def _required(studies: Iterable[Path], otherwise: str) -> list[Path]:
 
 
 def _matching(paths: Iterable[Path]) -> Iterator[Path]:
-    """Studies among the matches of a pattern, and below matched folders."""
+    """Studies among the matches of a pattern and below matched folders."""
     for path in paths:
         if path.name == STUDY_FILE:
             yield path.parent
@@ -120,6 +119,6 @@ def _in_a_study(path: Path) -> bool:
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Order in which 2 comes before 10."""
+    """Sort key that puts 2 before 10."""
     parts = re.split(r"(\d+)", str(path))
     return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]

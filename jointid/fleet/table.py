@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
-import secrets
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +11,11 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
 from jointid.errors import JointIdError
+from jointid.files.atomic_write import new_file, write_error
 from jointid.fleet.row import MAX_JOINTS, Row, checked
 
 MAX_ROWS = 1_000_000
-"""Most rows of a table that is read."""
+"""Most rows of a table that is read; larger ones must be split."""
 
 _KIND = {b"kind": b"jointid fleet", b"format": b"1"}
 _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
@@ -49,27 +48,18 @@ _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write a table, complete or not at all; its columns are K1, K1_error, D1 and so on.
+    """Write a table atomically; its columns are K1, K1_error, D1 and so on.
 
     Raises
     ------
     JointIdError
         When it cannot be written.
     """
-    fresh = path.with_name(f".{path.name[:100]}.{secrets.token_hex(6)}.new")
     try:
-        with fresh.open("xb") as file:
+        with new_file(path) as file:
             pa_parquet.write_table(as_table(rows), file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(fresh, path)
     except OSError as error:
-        raise JointIdError(
-            f"{path} cannot be written: {error.strerror or error}. Make room or check the permissions, "
-            "or choose another file for the results."
-        ) from error
-    finally:
-        fresh.unlink(missing_ok=True)
+        raise write_error(path, error) from error
 
 
 def to_parquet(rows: Sequence[Row]) -> bytes:
@@ -80,7 +70,7 @@ def to_parquet(rows: Sequence[Row]) -> bytes:
 
 
 def as_table(rows: Sequence[Row]) -> Any:
-    """Return rows as an Arrow table; joints that a study does not have are null."""
+    """Return rows as an Arrow table; joints beyond a study's number are null."""
     joints = max((row.joints for row in rows), default=0)
     columns, schema = [], []
 
@@ -103,12 +93,12 @@ def as_table(rows: Sequence[Row]) -> Any:
 def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
     """Return the rows of a table that ``write_rows`` wrote.
 
-    A table from a stranger is better read through ``jointid.fleet.reading``, in a process of its own.
+    ``jointid.fleet.reading`` reads tables from unknown sources in a child process.
 
     Raises
     ------
     JointIdError
-        When it cannot be read, or is no table of a fleet's results.
+        When it cannot be read, or is not a table of a fleet's results.
     """
     name = "The table" if isinstance(source, bytes) else str(source)
     try:
@@ -157,7 +147,7 @@ def _row(columns: dict[str, list[Any]], k: int) -> Row:
 
 
 def _text(value: Any) -> Any:
-    """A value as a table can hold it: a path may hold what is no character."""
+    """A value without surrogates, which a table cannot hold."""
     if isinstance(value, str):
         return value.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     if isinstance(value, tuple):

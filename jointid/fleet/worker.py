@@ -1,4 +1,4 @@
-"""The process that analyses studies: whatever one of them does to it, the batch lives on."""
+"""Isolated worker process: a crash or hang affects one study only."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.files.study_files import load_study
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.row import FAULT, MEMORY, REFUSED, Row, failed, row_of, to_plain
+from jointid.fleet.row import FAULT, MEMORY, REFUSED, Row, failed_row, row_of, to_plain
 from jointid.study import analyse
 
 
 def study_row(
     source: Path | bytes, study: str, method: str, known: str = "", content: str = ""
 ) -> Row | None:
-    """Analyse one study, whatever it is.
+    """Analyse one study; every failure becomes a row.
 
     Parameters
     ----------
     source : Path or bytes
         A folder or .zip by its path, or a zip.
     study : str
-        What the row calls it.
+        Its name in the table.
     method : str
         Estimator, one of ``jointid.estimation.elasticity.METHODS``.
     known : str
-        Digest of files that have their row already.
+        Digest of the files of an existing row.
     content : str
-        Digest of the files that ``source`` was made from; left out: that of ``source``.
+        Digest of the files that ``source`` was made from; by default that of ``source``.
 
     Returns
     -------
     Row or None
-        None when the files are the known ones.
+        None when the files are unchanged.
     """
     begin = time.perf_counter()
     try:
@@ -47,13 +47,13 @@ def study_row(
         took = time.perf_counter() - begin
         return row_of(analysis, study=study, content=content, method=method, time_s=took)
     except (Exception, MemoryError) as error:
-        failure, text = _said(error)
+        failure, text = _failure(error)
         took = time.perf_counter() - begin
-        return failed(study, method, failure, text, content=content, time_s=took)
+        return failed_row(study, method, failure, text, content=content, time_s=took)
 
 
-def _said(error: BaseException) -> tuple[str, str]:
-    """What kind of failure it is, and a message."""
+def _failure(error: BaseException) -> tuple[str, str]:
+    """Kind and message of a failure."""
     if isinstance(error, JointIdError):
         return REFUSED, str(error)
     if isinstance(error, MemoryError):
@@ -91,8 +91,8 @@ def answer(request: dict[str, Any], body: bytes, _: Progress) -> tuple[dict[str,
                 return {"unchanged": True}, b""
             return {"content": content}, packed(Path(request["path"]))
         except (Exception, MemoryError) as error:
-            failure, text = _said(error)
-            return {"row": to_plain(failed(study, method, failure, text))}, b""
+            failure, text = _failure(error)
+            return {"row": to_plain(failed_row(study, method, failure, text))}, b""
     row = study_row(
         Path(request["path"]) if request["path"] else body, study, method, known, request["content"]
     )

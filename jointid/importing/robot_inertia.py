@@ -1,4 +1,4 @@
-"""The inertias that a log does not say: from TOML, or from the joint side of the gears."""
+"""Inertias, which no log contains: from TOML, or converted from the joint side of the gears."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ INERTIA_UNITS = {
 """Inertia units in kg·m²; lb is the pound of mass."""
 
 _TOP = {"inertia": STUDY_KEYS["inertia"], **INERTIA_KEYS, **STUDY_KEYS}
-"""M and M2 may stand at the top; what else a study.toml holds is allowed, the logs take its place."""
+"""M and M2 may be at the top level; other keys of a study.toml are allowed and ignored."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """What is known of a robot beside its logs, motor side."""
+    """Properties of a robot beside its logs, motor side."""
 
     inertia: Inertia
     poses: Mapping[str, Inertia] = field(default_factory=dict)
     """Inertia of each named pose."""
     nominal: Elasticity | None = None
-    """What the controller assumes, where stated."""
+    """Values that the controller assumes, if given."""
     name: str = ""
 
 
 def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
-    """Read inertias, and poses, nominal values and a name where they are given.
+    """Read inertias, and optional poses, nominal values and name.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
     Raises
     ------
     JointIdError
-        When it is no TOML, or M or M2 is missing or is no inertia.
+        When the text is not TOML, or M or M2 is missing or invalid.
     """
     data = text.encode() if isinstance(text, str) else text
     top = parse_toml(file, data, _TOP)
@@ -66,14 +66,14 @@ def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
 
 
 def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
-    """Return M2 = N⁻¹ M N⁻¹: the arm's inertia matrix as the motors feel it.
+    """Return M2 = N⁻¹ M N⁻¹: the arm's inertia matrix on the motor side.
 
     Parameters
     ----------
     joint_inertia : array_like, shape (n, n)
         On the joints' side of the gears, kg·m².
     gear_ratio : array_like, shape (n,)
-        Motor turns over joint turns; a negative one turns the sign of its couplings.
+        Motor turns over joint turns; a negative ratio reverses the sign of its couplings.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
 
 
 def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
-    """Return J_m of rotors whose inertia is given as the joints feel it, n² J_m.
+    """Return the rotor inertia J_m from its value on the joint side, n² J_m.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _ratios(gear_ratio: ArrayLike) -> Floats:
 
 
 def _per_joint(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """Return values of the shape that the gear ratios ask for."""
+    """Return values as an array of the shape that the gear ratios require."""
     array = finite_array(name, values, ndim=len(shape))
     if array.shape != shape:
         raise JointIdError(

@@ -10,6 +10,7 @@ from typing import cast
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import log_path
 from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
@@ -31,18 +32,18 @@ def segment_records(
     log : MappedLog
     segments : sequence of Segment
     pose : str, optional
-        In which all of them were measured.
+        Pose of all segments.
 
     Returns
     -------
     tuple of SineRecord
-        On the clock of the log. In a record of a multisine's line the other lines have been taken out
-        by least squares, so that its phasor is that line's alone; the noise stays.
+        On the clock of the log. From the record of one line of a multisine the other lines are
+        subtracted by least squares; the noise remains.
 
     Raises
     ------
     JointIdError
-        When a segment holds too little of the log for its frequency.
+        When a segment is too short for its frequency.
     """
     records = []
     for number, segment in enumerate(segments, start=1):
@@ -55,7 +56,7 @@ def segment_records(
             if others:
                 label += f", {significant(line)} Hz"
             try:
-                shares = _others(time, np.column_stack([theta, tau]), line, others)
+                shares = _other_lines(time, np.column_stack([theta, tau]), line, others)
                 records.append(
                     SineRecord(
                         frequency_hz=line,
@@ -99,13 +100,13 @@ def study_from_logs(
     poses : mapping of str to Inertia, optional
         Inertia of each named pose.
     pose_of : sequence of str or None, optional
-        Pose of each log; None, and by default, the one that ``inertia`` holds for.
+        Pose of each log; None, the default, is the pose of ``inertia``.
     name, description : str, optional
         By default from the logs; see ``study_name``.
     robot : str, optional
-        Which robot it is, and
+        Identifier of the robot.
     date : datetime.date, optional
-        when it was measured: what a fleet's drift goes by.
+        Date of the measurement; a fleet's drift is over this date.
 
     Raises
     ------
@@ -135,7 +136,7 @@ def study_from_logs(
                 f"{log.name or 'The log'} has {counted(log.n, 'joint')}, the inertia {inertia.n}: "
                 "they must agree."
             )
-    # Frequencies of all logs together, so that runs of one set point in two logs belong together.
+    # Frequencies of all logs together, so that runs of one set point in two logs form a group.
     flat = common_frequencies([segment for part in each for segment in part])
     records: list[SineRecord] = []
     done = 0
@@ -157,13 +158,13 @@ def study_from_logs(
     )
 
 
-def date_in(text: str) -> datetime.date | None:
-    """Read a date as people type it; None where nothing is written.
+def parse_date(text: str) -> datetime.date | None:
+    """Parse a date; None for an empty text.
 
     Raises
     ------
     JointIdError
-        When it is no date.
+        When it is not an ISO date.
     """
     if not text.strip():
         return None
@@ -176,14 +177,14 @@ def date_in(text: str) -> datetime.date | None:
 
 
 def study_name(logs: Sequence[str]) -> str:
-    """Name a study after its logs: "cell 3", "cell 3 and 2 more", and after an archive that holds all.
+    """Name a study after its logs, "cell 3" or "cell 3 and 2 more", or after their common archive.
 
     Parameters
     ----------
     logs : sequence of str
-        What they are called: "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
+        Names such as "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
     """
-    paths = [PurePosixPath(log.partition(": ")[0].replace("\\", "/")) for log in logs if log]
+    paths = [log_path(log) for log in logs if log]
     archives = {path.parts[0] if len(path.parts) > 1 else "" for path in paths}
     if len(archives) == 1 and any(archives):
         paths = [PurePosixPath(*archives)]
@@ -194,8 +195,10 @@ def study_name(logs: Sequence[str]) -> str:
     return stem if len(files) == 1 else f"{stem} and {len(files) - 1} more"
 
 
-def _others(time: np.ndarray, signals: np.ndarray, line: float, others: Sequence[float]) -> np.ndarray:
-    """What the other lines contribute to each signal, shape (N, 2n)."""
+def _other_lines(
+    time: np.ndarray, signals: np.ndarray, line: float, others: Sequence[float]
+) -> np.ndarray:
+    """Contribution of the other lines to each signal, shape (N, 2n)."""
     if not others:
         return np.zeros_like(signals)
     fit = fit_lines(time, signals, [line, *others], free=False)

@@ -1,4 +1,4 @@
-"""The fit of jittered or very short records: normal equations at their own sample times."""
+"""Fit of jittered or very short records by normal equations at the sample times."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.phasors.fitted_sine import SineFit, Window, padded, scatter
+from jointid.phasors.fitted_sine import SineFit, Window, padded, scatter, sine_basis
 from jointid.records import SineRecord
 from jointid.small_matrices import one_thread
 
-_CHUNK = 65_536  # samples whose sines stand in memory at a time
+_CHUNK = 65_536
+"""Samples per pass, which bounds the memory."""
+_RESOLVED = 0.6
+"""Distance of a spectral line from the fitted ones, in lines, from which the fit leaves noise there."""
 
 
 def fit_directly(window: Window, harmonics: int, *, by_scatter: bool) -> SineFit:
@@ -21,10 +24,10 @@ def fit_directly(window: Window, harmonics: int, *, by_scatter: bool) -> SineFit
     ----------
     window : Window
     harmonics : int
-        How many rows ``SineFit.harmonics`` shall have.
+        Number of rows of ``SineFit.harmonics``.
     by_scatter : bool
-        Tell the noise from how the blocks scatter; else from the spectral lines beside the sine, or
-        where there are none from the residual, taken as white.
+        Estimate the noise from the scatter of the blocks; else from the spectral lines next to the
+        sine, or without such lines from the residual, assumed white.
     """
     with one_thread():
         return _fit(window, harmonics, by_scatter)
@@ -71,16 +74,16 @@ def _fit(window: Window, harmonics: int, by_scatter: bool) -> SineFit:
     # White noise of covariance R: a coefficient's variance is R times the inverse Gram's diagonal.
     spread = np.diag(inverse)[:count] + np.diag(inverse)[count:-2]
     covariance = (spread[:, None, None] * power / (samples - size)).astype(complex)
-    freedom = samples - size
-    # The fit has removed part of the noise at each line; what it left of white noise is known.
+    degrees_of_freedom = samples - size
+    # The fit removes a known share of white noise at each line.
     left = 1 - np.einsum("lc,cd,ld->l", fitted.conj(), inverse, fitted).real / samples
     beside, left = beside[left > 0.1], left[left > 0.1]
     if by_scatter:
-        covariance, freedom = blocks / (blocks - 1) * scatter(deviations), blocks - 1
+        covariance, degrees_of_freedom = blocks / (blocks - 1) * scatter(deviations), blocks - 1
     elif left.size > 0:
         density = np.einsum("la,lb->ab", beside / left[:, None], beside.conj()) / (left.size * samples)
         covariance[0] = spread[0] * density
-        freedom = left.size
+        degrees_of_freedom = left.size
     phasors = solution[count:-2] + 1j * solution[:count]
     return SineFit(
         fundamental=(alone[1] + 1j * alone[0]) * clock[0],
@@ -90,26 +93,25 @@ def _fit(window: Window, harmonics: int, by_scatter: bool) -> SineFit:
         middle_s=middle_s,
         deviations=deviations[0],
         covariance=padded(covariance[None], harmonics)[0],
-        freedom=freedom,
+        degrees_of_freedom=degrees_of_freedom,
     )
 
 
 def _free_lines(record: SineRecord, orders: np.ndarray) -> Floats:
-    """Spectral lines beside the fundamental that the fit leaves free, where the noise shows, rad/s."""
+    """Spectral lines next to the fundamental and not in the fit, where noise is measured, rad/s."""
     steps = np.array([-3, -2, -1, 1, 2, 3]) / record.periods
     place = 1 + steps  # in units of the fundamental
     taken = np.concatenate([[0.0], orders])
     distance = np.abs(place[:, None] - taken).min(axis=1)
-    return np.asarray(record.omega * place[distance > 0.6 / record.periods])
+    return np.asarray(record.omega * place[distance > _RESOLVED / record.periods])
 
 
 def _chunks(
     record: SineRecord, orders: np.ndarray, middle_s: float, span: float
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Columns (cosines, sines, one, ramp) and data (q, then τ) of some samples at a time."""
+    """Basis functions and data (q, then τ), chunk by chunk."""
     for begin in range(record.start, record.time_s.size, _CHUNK):
         part = slice(begin, begin + _CHUNK)
         time = record.time_s[part] - middle_s
-        angle = record.omega * np.outer(time, orders)
-        columns = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(time), time / span])
+        columns = sine_basis(record.omega * np.outer(time, orders), time / span)
         yield columns, np.hstack([record.theta_rad[part], record.tau_Nm[part]])

@@ -1,4 +1,4 @@
-"""From records to phasors, equations (2)-(4): one complex number per signal, with its noise.
+"""Phasors of records, equations (2)-(4): one complex number per signal, with its noise.
 
 Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a derivative is a factor iω.
 """
@@ -14,17 +14,22 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
 from jointid.phasors.sensor_steps import may_have_steps, step_variance
+from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
+from jointid.phasors.spectrum import largest_line_hz
 from jointid.records import SineRecord
 from jointid.wording import counted
 
 MANY_HARMONICS = 31
-"""Harmonics of Coulomb friction fall as 1/h; so many resolve a stick of a thirtieth of a period."""
+"""Harmonics of Coulomb friction fall as 1/h; this many resolve sticking over a thirtieth of a period."""
+
+_VISIBLE = 6.0
+"""Standard errors by which a harmonic exceeds the noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Phasors:
-    """Fourier coefficients of r records of n joints, with what they say about each record's quality."""
+    """Fourier coefficients of r records of n joints, with figures of each record's quality."""
 
     omega: Floats
     """Excitation frequencies, shape (r,), rad/s."""
@@ -33,27 +38,27 @@ class Phasors:
     tau: Complexes
     """Motor torques as they act, corrected for hold and delay, shape (r, n), N·m."""
     covariance: Complexes
-    """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n), the leakage of harmonics over a
-    broken period included; a diagonal entry is the variance of a complex number, twice that of its
-    real part."""
-    freedom: Floats
-    """Degrees of freedom of each covariance, shape (r,); few periods make few."""
+    """Noise covariance E[δz δzᴴ] of z = [q; τ], shape (r, 2n, 2n), including leakage of harmonics over
+    an incomplete period; a diagonal entry is the variance of a complex number, twice that of its real
+    part."""
+    degrees_of_freedom: Floats
+    """Degrees of freedom of each covariance, shape (r,); they grow with the number of periods."""
     duration_s: Floats
-    """How long each record is, shape (r,), s; noise variances fall as its inverse."""
+    """Length of each record, shape (r,), s; noise variances are inversely proportional to it."""
     harmonics: Complexes
-    """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without the leakage
-    of harmonics over a broken period. Zero where the samples cannot tell."""
+    """Phasors of z at ω, 2ω, 3ω ... fitted together, shape (r, H, 2n). Row 0 is z without leakage of
+    harmonics over an incomplete period. Zero for harmonics that are not in the fit."""
     harmonic_covariance: Complexes
     """Noise covariance of each harmonic, shape (r, H, 2n, 2n)."""
     drift: Floats
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
     settling: Floats
-    """How far z of the first quarter of a record is from z of its second half, relative to z,
-    shape (r, 2n); NaN when there are too few periods to tell."""
+    """Difference of z between the first quarter and the second half of a record, relative to z,
+    shape (r, 2n); NaN with too few periods."""
     settling_noise: Floats
     """Standard error of ``settling``, shape (r, 2n)."""
     frequency_found_hz: Floats
-    """The frequency that the motor angle has, from the drift of its phase, shape (r,), Hz."""
+    """Frequency of the motor angle, from the drift of its phase, shape (r,), Hz."""
     labels: tuple[str, ...]
     """Name of each record, for messages and plots."""
 
@@ -100,6 +105,19 @@ class Phasors:
         most = max(group.size for group in groups)
         return [np.array([g[k] for g in groups if g.size > k]) for k in range(most)]
 
+    def scaled(self, scale: Floats) -> Phasors:
+        """Return the phasors with z times a factor, shape (2n,) or (r, 2n)."""
+        both = scale[..., :, None] * scale[..., None, :]
+        z = self.z * scale
+        return replace(
+            self,
+            q=z[:, : self.n],
+            tau=z[:, self.n :],
+            covariance=self.covariance * both,
+            harmonics=self.harmonics * scale[..., None, :],
+            harmonic_covariance=self.harmonic_covariance * both[..., None, :, :],
+        )
+
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
@@ -115,14 +133,14 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     records : sequence of SineRecord
         Of the same joints. The window need not span whole periods.
     harmonics : int, optional
-        Highest harmonic to fit as well, in a second fit with the fundamental. By default 3, and
-        ``MANY_HARMONICS`` when these stand out of the noise: then friction is to be seen in them.
+        Highest harmonic of a second fit. By default 3, and ``MANY_HARMONICS`` if these exceed the noise,
+        since they then show friction.
 
     Returns
     -------
     Phasors
-        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), a delayed one by e^{-iωδ}, each
-        harmonic at its own frequency.
+        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), a delayed one by e^{-iωδ}, each harmonic at
+        its own frequency.
 
     Raises
     ------
@@ -142,28 +160,31 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     z = np.array([fit.fundamental for fit in fits]) * timing[:, 0]
     covariance: Complexes = np.array([fit.covariance for fit in fits], dtype=np.complex128)
     covariance += _rounding(fits)
-    # The sensors are the same in all records: a look at a few tells whether they have steps.
+    # The sensors are the same in all records: a few records show whether they have steps.
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
     for record in np.flatnonzero(stepped | _visible(fits)).tolist():
         covariance[record] += step_variance(records[record], fits[record])
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
-    # Over a broken period the harmonics leak into the plain fit; the fit with harmonics tells how much.
+    # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
     plain = covariance[:, 0] + leakage[:, :, None] * leakage[:, None].conj()
     local = _local(fits)
-    settling, noise = _settling(fits, *local)
+    change, noise = settling_change(*local)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        amplitude = np.abs([fit.fundamental for fit in fits])
+        settling, settling_noise = change / amplitude, noise / amplitude
     return Phasors(
         omega=omega,
         q=z[:, :n],
         tau=z[:, n:],
         covariance=plain,
-        freedom=np.array([float(fit.freedom) for fit in fits]),
+        degrees_of_freedom=np.array([float(fit.degrees_of_freedom) for fit in fits]),
         duration_s=np.array([record.periods / record.frequency_hz for record in records]),
         harmonics=np.array([fit.harmonics for fit in fits]) * timing,
         harmonic_covariance=covariance,
         drift=np.array([fit.drift[:n] for fit in fits]),
         settling=settling,
-        settling_noise=noise,
+        settling_noise=settling_noise,
         frequency_found_hz=_frequency_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
     )
@@ -189,13 +210,13 @@ def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
 
 
 def _rounding(fits: Sequence[SineFit]) -> Floats:
-    """Variance that floating-point numbers of this size leave, diagonal (r, 1, 2n, 2n)."""
+    """Variance from floating-point rounding, diagonal (r, 1, 2n, 2n)."""
     size = np.abs([fit.offset for fit in fits]) + np.abs([fit.fundamental for fit in fits])
     return np.asarray(((1e-14 * size) ** 2)[:, None, :, None] * np.eye(size.shape[1]))
 
 
 def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
-    """Whether a record has harmonics that its sensors' steps do not explain either."""
+    """Whether a record has harmonics that noise and quantisation do not explain."""
     for record in np.flatnonzero(_visible(fits)).tolist():
         fit = fits[record]
         steps = step_variance(records[record], fit)
@@ -205,15 +226,15 @@ def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
 
 
 def _visible(fits: Sequence[SineFit]) -> np.ndarray:
-    """Whether a harmonic stands six standard errors out of noise, and 1e-6 of its signal, (r,)."""
+    """Whether a harmonic exceeds the noise, and 1e-6 of its signal, shape (r,)."""
     power = np.abs([fit.harmonics for fit in fits]) ** 2
     noise = np.abs(np.einsum("rhjj->rhj", np.array([fit.covariance for fit in fits])))
-    visible = (power > 1e-12 * power[:, :1]) & (power > 36 * noise)
+    visible = (power > 1e-12 * power[:, :1]) & (power > _VISIBLE**2 * noise)
     return np.asarray(visible[:, 1:].any(axis=(1, 2)))
 
 
 def _torque_timing(records: Sequence[SineRecord], omega: Floats) -> Complexes:
-    """Acting torque over sampled torque, shape (r, H): a hold of T lags by T/2 and attenuates."""
+    """Acting torque over sampled torque, shape (r, H): a hold of T delays by T/2 and attenuates."""
     delay = np.array([record.torque_delay_s for record in records])
     hold = np.array([record.interval_s if record.torque_hold else 0.0 for record in records])
     held = np.sinc(omega * hold[:, None] / (2 * np.pi))  # numpy's sinc(x) is sin(πx)/(πx)
@@ -231,23 +252,6 @@ def _local(fits: Sequence[SineFit]) -> tuple[Complexes, np.ndarray, np.ndarray]:
     return local, np.arange(local.shape[1]), count
 
 
-def _settling(
-    fits: Sequence[SineFit], local: Complexes, block: np.ndarray, count: np.ndarray
-) -> tuple[Floats, Floats]:
-    """Change of the local phasor from the first quarter of the blocks to the second half."""
-    early = (block < count // 4)[..., None]
-    late = ((block >= count // 2) & (block < count))[..., None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        n_early, n_late = early.sum(axis=1), late.sum(axis=1)
-        first, second = (local * early).sum(axis=1) / n_early, (local * late).sum(axis=1) / n_late
-        variance = (np.abs((local - second[:, None]) * late) ** 2).sum(axis=1) / (n_late - 1)
-        amplitude = np.abs([fit.fundamental for fit in fits])
-        change = np.abs(first - second) / amplitude
-        noise = np.sqrt(variance * (1 / n_early + 1 / n_late)) / amplitude
-    enough = count >= 4
-    return np.where(enough, change, np.nan), np.where(enough, noise, np.nan)
-
-
 def _frequency_found(
     records: Sequence[SineRecord],
     fits: Sequence[SineFit],
@@ -255,7 +259,7 @@ def _frequency_found(
     block: np.ndarray,
     count: np.ndarray,
 ) -> Floats:
-    """Stated frequency, corrected by how fast the phase of the largest motion turns over the record."""
+    """Stated frequency, corrected by the phase drift of the largest motion over the record."""
     n, rows = records[0].n, np.arange(len(records))
     strength = np.abs([fit.harmonics[:, :n] for fit in fits])
     order, largest = np.divmod(strength.reshape(len(records), -1).argmax(axis=1), n)
@@ -274,24 +278,13 @@ def _frequency_found(
     for row in np.flatnonzero(moves & suspicious).tolist():
         record, fit, joint = records[row], fits[row], int(largest[row])
         if order[row] > 0 or scatter[row] > 0.5 * abs(phasor[row]) or _unlike(record, fit, joint):
-            found[row] = _spectral_peak_hz(record, joint)
+            used = slice(record.start, None)
+            found[row] = largest_line_hz(record.time_s[used], record.theta_rad[used, joint])
     return np.where(moves, found, stated)
 
 
 def _unlike(record: SineRecord, fit: SineFit, joint: int) -> bool:
-    """Whether a motor angle of few periods is far from the sine that was fitted to it."""
+    """Whether a motor angle of few periods differs much from its fitted sine."""
     left = record.theta_rad[record.start :, joint]
     left = left - fit.at(record.time_s[record.start :], record.omega)[:, joint]
     return bool(left.std() > 0.3 * abs(fit.fundamental[joint]))
-
-
-def _spectral_peak_hz(record: SineRecord, joint: int) -> float:
-    """Largest line of the spectrum of a motor angle, for a record that contradicts its frequency."""
-    signal = record.theta_rad[record.start :, joint]
-    ends = np.linspace(signal[0], signal[-1], signal.size)
-    spectrum = np.abs(np.fft.rfft((signal - ends) * np.hanning(signal.size)))
-    peak = int(np.argmax(spectrum[1:-1])) + 1
-    left, centre, right = np.log(np.maximum(spectrum[peak - 1 : peak + 2], 1e-300))
-    curvature = left - 2 * centre + right
-    shift = 0.0 if curvature == 0 else 0.5 * (left - right) / curvature
-    return float((peak + shift) / (signal.size * record.interval_s))

@@ -1,4 +1,4 @@
-"""What a fit of a sine goes by, and what it gives."""
+"""Input and result of a sine fit, and the basis functions of both."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from jointid.records import SineRecord
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The settled samples of a record, divided into blocks of close to whole periods."""
+    """Steady-state samples of a record, divided into blocks of nearly whole periods."""
 
     record: SineRecord
     orders: int
-    """Highest harmonic that the samples can tell."""
+    """Highest harmonic in the fit."""
     block: int
     """Samples per block."""
     blocks: int
@@ -35,8 +35,8 @@ class SineFit:
     fundamental: Complexes
     """Phasors of the fit without harmonics (sine, cosine, offset, drift only), shape (2n,)."""
     harmonics: Complexes
-    """Phasors y_h of the fit with harmonics, on the record's clock, shape (H, 2n); those that the
-    samples cannot carry are zero."""
+    """Phasors y_h of the fit with harmonics, on the record's clock, shape (H, 2n); zero where the sample
+    rate or the record length excludes the harmonic."""
     offset: Floats
     """Mean level at the middle of the window, shape (2n,)."""
     drift: Floats
@@ -44,11 +44,12 @@ class SineFit:
     middle_s: float
     """Time of the middle of the window, s."""
     deviations: Complexes
-    """What each block adds to the error of the fundamental, shape (blocks, 2n); they sum to about 0."""
+    """Contribution of each block to the error of the fundamental, shape (blocks, 2n); their sum is about
+    zero."""
     covariance: Complexes
     """Covariance E[δy δyᴴ] of each harmonic's phasors, shape (H, 2n, 2n)."""
-    freedom: int
-    """Degrees of freedom of ``covariance``: how many independent complex errors it is the mean of."""
+    degrees_of_freedom: int
+    """Degrees of freedom of ``covariance``: number of independent complex errors in its mean."""
 
     def at(self, time_s: Floats, omega: float) -> Floats:
         """Value of the fitted curve, shape (N, 2n)."""
@@ -57,8 +58,25 @@ class SineFit:
         return np.asarray(waves.imag + self.offset + np.outer(time_s - self.middle_s, self.drift))
 
 
+def sine_basis(phase: Floats, ramp: Floats) -> Floats:
+    """Columns cosines, sines, one and ramp of a linear sine fit.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (N,) or (N, H)
+        Phase hωt of each harmonic at each sample, rad.
+    ramp : ndarray, shape (N,)
+        Time in any unit.
+
+    Returns
+    -------
+    ndarray, shape (N, 2H + 2)
+    """
+    return np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(ramp), ramp])
+
+
 def scatter(deviations: Complexes) -> Complexes:
-    """Covariance of sums over independent blocks whose mean the fit has removed.
+    """Covariance of a sum over independent blocks, from their deviations from the mean.
 
     Parameters
     ----------
@@ -72,7 +90,7 @@ def scatter(deviations: Complexes) -> Complexes:
 
 
 def padded(rows: Complexes, harmonics: int) -> Complexes:
-    """Fill up with zeros what the samples cannot carry; (r, H', ...) becomes (r, H, ...)."""
+    """Append zeros for harmonics that are not in the fit; (r, H', ...) becomes (r, H, ...)."""
     filled = np.zeros((len(rows), harmonics, *rows.shape[2:]), complex)
     filled[:, : rows.shape[1]] = rows
     return filled

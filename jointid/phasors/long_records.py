@@ -1,4 +1,4 @@
-"""Records larger than memory: read in parts, each part fitted like a record, the fits joined."""
+"""Records larger than memory: read in parts, each fitted like a record, and combined."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from jointid.records import SineRecord
 
 @dataclass(frozen=True, eq=False)
 class LongRecord(SineRecord):
-    """A record of which only the beginning stands in memory.
+    """A record of which only the beginning is in memory.
 
-    What is plotted of it, and what is judged by eye, is the beginning; the fit reads all of it.
+    Plots show the beginning; the fit reads all of it.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class LongRecord(SineRecord):
     samples_in_all : int
         Number of samples in all parts.
     fingerprint : callable
-        Returns a digest of what the parts are read from.
+        Returns a digest of the source of the parts.
     """
 
     parts: Callable[[], Iterator[SineRecord]] = field(kw_only=True, repr=False)
@@ -41,8 +41,8 @@ class LongRecord(SineRecord):
 def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
     """Return the fit of a record from the fits of its consecutive parts.
 
-    Each part counts by its samples. The noise is what the blocks of all parts scatter by; where the
-    parts differ by more, because noise is slower than a part, it is what the parts scatter by.
+    Each part is weighted by its samples. The noise is the scatter of the blocks of all parts; if the
+    parts differ by more, because of noise slower than a part, it is the scatter of the parts.
 
     Parameters
     ----------
@@ -61,25 +61,25 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
     if len(fits) == 1:
         return fits[0]
     weight = np.asarray(samples, float) / np.sum(samples)
-    freedom = np.array([fit.freedom for fit in fits])
+    degrees_of_freedom = np.array([fit.degrees_of_freedom for fit in fits])
     harmonics = np.array([fit.harmonics for fit in fits])  # (p, H, 2n)
     mean = np.einsum("p,phc->hc", weight, harmonics)
-    apart = harmonics - mean
+    deviation = harmonics - mean
     fundamentals = np.array([fit.fundamental for fit in fits])
     fundamental = weight @ fundamentals
     # Within the parts the blocks scatter around their part; the parts scatter around the whole.
-    count = freedom + 1
+    count = degrees_of_freedom + 1
     within = np.einsum(
-        "p,phij->hij", weight**2 * freedom / count, np.array([fit.covariance for fit in fits])
+        "p,phij->hij", weight**2 * degrees_of_freedom / count, np.array([fit.covariance for fit in fits])
     )
-    between = np.einsum("p,phi,phj->hij", weight**2 / count, apart, apart.conj())
+    between = np.einsum("p,phi,phj->hij", weight**2 / count, deviation, deviation.conj())
     total, parts = int(count.sum()), len(fits)
     covariance, left = (within + between) * total / (total - 1), total - 1
-    # Where the parts differ by more than their blocks foretell, noise slower than a part is at work.
-    seen = parts / (parts - 1) * np.einsum("p,phi->hi", weight**2, np.abs(apart) ** 2)
-    told = np.maximum(np.einsum("hii->hi", covariance).real, 1e-300)
-    slow = seen > told * (1 + 3 / np.sqrt(parts - 1))
-    larger = np.sqrt(np.where(slow, seen / told, 1.0))
+    # Parts that differ by more than the scatter of their blocks show noise slower than a part.
+    seen = parts / (parts - 1) * np.einsum("p,phi->hi", weight**2, np.abs(deviation) ** 2)
+    expected = np.maximum(np.einsum("hii->hi", covariance).real, 1e-300)
+    slow = seen > expected * (1 + 3 / np.sqrt(parts - 1))
+    larger = np.sqrt(np.where(slow, seen / expected, 1.0))
     covariance = covariance * larger[:, :, None] * larger[:, None]
     left = parts - 1 if slow[0].any() else left
     middle = np.array([fit.middle_s for fit in fits])
@@ -99,5 +99,5 @@ def joined(fits: Sequence[SineFit], samples: Sequence[int]) -> SineFit:
             ]
         ),
         covariance=covariance,
-        freedom=left,
+        degrees_of_freedom=left,
     )

@@ -1,9 +1,9 @@
-"""What the steps of a sensor do to phasors: an error that may come back with every period.
+"""Detection of quantisation, and the error that it adds to phasors.
 
-Rounding to steps of Δ has the variance Δ²/12. Where the frequency divides the sample rate, or nearly so,
-it repeats with the motion: it does not scatter, and does not average out beyond the samples that differ.
-Nor does it beyond the steps that a slow signal goes through, for between two of them it does not change.
-Other noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
+Rounding to steps of Δ has the variance Δ²/12. If the frequency divides the sample rate, or nearly so,
+the error repeats with the motion: it does not scatter, and averages only over the samples that differ,
+or over the steps that a slow signal passes. Other noise of σ per sample dithers it, by exp(−4π²σ²/Δ²)
+(Widrow and Kollár, Quantization Noise, 2008).
 """
 
 from __future__ import annotations
@@ -16,44 +16,52 @@ from jointid.arrays import Complexes, Floats
 from jointid.phasors.fitted_sine import SineFit
 from jointid.records import SineRecord
 
-_LOOKED_AT = 256  # samples in which the step is looked for
+_EXAMINED = 256
+"""Samples in which the step of a record's signals is searched."""
 _GLANCE = 512
-_FEW = 12
-_LIKE = 1e-2  # share of a step within which decimals leave it
+"""Samples of the quick look for equal neighbours."""
+_FIRST = 12
+"""Differences that rule out steps in most signals."""
+_ROUNDED = 1e-2
+"""Deviation from a multiple, over the step, that decimals in a file leave."""
+_FINEST = 1e-6
+"""Smallest step, over the range of the signal, that is distinguished from rounding."""
+_REPEATS = 0.02
+"""Deviation of the period from whole samples, in samples, with which the error repeats."""
 
 
 def may_have_steps(record: SineRecord) -> bool:
-    """Whether two samples on end are equal near the record's start: a quick look."""
+    """Whether neighbouring samples near the record's start are equal: a quick look."""
     part = slice(record.start, record.start + _GLANCE)
     signals = (record.theta_rad[part], record.tau_Nm[part])
     return any(bool((signal[1:] == signal[:-1]).any()) for signal in signals)
 
 
 def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
-    """Variance that the steps of the sensors add to a phasor beyond its scatter, diagonal (2n, 2n)."""
+    """Variance of the fundamental from quantisation in addition to its scatter, diagonal (2n, 2n)."""
     period = 1 / (record.frequency_hz * record.interval_s)
     cycles = period * np.arange(1, int(record.periods) + 1)
-    repeats = np.abs(cycles - np.round(cycles)) < 0.02
+    repeats = np.abs(cycles - np.round(cycles)) < _REPEATS
     different = round(cycles[np.argmax(repeats)]) if repeats.any() else record.samples
     scatter = np.abs(np.diag(fit.covariance[0])) * record.samples / 4
     variance = np.zeros(scatter.size)
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
-        step = quantum(used[:_LOOKED_AT])
+        step = quantum(used[:_EXAMINED])
         if step > 0:
-            taken = 4 * np.abs(fit.fundamental[channel]) / step * different / period
+            passed = 4 * np.abs(fit.fundamental[channel]) / step * different / period
             seen = float(scatter[channel]) / step**2
-            # Rounding that does not come back exactly scatters itself: what is seen need not be added.
+            # An error that does not repeat exactly is in the scatter already.
             undithered = _undithered(seen) if repeats.any() else max(0.0, 1 - 12 * seen)
-            variance[channel] = step**2 / 3 / max(min(different, taken), 1.0) * undithered
+            variance[channel] = step**2 / 3 / max(min(different, passed), 1.0) * undithered
     return np.diag(variance).astype(complex)
 
 
 def _undithered(scatter: float) -> float:
-    """Share of the rounding's variance that comes back, from the scatter of the log in steps squared.
+    """Share u of the rounding's variance that repeats, from the scatter of the log in steps squared.
 
-    The scatter is that of the noise and of the rounding as far as it is dithered, σ² + (1 − u)/12 with
-    u = exp(−4π²σ²): rising in σ², so that halving finds it.
+    The scatter is that of noise and dithered rounding, σ² + (1 − u)/12 with u = exp(−4π²σ²): monotonic
+    in σ², hence found by bisection.
     """
     low, high = 0.0, scatter
     for _ in range(20):
@@ -66,10 +74,10 @@ def _undithered(scatter: float) -> float:
 
 
 def quantum(signal: Floats) -> float:
-    """Step of which all differences between samples are multiples; 0 if there is none.
+    """Quantisation step: greatest common divisor of all differences between samples; 0 without steps.
 
-    No two samples need be a single step apart: it is the common divisor of all differences, found as
-    Euclid does, within what decimals leave of it.
+    Found by Euclid's algorithm, tolerant of rounding to decimals. Neighbouring samples need not differ
+    by a single step.
 
     Parameters
     ----------
@@ -84,22 +92,22 @@ def quantum(signal: Floats) -> float:
     if steps.size == 0:
         return 0.0
     step = 0.0
-    for other in steps[:_FEW].tolist():  # most signals without steps are told by these
+    for other in steps[:_FIRST].tolist():
         step = _common(step, other, blur)
-        if step <= 1e-6 * size:
+        if step <= _FINEST * size:
             return 0.0
-    while step > 1e-6 * size:
+    while step > _FINEST * size:
         rest = np.abs(steps - step * np.round(steps / step))
-        rest = rest[rest > max(blur, _LIKE * step)]
+        rest = rest[rest > max(blur, _ROUNDED * step)]
         if rest.size == 0:
             return step
         step = _common(step, float(rest.min()), blur)
-    return 0.0  # the differences have nothing in common
+    return 0.0
 
 
 def _common(a: float, b: float, blur: float) -> float:
-    """Greatest common divisor of two lengths, as Euclid finds it, within what blurs them."""
+    """Greatest common divisor of two lengths by Euclid's algorithm, within ``blur``."""
     a, b = max(a, b), min(a, b)
-    while b > max(blur, _LIKE * a):
+    while b > max(blur, _ROUNDED * a):
         a, b = b, abs(a - b * round(a / b))
     return a

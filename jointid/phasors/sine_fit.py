@@ -1,8 +1,8 @@
-"""Least-squares fit of a sine with its harmonics, an offset and a drift to every channel of a record.
+"""Least-squares fit of a sine with harmonics, offset and drift to every channel of a record.
 
-Uniform records take the two-level transform (``uniform_fit``), which runs at the speed of memory;
-jittered or very short ones normal equations at their own sample times (``direct_fit``); records larger
-than memory are fitted in parts (``long_records``).
+Uniform records use the two-level transform (``uniform_fit``), jittered or very short ones normal
+equations at their sample times (``direct_fit``); records larger than memory are fitted in parts
+(``long_records``).
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ from jointid.records import SineRecord
 from jointid.small_matrices import one_thread
 
 FEWEST_BLOCKS = 8
-"""With fewer blocks the residual, taken as white, tells the noise better than their scatter."""
+"""With fewer blocks the residual, assumed white, gives the noise better than their scatter."""
 
 FEWEST_SAMPLES = 8
-"""Four unknowns per signal, and as many again to tell the noise."""
+"""Four unknowns per signal, and as many again for the noise."""
 
-_BLOCK_SAMPLES = 1024  # shorter blocks leave the matrix product bound by overhead, not by memory
-_NEGLIGIBLE_PHASE = 1e-6  # rad; jitter below it cannot be seen in a phasor
+_BLOCK_SAMPLES = 1024
+"""Shorter blocks make the call overhead of the matrix product dominate."""
+_NEGLIGIBLE_PHASE = 1e-6
+"""Phase error of jitter that does not show in a phasor, rad."""
+_HIGHEST = 0.45
+"""Highest harmonic over the sample rate."""
 
 
 def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit]:
@@ -36,8 +40,8 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
     ----------
     records : sequence of SineRecord
     harmonics : int, default 1
-        Highest harmonic in the fit. Those at or above 0.45 of the sample rate, or more than a quarter
-        of the samples can tell, are left out.
+        Highest harmonic in the fit. Excluded are those at or above 0.45 of the sample rate, and those
+        that would make more unknowns than a quarter of the samples.
 
     Returns
     -------
@@ -50,28 +54,28 @@ def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit
         When a record has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
     fits: dict[int, SineFit] = {}
-    alike: dict[tuple[int, int, int], dict[int, Window]] = {}
+    batches: dict[tuple[int, int, int], dict[int, Window]] = {}
     for number, record in enumerate(records):
         if isinstance(record, LongRecord):
             fits[number] = _fit_in_parts(record, harmonics)
             continue
         window = _window(record, harmonics)
         if is_uniform(record) and window.blocks >= FEWEST_BLOCKS:
-            # Side by side they are padded to the longest: within a factor of two that is little.
-            likeness = (record.n, window.orders, window.blocks.bit_length())
-            alike.setdefault(likeness, {})[number] = window
+            # Records of a batch are padded to the longest: at most a factor of two.
+            key = (record.n, window.orders, window.blocks.bit_length())
+            batches.setdefault(key, {})[number] = window
         else:
             enough = window.blocks >= FEWEST_BLOCKS
             fits[number] = fit_directly(window, harmonics, by_scatter=enough)
     with one_thread():
-        for windows in alike.values():
+        for windows in batches.values():
             fitted = fit_side_by_side(tuple(windows.values()), harmonics)
             fits.update(zip(windows, fitted, strict=True))
     return [fits[number] for number in range(len(fits))]
 
 
 def is_uniform(record: SineRecord) -> bool:
-    """Whether the jitter is too small to be seen in the record's phasors."""
+    """Whether the jitter is negligible for the record's phasors."""
     return record.jitter_s * record.omega < _NEGLIGIBLE_PHASE
 
 
@@ -93,9 +97,9 @@ def _window(record: SineRecord, harmonics: int) -> Window:
 
 @lru_cache(maxsize=1024)
 def _layout(samples: int, period: float, harmonics: int) -> tuple[int, int]:
-    """Highest harmonic, and samples per block: a few periods that nearly are whole samples."""
-    orders = max(1, int(min(0.45 * period, samples / 8 - 1, harmonics)))
-    if samples < 2 * period:  # within little more than a period, harmonics and drift look alike
+    """Highest harmonic, and samples per block: a few periods of nearly a whole number of samples."""
+    orders = max(1, int(min(_HIGHEST * period, samples / 8 - 1, harmonics)))
+    if samples < 2 * period:  # within little more than a period, harmonics and drift are not separable
         orders = 1
     most = max(1, int(samples / period / (2 * FEWEST_BLOCKS)))
     least = min(most, math.ceil(_BLOCK_SAMPLES / period))

@@ -1,4 +1,4 @@
-"""Amplitude spectrum of a logged signal: to look at, and to find the sine that is in it."""
+"""Amplitude spectrum of a logged signal, and the frequency of its largest line."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
     Parameters
     ----------
     time_s : ndarray, shape (N,)
-        Increasing times, s. Jittered ones are interpolated onto the uniform grid, which is
-        good enough for a picture and not for a phasor.
+        Increasing times, s. Jittered ones are interpolated onto a uniform grid: accurate enough for a
+        plot, not for a phasor.
     signal : ndarray, shape (N,)
 
     Returns
@@ -47,7 +47,7 @@ def amplitude_spectrum(time_s: Floats, signal: Floats) -> tuple[Floats, Floats]:
 
 
 def largest_line_hz(time_s: Floats, signal: Floats) -> float:
-    """Frequency of the largest line of the spectrum, between the lines by a parabola, Hz.
+    """Frequency of the largest line of the spectrum, interpolated by a parabola, Hz.
 
     Raises
     ------
@@ -60,7 +60,11 @@ def largest_line_hz(time_s: Floats, signal: Floats) -> float:
         raise JointIdError("The signal does not move: it has no frequency.")
     if not 0 < peak < amplitude.size - 1:
         return float(frequency[peak])
+    return float(frequency[peak] + vertex(amplitude, peak) * (frequency[1] - frequency[0]))
+
+
+def vertex(amplitude: Floats, peak: int) -> float:
+    """Offset in bins, -0.5 to 0.5, of the vertex of a parabola through the logarithms around a peak."""
     left, centre, right = np.log(np.maximum(amplitude[peak - 1 : peak + 2], 1e-300))
     curvature = left - 2 * centre + right
-    shift = 0.0 if curvature == 0 else 0.5 * (left - right) / curvature
-    return float(frequency[peak] + shift * (frequency[1] - frequency[0]))
+    return 0.0 if curvature == 0 else float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))

@@ -1,10 +1,10 @@
-"""The two-level transform: the fit of uniformly sampled records at the speed of memory.
+"""Fit of uniformly sampled records by a two-level transform, limited by memory bandwidth.
 
-Splitting the sample number into m = kB + j makes e^{-iωt} an outer product, so that all the sums of the
-normal equations come from one matrix product over the data. The blocks are close to whole periods; how
-their contributions scatter is the noise of the result. The Gram matrix of the columns is known in closed
-form (Dirichlet kernels). What follows the matrix product is done for all records at once: for short
-records it would else cost more than the data.
+With the sample number m = kB + j, e^{-iωt} is an outer product, so that all sums of the normal equations
+come from one matrix product over the data. The blocks are nearly whole periods; the scatter of their
+contributions gives the noise of the result. The Gram matrix of the basis is known in closed form
+(Dirichlet kernels). The steps after the matrix product are vectorised over the records, since for short
+records they dominate.
 """
 
 from __future__ import annotations
@@ -18,23 +18,25 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.fitted_sine import SineFit, Window, padded, scatter
 
-_TOGETHER = 1 << 16  # numbers in the block sums of records fitted together: they stay in the cache
-_WORTH_KEEPING = 1 << 17  # numbers in a table of sines; larger ones would fill the memory
+_BATCH_NUMBERS = 1 << 16
+"""Numbers in the block sums of one batch of records: they fit into the processor's cache."""
+_CACHED_NUMBERS = 1 << 17
+"""Largest table of sines that is cached, which bounds the memory."""
 
 
 def fit_side_by_side(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
-    """Fit records of as many joints and orders each.
+    """Fit records with the same number of joints and orders.
 
     Parameters
     ----------
     windows : sequence of Window
-        Of uniformly sampled records, eight blocks or more each.
+        Uniformly sampled records of eight blocks or more.
     harmonics : int
-        How many rows ``SineFit.harmonics`` shall have.
+        Number of rows of ``SineFit.harmonics``.
     """
     longest = max(window.blocks for window in windows) + 1
     each = 2 * windows[0].record.n * longest * (2 * windows[0].orders + 2)
-    step = max(1, _TOGETHER // each)
+    step = max(1, _BATCH_NUMBERS // each)
     parts = [windows[begin : begin + step] for begin in range(0, len(windows), step)]
     return [fit for part in parts for fit in _fit_together(part, harmonics)]
 
@@ -58,7 +60,7 @@ def _fit_together(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
         plan.even_alone @ np.concatenate([first.real, level], axis=1)
     )[:, 0]
 
-    # The fitted curve in each block's own coordinates, taken from the block's sums, leaves its residual.
+    # Residual of each block: its sums less those of the fitted curve in the block's coordinates.
     local: Complexes = phasors.swapaxes(1, 2)[:, :, None] * plan.turn.conj()[:, None]
     fitted = np.empty_like(sums)
     fitted[..., :count] = local.imag
@@ -88,7 +90,7 @@ def _fit_together(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
             middle_s=float(middle_s[r]),
             deviations=deviations[r, 0, : window.blocks],
             covariance=covariance[r],
-            freedom=window.blocks - 1,
+            degrees_of_freedom=window.blocks - 1,
         )
         for r, window in enumerate(windows)
     ]
@@ -96,9 +98,9 @@ def _fit_together(windows: Sequence[Window], harmonics: int) -> list[SineFit]:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """All that does not hang on the data: of r records, K being the most blocks that one has.
+    """Data-independent tables, cached per shape; r records of at most K blocks.
 
-    After its whole blocks each record has one more, the samples left over; rows beyond are zero.
+    Each record has one more block with the remaining samples; rows beyond are zero.
     """
 
     products: Floats  # of all columns with the cosines and sines, (r, 2H + 2, 2H)
@@ -136,7 +138,7 @@ def _plan(shapes: tuple[tuple[float, int, int, int], ...], count: int) -> _Plan:
 
 def _columns(x: float, block: int, count: int) -> tuple[Floats, Floats]:
     """Cosines, sines, one and ramp, (block, 2H + 2), and their products with cosines and sines."""
-    return (_kept_columns if block * count < _WORTH_KEEPING else _made_columns)(x, block, count)
+    return (_kept_columns if block * count < _CACHED_NUMBERS else _made_columns)(x, block, count)
 
 
 def _made_columns(x: float, block: int, count: int) -> tuple[Floats, Floats]:
@@ -153,7 +155,7 @@ _kept_columns = lru_cache(maxsize=64)(_made_columns)
 
 
 def _powers(x: float, samples: int, count: int) -> Complexes:
-    """e^{ihxj} for j < samples, h = 1 ... count; few exponentials: the product of two short rows."""
+    """e^{ihxj} for j < samples, h = 1 ... count, from few exponentials: a product of two short rows."""
     fine = np.exp(1j * x * np.arange(64))
     coarse = np.exp(64j * x * np.arange(-(-samples // 64)))
     waves = np.empty((samples, count), complex)
@@ -164,9 +166,9 @@ def _powers(x: float, samples: int, count: int) -> Complexes:
 
 
 def _block_sums(windows: Sequence[Window], columns: Sequence[Floats], most: int) -> Floats:
-    """Columns times every block and times the samples left over, (r, 2n, most, 2H + 2).
+    """Columns times every block and the remaining samples, (r, 2n, most, 2H + 2).
 
-    This is the one pass over the data.
+    The only pass over the data.
     """
     n = windows[0].record.n
     sums = np.zeros((len(windows), 2 * n, most, columns[0].shape[1]))

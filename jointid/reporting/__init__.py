@@ -1,1 +1,1 @@
-"""The report: one set of drawings, as one HTML file or as PDF."""
+"""The report of a study, as one HTML file or as PDF."""

@@ -1,4 +1,4 @@
-"""What a report consists of: plain values, to be set as HTML or PDF."""
+"""Contents of a report as plain values, for HTML and PDF."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     align: str = ""
-    """One letter per column, l or r; by default the first is left, the others right."""
+    """One letter per column, l or r; by default the first column is left-aligned, the others right."""
     kind: Literal["plain", "answer", "facts"] = "plain"
-    """"answer" is set larger; "facts" has no header and two columns of names and values."""
+    """"answer" has larger type; "facts" has two columns of names and values, without header."""
 
     @property
     def sides(self) -> str:
-        """l or r for every column."""
+        """Alignment of every column, l or r."""
         columns = len(self.header or self.rows[0])
         return "ll" if self.kind == "facts" else self.align or "l" + "r" * (columns - 1)
 
@@ -46,7 +46,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was found, most important first."""
+    """The findings, most important first."""
 
     findings: tuple[Finding, ...]
 
@@ -56,7 +56,7 @@ Block: TypeAlias = Paragraph | Table | Figure | Verdict
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands under it."""
+    """A heading with its blocks."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -68,7 +68,7 @@ class Report:
 
     title: str
     facts: str
-    """One line: where the data come from and how much there is."""
+    """One line: origin and amount of the data."""
     sections: tuple[Section, ...]
     footer: str
     """One line for the foot of every page."""

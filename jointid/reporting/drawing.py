@@ -1,4 +1,4 @@
-"""Line drawings made of a few shapes: drawn once, shown as SVG on a screen or painted on a PDF page.
+"""Line drawings of a few shapes, for SVG and for a PDF page.
 
 Coordinates are in points (1/72 inch), x to the right and y downwards from the upper left corner.
 """
@@ -41,7 +41,7 @@ class Marks:
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text; ``turned`` reads from below to above."""
+    """A line of text; ``turned`` reads upwards."""
 
     x: float
     y: float
@@ -56,17 +56,17 @@ class Text:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture of a certain size."""
+    """A picture with its size."""
 
     width: float
     height: float
     shapes: tuple[Line | Marks | Text, ...]
     description: str
-    """For those who cannot see it."""
+    """Alternative text."""
     to_scale: bool = False
-    """Whether a length means the same in both directions."""
+    """Whether both directions have one scale."""
     least: float = 1.0
-    """Share of its height down to which it can still be read."""
+    """Smallest legible share of its height."""
 
     def lowered(self, share: float) -> Drawing:
         """Return the picture at a share of its height, texts and marks as large as before."""
@@ -87,13 +87,26 @@ def _moved(shape: Line | Marks | Text, across: float, down: float) -> Line | Mar
     return replace(shape, points=shape.points * (across, down))
 
 
-def to_svg(drawing: Drawing) -> str:
-    """Return a drawing as an inline SVG element that fills the width of its place."""
+def to_svg(drawing: Drawing, *, title: str = "") -> str:
+    """Return a drawing as an inline SVG element as wide as its container, or as a file on white.
+
+    Parameters
+    ----------
+    drawing : Drawing
+    title : str
+        Title of the file; "" for an inline element.
+    """
+    width, height = _n(drawing.width), _n(drawing.height)
     parts = [
-        '<svg xmlns="http://www.w3.org/2000/svg" '
-        f'viewBox="0 0 {_n(drawing.width)} {_n(drawing.height)}" '
-        f'role="img" aria-label={quoteattr(drawing.description)}>'
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" '
+        f'role="img" aria-label={quoteattr(drawing.description)}'
     ]
+    if title:
+        size = f'width="{width}" height="{height}"'
+        parts.append(f' {size} font-family="sans-serif"><title>{escape(title)}</title>')
+        parts.append(f'<rect {size} fill="#FFFFFF"/>')
+    else:
+        parts.append(">")
     for shape in drawing.shapes:
         if isinstance(shape, Line):
             parts.append(_line(shape))

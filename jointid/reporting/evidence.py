@@ -1,4 +1,4 @@
-"""The figures of a report with what is to be said about them: responses and cut."""
+"""Figures of a report with their explanations: frequency responses and cut."""
 
 from __future__ import annotations
 
@@ -13,15 +13,20 @@ from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
+from jointid.figures.response_curves import element_name
+from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
-from jointid.reporting.curves import IDENTIFIED, NOMINAL
 from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
 from jointid.rounding import significant
 from jointid.study import Analysis
+from jointid.wording import capitalised
+
+_GAP = 12.0
+"""Between two figures side by side, points."""
 
 
 class FigureNumbers:
-    """Numbers of the figures, one after the other."""
+    """Counter of the figures."""
 
     def __init__(self) -> None:
         self._last = 0
@@ -64,10 +69,9 @@ def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Bloc
             continue
         for first in range(0, n, 2):
             joints = [j for j in (first, first + 1) if j < n]
-            names = " and ".join(f"H{_low(j + 1)}{_low(j + 1)}" for j in joints)
+            names = " and ".join(element_name(j, j) for j in joints)
             paper = {0: " (Figures 4 and 5 of the paper)" if n > 1 else " (Figure 4 of the paper)"}
-            gap = 12.0
-            width = (PAGE_WIDTH - gap) / 2 if n > 1 else PAGE_WIDTH
+            width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
             yield Figure(
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
                 f"{figures.next()} {names}{suffix}{paper.get(first, '')}.",
@@ -75,7 +79,7 @@ def response_blocks(analysis: Analysis, figures: FigureNumbers) -> Iterator[Bloc
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
-    """What the identification changes on the path, or why not; neither where no cut applies."""
+    """The simulated cut before and after, or why there is none; neither without two joints."""
     if analysis.study.inertia.n != 2:
         return None, ""
     if any(finding.level == "problem" for finding in analysis.findings):
@@ -87,7 +91,7 @@ def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
 
 
 def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) -> Iterator[Block]:
-    """Figure 7 of the paper with what it rests on."""
+    """Figure 7 of the paper with its assumptions."""
     if outcome is None:
         yield Paragraph(problem)
         return
@@ -116,13 +120,16 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
         try:
             first, second = _cuts(outcome, zone)
         except JointIdError as error:
-            yield Paragraph(f"{label[:1].upper()}{label[1:]}: {error}", "quiet")
+            yield Paragraph(f"{capitalised(label)}: {error}", "quiet")
             continue
         before.append((label, first))
         after.append((label, second))
     if before:
         heading = "Before: rigid servo" if assumed is None else "Before: nominal K and D"
-        rows = [(heading, NOMINAL, before), ("After: identified K and D", IDENTIFIED, after)]
+        rows = [
+            (heading, LIGHT.nominal, before),
+            ("After: identified K and D", LIGHT.identified, after),
+        ]
         yield Figure(
             (cut_figure(rows),),
             f"{figures.next()} Cut paths and their largest path errors; grey is the wanted path "
@@ -138,13 +145,13 @@ def cut_blocks(outcome: Outcome | None, problem: str, figures: FigureNumbers) ->
 
 
 def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
-    """The cut before and after, by the robots of the outcome, with another corner zone."""
+    """The cuts before and after with another corner zone."""
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
     if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
         return outcome.before, outcome.after
     before, after = (
         track(robot.arm, path, true, assumed, servo=EVERYDAY_SERVO, friction=robot.friction)
-        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.edge, robot.elasticity))
+        for true, assumed in ((robot.elasticity, outcome.assumed), (outcome.p95, robot.elasticity))
     )
     return before, after
 
@@ -156,7 +163,3 @@ def _below(length_m: float) -> str:
 
 def _list(values: Floats) -> str:
     return ", ".join(significant(float(value), 3) for value in values)
-
-
-def _low(number: int) -> str:
-    return str(number).translate(str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉"))

@@ -1,4 +1,8 @@
-"""Figures 3-5 and 7 of the paper, of this robot, as drawings for the report."""
+"""Figures 3-5 and 7 of the paper as drawings for the report.
+
+Drawn without a plotting library: plotly exports through a browser, matplotlib adds tens of MB, and none
+scales the height of a figure without its texts, by which the PDF fills its pages.
+"""
 
 from __future__ import annotations
 
@@ -10,28 +14,37 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.cut.outcome import millimetres
 from jointid.cut.tracking import TrackingRun
-from jointid.figures.response_curves import band_of, element_name, magnitude_limits
-from jointid.reporting.curves import (
-    WANTED,
+from jointid.figures.response_curves import (
     Curve,
+    band_of,
     element_curves,
-    phase_of,
+    element_name,
+    magnitude_limits,
+    measured_frequencies,
+    phases_deg,
     single_record_curves,
 )
-from jointid.reporting.drawing import Drawing, Line, Marks, Text
+from jointid.figures.style import LIGHT
+from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.study import Analysis
 
 PAGE_WIDTH = 482.0
 """Width of a figure over the whole page, points: A4 less 20 mm on either side."""
 
-_GRID, _INK = "#DDDDDD", "#31333F"
+_GRID, _INK, _REFERENCE = "#DDDDDD", "#31333F", "#9A9A9A"
 _STRIDE = 4
-"""Every millisecond of a cut is enough to look at."""
+"""Of a cut every fourth sample is drawn, one per millisecond."""
+_MARKS: dict[str, tuple[Symbol, float]] = {
+    "circle": ("circle", 2.8),
+    "circle-open": ("ring", 3.6),
+    "square-open": ("square", 3.0),
+}
+"""Symbol and diameter in points; others are drawn as circles."""
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """A plot's box on the page and its scales; both axes are already in the unit of the scale."""
+    """A plot's box on the page and its axis limits (logarithms on a logarithmic axis)."""
 
     left: float
     top: float
@@ -63,7 +76,7 @@ def element_figure(
     width : float
         Points.
     """
-    curves = element_curves(analysis, pose, joint)
+    curves = element_curves(analysis, pose, joint, joint)
     name = element_name(joint, joint)
     return _bode(curves, magnitude_limits(analysis, pose, joint), name, f"|{name}|", width)
 
@@ -83,12 +96,12 @@ def single_record_figure(
 def cut_figure(
     rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]], *, width: float = PAGE_WIDTH
 ) -> Drawing:
-    """Figure 7: rows of cuts over the wanted path, all to one scale, the largest path error below each.
+    """Figure 7: rows of cuts over the reference path, to one scale, with their largest path errors.
 
     Parameters
     ----------
     rows : sequence of (str, str, sequence of (str, TrackingRun))
-        Heading and colour of each row, and its cuts with what each is called.
+        Heading and colour of each row, and its cuts with their labels.
     width : float
         Points.
     """
@@ -108,9 +121,9 @@ def cut_figure(
         top += 20
         for column, (label, run) in enumerate(cuts):
             left = cell * column + (cell - size[0]) / 2
-            for path, ink, stroke in ((run.wanted_m, WANTED, 3.0), (run.tool_m, colour, 0.9)):
+            for path, ink, stroke in ((run.wanted_m, _REFERENCE, 3.0), (run.tool_m, colour, 0.9)):
                 xy = (path[::_STRIDE] - (low[0], high[1])) * (scale, -scale) + (left, top)
-                shapes.append(Line(xy, ink, stroke, opacity=0.6 if ink == WANTED else 1.0))
+                shapes.append(Line(xy, ink, stroke, opacity=0.6 if ink == _REFERENCE else 1.0))
             middle, below = cell * (column + 0.5), top + size[1]
             error = millimetres(run.max_contour_error_m)
             shapes.append(Text(middle, below + 12, error, 8.5, "middle", bold=True))
@@ -120,25 +133,25 @@ def cut_figure(
     bar = np.array([[width - ten, 3.0], [width - ten, 7.0], [width - ten, 5.0], [width, 5.0]])
     shapes += [Line(np.vstack([bar, [[width, 3.0], [width, 7.0]]]), _INK, 0.7)]
     shapes.append(Text(width - ten / 2, 15, "10 mm", 7, "middle"))
-    said = "; ".join(
+    errors = "; ".join(
         f"{heading}: " + ", ".join(f"{label} {millimetres(r.max_contour_error_m)}" for label, r in cuts)
         for heading, _, cuts in rows
     )
-    text = f"Cut paths with their largest path errors. {said}."
-    return Drawing(width, top - 8, tuple(shapes), text, to_scale=True, least=0.8)
+    description = f"Cut paths with their largest path errors. {errors}."
+    return Drawing(width, top - 8, tuple(shapes), description, to_scale=True, least=0.8)
 
 
 def _bode(
     curves: list[Curve], limits: tuple[float, float], name: str, label: str, width: float
 ) -> Drawing:
     """Magnitude above phase, on a common logarithmic frequency axis."""
-    measured = np.concatenate([c.response.frequency_hz for c in curves if c.symbol])
+    measured = measured_frequencies(curves)
     span = band_of(measured)
     x = (float(np.log10(span[0])), float(np.log10(span[1])))
     left, right = 36.0, 6.0
     keys, legend = _legend(curves, left, width - right)
     inner = width - left - right
-    phases = [phase_of(curve, curves) for curve in curves]
+    phases = phases_deg(curves)
     known = np.concatenate([p[np.isfinite(p)] for p in phases])
     lowest, highest = min(-90.0, float(known.min())), max(180.0, float(known.max()))
     size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
@@ -152,7 +165,7 @@ def _bode(
         f = np.log10(curve.response.frequency_hz)
         with np.errstate(divide="ignore", invalid="ignore"):
             logarithm = np.log10(np.abs(curve.response.H))
-        relative = curve.response.relative_error if curve.has_bars else None
+        relative = curve.response.relative_error if curve.symbol == "circle" else None
         bars = None
         if relative is not None:
             down = np.log10(np.maximum(1 - relative, 0.05))
@@ -167,16 +180,17 @@ def _bode(
     middle = size.top + size.height / 2
     shapes.append(Text(8, middle, f"{label} (1/(kg·m²))", 7, "middle", turned=True))
     shapes.append(Text(8, turn.top + turn.height / 2, "Phase (°)", 7, "middle", turned=True))
-    count = int(sum(c.response.frequency_hz.size for c in curves if c.symbol))
-    models = " and ".join(c.name for c in curves if c.symbol is None) or "none"
-    said = f"Magnitude and phase of {name} over frequency: {count} measured points; models: {models}."
-    return Drawing(width, bottom + 24, tuple(shapes), said, least=0.75)
+    models = " and ".join(c.source for c in curves if not c.symbol) or "none"
+    description = f"{name} over frequency: {measured.size} measured points; models: {models}."
+    return Drawing(
+        width, bottom + 24, tuple(shapes), f"Magnitude and phase of {description}", least=0.75
+    )
 
 
 def _frame(
     frame: _Frame, x: Floats, x_text: Sequence[str], y: Floats, y_text: Sequence[str]
 ) -> list[Line | Marks | Text]:
-    """Grid with numbers at the ticks that lie inside."""
+    """Grid lines and labels of the ticks within the axes."""
     shapes: list[Line | Marks | Text] = []
     right, bottom = frame.left + frame.width, frame.top + frame.height
     for tick, label in zip(x, x_text, strict=True):
@@ -199,10 +213,11 @@ def _plot(
 ) -> list[Line | Marks | Text]:
     inside = np.isfinite(y) & (y >= frame.y[0]) & (y <= frame.y[1])
     inside &= (x >= frame.x[0]) & (x <= frame.x[1])
-    if curve.symbol is None:
+    colour = getattr(LIGHT, curve.source)
+    if not curve.symbol:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
         return [
-            Line(frame.place(x[a:b], y[a:b]), curve.colour, 1.2, curve.dash)
+            Line(frame.place(x[a:b], y[a:b]), colour, 1.2, _dash(curve))
             for a, b in zip(edges[::2], edges[1::2], strict=True)
             if b - a > 1
         ]
@@ -211,31 +226,35 @@ def _plot(
         for k in np.flatnonzero(inside):
             ends = np.clip([bars[0][k], bars[1][k]], *frame.y)
             at = frame.place(np.full(2, x[k]), ends)
-            if abs(at[1, 1] - at[0, 1]) > 2.6:  # shorter ones vanish behind the mark
-                shapes.append(Line(at, curve.colour, 0.7))
-    shapes.append(Marks(frame.place(x[inside], y[inside]), curve.colour, curve.symbol, _size(curve)))
-    return shapes
+            if abs(at[1, 1] - at[0, 1]) > 2.6:  # the mark hides shorter ones
+                shapes.append(Line(at, colour, 0.7))
+    return [*shapes, _marks(frame.place(x[inside], y[inside]), curve)]
 
 
-def _size(curve: Curve) -> float:
-    return {"circle": 2.8, "ring": 3.6, "square": 3.0}[curve.symbol or "circle"]
+def _marks(points: Floats, curve: Curve) -> Marks:
+    symbol, size = _MARKS.get(curve.symbol, _MARKS["circle"])
+    return Marks(points, getattr(LIGHT, curve.source), symbol, size)
+
+
+def _dash(curve: Curve) -> tuple[float, ...]:
+    return (4, 2) if curve.source == "nominal" else ()
 
 
 def _legend(
     curves: Sequence[Curve], left: float, right: float
 ) -> tuple[list[Line | Marks | Text], float]:
-    """Keys and names, in as many lines as they need between two edges; and their height."""
+    """Legend between two edges, in as many lines as needed; and its height."""
     shapes: list[Line | Marks | Text] = []
     at, down = left, 5.0
     for curve in curves:
         needed = 16 + 3.5 * len(curve.name)
         if at > left and at + needed > right:
             at, down = left, down + 10
-        if curve.symbol is None:
-            key = np.array([[at, down], [at + 13, down]])
-            shapes.append(Line(key, curve.colour, 1.4, curve.dash))
+        if curve.symbol:
+            shapes.append(_marks(np.array([[at + 8, down]]), curve))
         else:
-            shapes.append(Marks(np.array([[at + 8, down]]), curve.colour, curve.symbol, _size(curve)))
+            key = np.array([[at, down], [at + 13, down]])
+            shapes.append(Line(key, getattr(LIGHT, curve.source), 1.4, _dash(curve)))
         shapes.append(Text(at + 16, down + 2.4, curve.name, 7))
         at += needed + 7
     return shapes, down + 9

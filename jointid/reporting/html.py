@@ -1,4 +1,4 @@
-"""A report as one HTML file that needs nothing else: no network, no script, figures as inline SVG."""
+"""A report as one self-contained HTML file: no network, no script, figures as inline SVG."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ footer { margin-top: 2.5rem; border-top: 1px solid #d5d8dc; padding-top: .6rem;
   thead { display: table-header-group; } tr { break-inside: avoid; } }
 """
 LEVELS = {"problem": "Problem", "warning": "Warning", "good": "Good", "note": "Note"}
-"""A word for every level, so that colour is not needed."""
+"""A word for every level, beside its colour."""
 
 
 def to_html(report: Report) -> str:
@@ -122,8 +122,8 @@ def _table(table: Table) -> str:
     body = []
     for row in table.rows:
         first = f'<th scope="row" class="l">{_clean(row[0])}</th>'
-        told = [f' data-label="{_clean(h)}"' if answer else "" for h in table.header[1:]]
-        cells = zip(row[1:], css[1:], told, strict=True)
+        labels = [f' data-label="{_clean(h)}"' if answer else "" for h in table.header[1:]]
+        cells = zip(row[1:], css[1:], labels, strict=True)
         rest = (f"<td{c}{label}>{_clean(v)}</td>" for v, c, label in cells)
         body.append(f"<tr>{first}{''.join(rest)}</tr>\n")
     kind = ' class="answer"' if answer else ""
@@ -133,7 +133,7 @@ def _table(table: Table) -> str:
 
 
 def _captioned(markup: str, table: Table) -> str:
-    """A table that scrolls within itself where it is too wide; its caption does not."""
+    """A table that scrolls horizontally where it is too wide, with a fixed caption."""
     name = _clean((table.caption or " ".join(table.header) or "Facts").partition(". ")[0])
     caption = f"<figcaption>{_clean(table.caption)}</figcaption>" if table.caption else ""
     return (
@@ -145,7 +145,7 @@ def _captioned(markup: str, table: Table) -> str:
 def _figure(figure: Figure) -> str:
     pictures = "".join(f"<div>{to_svg(drawing)}</div>" for drawing in figure.drawings)
     opening = '<div class="side">'
-    if len(figure.drawings) == 1:  # over the whole width: on a phone it scrolls rather than shrinks
+    if len(figure.drawings) == 1:  # of full width: on a phone it scrolls instead of shrinking
         name = _clean(figure.caption.partition(". ")[0])
         opening = f'<div class="side scroll wide" tabindex="0" role="group" aria-label="{name}">'
     return (
@@ -164,5 +164,5 @@ def _finding(finding: Finding) -> str:
 
 
 def _clean(text: str) -> str:
-    """Text without characters that no document may hold."""
+    """Escaped text without control characters."""
     return escape("".join(c for c in text if c in "\n\t" or (c.isprintable() and c != "\ufeff")))

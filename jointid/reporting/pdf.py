@@ -1,4 +1,4 @@
-"""A report as PDF, on A4, with its typeface embedded; equal reports give equal bytes."""
+"""A report as PDF on A4 with embedded typeface; equal reports give equal bytes."""
 
 from __future__ import annotations
 
@@ -16,20 +16,24 @@ from jointid.reporting.pdf_type import (
     REGULAR,
     RULE,
     clean,
-    make_fonts_known,
     page_styles,
     printable,
+    register_fonts,
 )
 from jointid.verdict.findings import Finding
 
-_MARGIN = 56.7  # 20 mm
-_HEADING_NEEDS = 140.0  # points left on a page, else it begins the next
+_MARGIN = 56.7
+"""20 mm in points."""
+_HEADING_NEEDS = 140.0
+"""Room for a heading and the beginning of its section, points; with less it moves to the next page."""
 _SHARES = (1.0, 0.95, 0.9, 0.85, 0.8)
-"""Heights that are tried for the figures, so that none leaves much of a page empty before it."""
-_TRIALS = 0.6  # share of the time that the trials take
-_THIRD = 1 / 3
+"""Heights to try for the figures, to avoid large gaps before them."""
+_TRIALS = 0.6
+"""Share of the time for the trials."""
+_ALLOWED_GAP = 1 / 3
+"""Empty share of a page that needs no smaller figures."""
 _TOGETHER = 4
-"""So many rows of a table at least stand on either side of a page break."""
+"""Fewest rows of a table on either side of a page break."""
 _LEVEL_COLOURS = {"problem": "#B3261E", "warning": "#B26A00", "good": "#1B7F4D", "note": "#767676"}
 
 
@@ -41,7 +45,7 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
     report : Report
         As ``make_report`` wrote it. Letters outside Latin, Greek and Cyrillic show as boxes.
     progress : callable, optional
-        Called with the share of the pieces that stand on a page. What it raises ends the work.
+        Called with the share done. Its exceptions end the work.
 
     Raises
     ------
@@ -61,8 +65,8 @@ def to_pdf(report: Report, *, progress: Callable[[float], object] | None = None)
     for k, share in enumerate(shares):
         tell(_TRIALS * k / len(shares))
         rooms, _ = _build(report, share, painted=False)
-        # Few pages first, then none that is emptier than a third, then figures as large as may be.
-        worst = max([_THIRD, *(round(room, 3) for room in rooms[:-1])])
+        # First few pages, then small gaps, then large figures.
+        worst = max([_ALLOWED_GAP, *(round(room, 3) for room in rooms[:-1])])
         tried.append((len(rooms), worst, -share))
     share = -min(tried)[2] if tried else 1.0
     _, data = _build(report, share, progress=lambda done: tell(_TRIALS + (1 - _TRIALS) * done))
@@ -76,14 +80,14 @@ def _build(
     painted: bool = True,
     progress: Callable[[float], object] | None = None,
 ) -> tuple[list[float], bytes]:
-    """Set the report with figures of a share of their height; empty share of each page, and the file."""
+    """Build the report with lowered figures; return the empty share of each page, and the file."""
     from reportlab.lib.pagesizes import A4
     from reportlab.platypus import SimpleDocTemplate
 
     empty: list[float] = []
 
     class Document(SimpleDocTemplate):  # type: ignore[misc]
-        """It says how much of each page is left."""
+        """A document that records the empty share of each page."""
 
         def afterPage(self) -> None:
             empty.append(float(self.frame._y - self.frame._y1p) / self.height)
@@ -123,7 +127,7 @@ def _build(
 
 
 def _story(report: Report, width: float, share: float, painted: bool) -> list[Any]:
-    """All pieces of the pages, one after the other."""
+    """The flowables of the report, in order."""
     from reportlab.platypus import CondPageBreak, KeepTogether
     from reportlab.platypus import Paragraph as Set
 
@@ -147,7 +151,7 @@ def _story(report: Report, width: float, share: float, painted: bool) -> list[An
 def _block(
     block: Paragraph | Table | Verdict, styles: dict[str, Any], width: float
 ) -> tuple[list[Any], bool]:
-    """Pieces of the page, and whether no page break may come between them."""
+    """Flowables of a block, and whether they stay on one page."""
     from reportlab.platypus import Paragraph as Set
 
     if isinstance(block, Paragraph):
@@ -159,7 +163,7 @@ def _block(
 
 
 def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
-    """Rows with the caption as the last one, so that it stays with them over a page break."""
+    """A table with the caption as its last row, which keeps it with the others over a page break."""
     from reportlab.platypus import Table as Grid
 
     answer = table.kind == "answer"
@@ -210,12 +214,12 @@ def _table(table: Table, styles: dict[str, Any], width: float) -> Any:
 
 
 def _columns(table: Table, width: float, size: float) -> list[float]:
-    """Every column as wide as its longest text, the first one stretched to fill the page."""
+    """Column widths: the longest text each; the first column fills the page."""
     from reportlab.pdfbase.pdfmetrics import stringWidth
 
     if table.kind == "facts":
         return [110.0, width - 110.0]
-    make_fonts_known()
+    register_fonts()
     rows = [*([table.header] if table.header else []), *table.rows]
     columns = range(len(rows[0]))
     widths = [max(stringWidth(printable(row[k]), BOLD, size) for row in rows) + 14 for k in columns]

@@ -1,4 +1,4 @@
-"""A figure as a piece of a PDF page; it gives way a little where that lets it stand on the page."""
+"""A figure on a PDF page; it shrinks a little where it then fits on the page."""
 
 from __future__ import annotations
 
@@ -8,24 +8,25 @@ from jointid.reporting.blocks import Figure
 from jointid.reporting.drawing import Drawing, Line, Marks
 from jointid.reporting.pdf_type import BOLD, REGULAR, clean, printable
 
-_GAP = 5.0  # between drawings and caption
+_GAP = 5.0
+"""Between drawings and caption, points."""
 
 
 def figure_piece(
     figure: Figure, styles: dict[str, Any], share: float = 1.0, *, painted: bool = True
 ) -> Any:
-    """Return drawings side by side over their caption, as one piece of a page.
+    """Return drawings side by side above their caption, as one flowable.
 
     Parameters
     ----------
     figure : Figure
     styles : dict
-        Of ``page_styles``.
+        Styles of ``page_styles``.
     share : float
-        Height of the drawings over their full one, as far as they allow. Where the rest of a page is too
-        low for it, they are made lower still; with less room than they need, the next page has them.
+        Height of the drawings over their full height. They shrink further to fit the rest of a page,
+        down to their smallest legible height; below it they move to the next page.
     painted : bool
-        False takes the room only.
+        False reserves the space only.
     """
     from reportlab.platypus import Flowable
     from reportlab.platypus import Paragraph as Set
@@ -43,8 +44,8 @@ def figure_piece(
             _, below = self._caption.wrap(width, height)
             room = (height - below - _GAP) / max(drawing.height for drawing in figure.drawings)
             least = max(drawing.least for drawing in figure.drawings)
-            wanted = max(share, least)
-            given = min(wanted, room) if room >= least else wanted
+            target = max(share, least)
+            given = min(target, room) if room >= least else target
             self._drawings = tuple(drawing.lowered(given) for drawing in figure.drawings)
             self.width = width
             self.height = max(drawing.height for drawing in self._drawings) + _GAP + below
@@ -68,7 +69,7 @@ def figure_piece(
 
 
 def _paint(drawing: Drawing, canvas: Any) -> None:
-    """Drawings count y downwards, pages upwards."""
+    """Paint a drawing, whose y points downwards, on a page, where it points upwards."""
     top = drawing.height
     for shape in drawing.shapes:
         canvas.saveState()

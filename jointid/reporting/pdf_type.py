@@ -1,4 +1,4 @@
-"""Typeface and styles of a report as PDF."""
+"""Typeface and styles of the PDF report."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ QUIET, RULE = "#565B63", "#C9CDD2"
 
 
 @cache
-def make_fonts_known() -> None:
-    """Make the typeface known to reportlab."""
+def register_fonts() -> None:
+    """Register the typeface with reportlab."""
     from reportlab.pdfbase.pdfmetrics import registerFont, registerFontFamily
     from reportlab.pdfbase.ttfonts import TTFont
 
@@ -25,10 +25,10 @@ def make_fonts_known() -> None:
 
 
 def page_styles() -> dict[str, Any]:
-    """Return every style of paragraph and cell by its name."""
+    """Return the styles of paragraphs and cells by name."""
     from reportlab.lib.styles import ParagraphStyle
 
-    make_fonts_known()
+    register_fonts()
 
     def style(name: str, size: float, **more: Any) -> Any:
         values = {"fontName": REGULAR, "fontSize": size, "leading": 1.38 * size, "textColor": "#1F2329"}
@@ -52,10 +52,10 @@ def page_styles() -> dict[str, Any]:
 
 
 def clean(text: str) -> str:
-    """Return text as a paragraph takes it: no markup in it."""
+    """Return text for a reportlab paragraph, its markup escaped."""
     return escape(printable(text), quote=False)
 
 
 def printable(text: str) -> str:
-    """Return text without characters that no page can show."""
+    """Return text with a blank for each unprintable character."""
     return "".join(c if c.isprintable() else " " for c in text)

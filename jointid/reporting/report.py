@@ -1,6 +1,6 @@
-"""A study as a report that a person hands to a colleague: measured, answer, verdict, figures, settings.
+"""The report of a study: answer, verdict, figures, settings, records.
 
-The same study gives the same report, to the last byte: no date, no name of a machine.
+The same study gives the same report to the last byte: it has no date and no machine name.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from jointid.answer import answer_sentence, inertia_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
 from jointid.errors import JointIdError
+from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import FigureNumbers, cut_blocks, outcome_of, response_blocks
@@ -18,7 +19,6 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
-from jointid.uncertainty.chosen_model import parameter_names
 from jointid.uncertainty.sensitivity import inertia_sensitivity
 from jointid.version import __version__
 from jointid.wording import counted
@@ -40,14 +40,14 @@ def make_report(
     ----------
     analysis : Analysis
     cut : bool
-        Simulate the cut of Figure 7, which takes about a second; for two joints only.
+        Include the cut of Figure 7, about a second; for two joints only.
     progress : callable, optional
-        Called with the share done and what is done next. What it raises ends the work.
+        Called with the share done and the next step. Its exceptions end the work.
 
     Returns
     -------
     Report
-        To be set by ``to_html`` or ``to_pdf``.
+        Input of ``to_html`` and ``to_pdf``.
     """
     study = analysis.study
     tell = progress or (lambda done, what: None)
@@ -102,7 +102,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if study.description:
         yield Paragraph(study.description, "quiet")
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(parameter_names(fit.n)):
+    for k, name in enumerate(elasticity_labels(fit.n)):
         stiffness, j = k < fit.n, k % fit.n
         value, error = float((fit.K if stiffness else fit.D)[j]), float(fit.standard_error[k])
         unit = "N·m/rad" if stiffness else "N·m·s/rad"
@@ -134,7 +134,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
 
 
 def _inertias_add(analysis: Analysis) -> str:
-    """What the error bars leave out."""
+    """Contribution of the inertias, which the error bars exclude."""
     try:
         found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
     except JointIdError as error:
@@ -143,7 +143,7 @@ def _inertias_add(analysis: Analysis) -> str:
 
 
 def _others(analysis: Analysis) -> str:
-    """Friction and delay as one sentence, empty when neither was fitted."""
+    """Fitted friction and delay as a sentence; empty without them."""
     fit, parts = analysis.fit, []
     if fit.friction is not None:
         error = fit.friction.standard_error
@@ -160,7 +160,7 @@ def _others(analysis: Analysis) -> str:
 
 
 def _change(value: float, error: float, reference: float) -> str:
-    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
+    """Deviation from the nominal value in per cent, where it exceeds its uncertainty."""
     if reference <= 0:
         return "–"
     ratio = value / reference - 1

@@ -1,4 +1,4 @@
-"""The later pages of a report: settings, inertias, records, and every digit."""
+"""The appendix of a report: settings, inertias, records, and all digits."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.estimation.elasticity import METHODS, ElasticityFit
+from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
-from jointid.uncertainty.chosen_model import parameter_names
 from jointid.version import __version__
 
-_MOST_ROWS = 100
+_MAX_ROWS = 100
+"""Rows of the list of records."""
 
 
 def settings_blocks(analysis: Analysis) -> Iterator[Block]:
-    """Software, study, estimator and model; inertias; what other estimators say."""
+    """Software, study, estimator and model; inertias; results of other estimators."""
     study, fit = analysis.study, analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
@@ -61,7 +62,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "not be fitted, need not be because friction or the lack of a lag is certain, or adds what "
             "does not stand out of its own error.",
         )
-    names = parameter_names(fit.n)
+    names = elasticity_labels(fit.n)
     yield Table(
         ("estimator", *names),
         tuple(
@@ -91,7 +92,7 @@ def _model(analysis: Analysis) -> str:
 
 
 def _estimates(fit: ElasticityFit) -> Iterator[tuple[float, float]]:
-    yield from zip(np.concatenate([fit.K, fit.D]), fit.standard_error, strict=True)
+    yield from zip(fit.estimate, fit.standard_error, strict=True)
 
 
 def _inertias(study: Study) -> Table:
@@ -115,7 +116,7 @@ def _inertias(study: Study) -> Table:
 
 
 def record_rows(study: Study) -> Table:
-    """One row per frequency and pose; records that are alike share it."""
+    """One row for all records of equal frequency, pose and length."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for number, record in enumerate(study.records, start=1):
         row = (
@@ -129,17 +130,17 @@ def record_rows(study: Study) -> Table:
     columns = [0, *([] if all(r.pose is None for r in study.records) else [1]), 2, 3, 4, 5]
     header = ("records", "pose", "frequency (Hz)", "periods", "used (s)", "samples per s")
     table = [header, *(("; ".join(labels), *row) for row, labels in alike.items())]
-    shown = [tuple(row[k] for k in columns) for row in table[: _MOST_ROWS + 1]]
+    shown = [tuple(row[k] for k in columns) for row in table[: _MAX_ROWS + 1]]
     more = len(table) - len(shown)
     return Table(shown[0], tuple(shown[1:]), f"And {more} more rows, see the study." if more else "")
 
 
 def digit_blocks(analysis: Analysis) -> Iterator[Block]:
-    """Every number with all its digits, and how to obtain it again."""
+    """All digits of every number, and the command to reproduce them."""
     fit = analysis.fit
     rows = [
         (name, repr(float(value)), repr(float(error)))
-        for name, (value, error) in zip(parameter_names(fit.n), _estimates(fit), strict=True)
+        for name, (value, error) in zip(elasticity_labels(fit.n), _estimates(fit), strict=True)
     ]
     if fit.friction is not None:
         values = [*fit.friction.coulomb, *fit.friction.viscous]

@@ -1,7 +1,7 @@
-"""Sine experiments on the simulated robot: elastic joints, equation (1), under joint control → records.
+"""Records of sine experiments on the simulated robot: elastic joints, equation (1), joint control.
 
 Between two events (a control sample, a change of the delayed torque) the motor torque is constant and
-the linear dynamics advance exactly, by a matrix exponential. All records advance together.
+the linear dynamics advance exactly, by a matrix exponential. All records advance in parallel.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Floats, finite_array
+from jointid.arrays import Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
-from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction, per_joint
+from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
 from jointid.simulation.robot import Reference, Robot
 
 _LARGEST_LOG_BYTES = 2e9
@@ -35,7 +35,7 @@ def simulate_records(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[SineRecord, ...]:
-    """Run sine experiments on the simulated robot and return their logs.
+    """Simulate sine experiments and return their logs.
 
     Parameters
     ----------
@@ -44,22 +44,22 @@ def simulate_records(
     frequencies_hz : array_like, shape (f,)
         Excitation frequencies, Hz, below half the sample rate.
     excitation : Excitation, optional
-        What the joints are asked to do; by default n records per frequency in which all joints move.
+        Reference of the joints; by default n records per frequency in which all joints move.
     controller : Controller, optional
         The joint control.
     friction : MotorFriction, optional
-        By default there is none.
+        By default no friction.
     measurement : Measurement, optional
-        By default the log is exact.
+        By default exact.
     pose : str, optional
         Name that the records carry.
     declare_timing : bool
-        Whether the records tell that the torque was held and how long it was delayed. False leaves
-        them as from a logger that does not know.
+        Whether the records state hold and delay of the torque. False: as from a logger that does not
+        know them.
     seed : int
-        Of the noise: the same seed gives identical arrays.
+        Seed of the noise: the same seed gives identical arrays.
     progress : callable, optional
-        Called about 64 times with the fraction done, up to 1.0. What it raises ends the run.
+        Called about 64 times with the fraction done, up to 1.0; an exception from it ends the run.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What an experiment on the simulated robot is: its control, its excitation, friction and sensors."""
+"""Settings of an experiment on the simulated robot: control, excitation, friction and sensors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, finite_array
+from jointid.arrays import Complexes, Floats, finite_array, per_joint
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
@@ -19,11 +19,11 @@ PerJoint: TypeAlias = float | Sequence[float] | Floats
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """Sampled position and velocity control of every joint by itself, with torque feedforward.
+    """Sampled, decentralised position and velocity control, with torque feedforward.
 
     With the reference r, the encoder position y and the control interval T, sample k commands
-    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the sample before.
-    The defaults kp = J ω², kv = 2ζ J ω belong to the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
+    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference to the last sample.
+    The defaults kp = J ω², kv = 2ζ J ω are those of the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ class Controller:
     damping_ratio : float or (n,)
         Its damping ratio ζ.
     position_gain, velocity_gain : float or (n,), optional
-        kp in N·m/rad and kv in N·m·s/rad, in place of those from bandwidth and damping ratio.
+        kp in N·m/rad and kv in N·m·s/rad, instead of those from bandwidth and damping ratio.
     feedforward : bool
         Whether the rigid-body torque of the reference acceleration is added.
     sample_rate_hz : float
         Control rate, which is also the rate of the log, Hz.
     torque_delay_s : float
-        The torque acts this much after the sample that it was computed from, s. Need not be a
-        whole number of samples.
+        Delay from a sample to the action of the torque computed from it, s. Need not be a whole number
+        of samples.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class Controller:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """The sine that every joint is asked to follow, and for how long.
+    """Reference sine of every joint, and its duration.
 
     The reference of joint j in record r is Im(A_fj W_rj e^{iωt}) + v_j t, with t = 0 at the first
     logged sample. The amplitude A = min(velocity/ω, acceleration/ω²) bounds speed and rigid-body torque.
@@ -79,8 +79,8 @@ class Excitation:
     Parameters
     ----------
     pattern : {"orthogonal", "one-at-a-time"} or array_like, shape (R, n), complex
-        The weights W. "orthogonal": e^{2πi rj/R}, so all joints move in every record, each time with
-        another relative phase. "one-at-a-time": record r moves joint r, the controllers hold the others.
+        The weights W. "orthogonal": e^{2πi rj/R}, all joints move in every record, with other relative
+        phases. "one-at-a-time": record r moves joint r, the controllers hold the others.
     records_per_frequency : int, optional
         R; by default n, or the rows of ``pattern``.
     velocity_rad_s, acceleration_rad_s2 : float or (n,)
@@ -88,15 +88,15 @@ class Excitation:
     position_rad : float, (f,) or (f, n), optional
         Position amplitude at each frequency, in place of the two limits, rad.
     constant_velocity_rad_s : float or (n,)
-        Superposed constant velocity v, rad/s. A joint that has one must never reverse.
+        Superposed constant velocity v, rad/s. A joint with a constant velocity must not reverse.
     duration_s : float
         Length of each record, s.
     periods : float, optional
         Length of each record in periods of its frequency, in place of ``duration_s``.
     settle_s : float, optional
         Time before the log begins, s. The run starts in the steady state of the robot without Coulomb
-        friction. The default lets what Coulomb friction changes decay to 1e-5 by the slowest mode of the
-        closed loop, and is zero where there is no Coulomb friction.
+        friction. By default long enough for the slowest mode of the closed loop to decay to 1e-5, and
+        zero without Coulomb friction.
 
     Raises
     ------
@@ -185,8 +185,8 @@ class MotorFriction:
     viscous : float or (n,)
         F_v, N·m·s/rad.
     step_s : float
-        Longest step in which Coulomb friction is resolved, s. A reversal is located inside its step, so
-        the error is of second order: about 1e-4 of the friction phasor up to 30 Hz with the default.
+        Longest step with Coulomb friction, s. A reversal is located within its step, so that the error
+        is of second order: about 1e-4 of the friction phasor up to 30 Hz with the default.
 
     Raises
     ------
@@ -206,7 +206,7 @@ class MotorFriction:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What the log shows of position and torque; the controller sees the same position.
+    """Sensors of position and torque; the controller uses the logged position.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ class Measurement:
     position_noise_rad : float or (n,)
         Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
     torque_noise_Nm : float or (n,)
-        Standard deviation of white noise on the logged torque, N·m. The motor is spared.
+        Standard deviation of white noise on the logged torque, not on the motor's, N·m.
 
     Raises
     ------
@@ -231,14 +231,6 @@ class Measurement:
         _store(self, "encoder_counts", "per revolution", positive=True, single=True)
         _store(self, "position_noise_rad", "rad")
         _store(self, "torque_noise_Nm", "N·m")
-
-
-def per_joint(name: str, value: object, n: int) -> Floats:
-    """A checked setting as (n,)."""
-    array = np.atleast_1d(np.asarray(value, dtype=np.float64))
-    if array.size not in (1, n):
-        raise JointIdError(f"{name} has {array.size} values: give one, or one per joint ({n}).")
-    return np.array(np.broadcast_to(array, (n,)))
 
 
 def _store(

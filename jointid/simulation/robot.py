@@ -1,6 +1,6 @@
 """The simulated robot: arm, motors and sampled joint control, exact between the samples.
 
-It stands in the horizontal plane: no gravity, and small motions, so no velocity coupling.
+Horizontal plane and small motions: no gravity and no velocity coupling.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.simulation.experiment import Controller, Measurement, MotorFriction, per_joint
-from jointid.simulation.motor_motion import Stretch, constant_torque, plant, step_with_friction
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction
+from jointid.simulation.motor_dynamics import Step, constant_torque, plant, step_with_friction
 from jointid.wording import counted
 
 _CHUNKS = 64
+"""Calls of a progress function per run."""
 _SETTLED = 1e-5
+"""Share of a transient that may remain when the log begins."""
 
 
 class Reference(NamedTuple):
@@ -59,11 +61,11 @@ class Robot:
         self.delay = whole  # in samples; the older torque acts for a share of the sample longer
         self.A, self.B = plant(inertia, elasticity, self.viscous)
         longest = friction.step_s if np.any(self.coulomb > 0) else self.T
-        self.stretches: list[Stretch] = []
+        self.steps: list[Step] = []
         for part, older in [(share, True), (1 - share, False)]:
             if part > 1e-9:
-                steps = int(np.ceil(part * self.T / longest - 1e-9))
-                self.stretches += [constant_torque(self.A, self.B, part * self.T / steps, older)] * steps
+                count = int(np.ceil(part * self.T / longest - 1e-9))
+                self.steps += [constant_torque(self.A, self.B, part * self.T / count, older)] * count
         self.closed, self.drive = self._closed_loop()
         self._require_stable()
 
@@ -96,26 +98,26 @@ class Robot:
         )
         count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
         proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
-        rubs = bool(np.any(self.coulomb > 0))
+        has_friction = bool(np.any(self.coulomb > 0))
         bounds = np.unique(np.linspace(0, shape[0], _CHUNKS + 1).astype(int))
         for first, last in pairwise(bounds.tolist()):
-            wanted = self._feed(reference, np.arange(first, last) - before)
-            disturbed = _noise(position_noise, wanted.shape)
+            feed = self._feed(reference, np.arange(first, last) - before)
+            disturbed = _noise(position_noise, feed.shape)
             for k in range(last - first):
                 y = Z[:n] + disturbed[k] if disturbed is not None else Z[:n].copy()
                 if count:
                     y = np.rint(y / count) * count
-                torque = wanted[k] - proportional * y + difference * y_before
+                torque = feed[k] - proportional * y + difference * y_before
                 theta[first + k], tau[first + k] = y, torque
                 y_before = y
                 torques.append(torque)
-                for stretch in self.stretches:
-                    Z[4 * n :] = torques[0 if stretch.older else 1]
-                    if rubs:
-                        step_with_friction(Z, stretch, self.coulomb)
+                for step in self.steps:
+                    Z[4 * n :] = torques[0 if step.older else 1]
+                    if has_friction:
+                        step_with_friction(Z, step, self.coulomb)
                     else:
-                        Z[: 4 * n] = stretch.EG @ Z
-            seen = _noise(torque_noise, wanted.shape)
+                        Z[: 4 * n] = step.EG @ Z
+            seen = _noise(torque_noise, feed.shape)
             if seen is not None:
                 tau[first:last] += seen
             if progress is not None:
@@ -131,17 +133,17 @@ class Robot:
         return np.asarray(control + self.feedforward @ acceleration)
 
     def _closed_loop(self) -> tuple[Floats, Floats]:
-        """The linear closed loop, exactly: s ← closed s + drive w with s = x, y before, torques before.
+        """Exact linear closed loop: s ← closed s + drive w with s = x, last y, last torques.
 
         w is the part of the torque that comes from the reference.
         """
         n, delay = self.n, self.delay
         size = 5 * n + (delay + 1) * n
         plant = np.eye(4 * n, size + n)  # x after the sample from s and the new torque
-        for EG, _, older in self.stretches:
+        for EG, _, older in self.steps:
             E, G = EG[:, : 4 * n], EG[:, 4 * n :]
             plant = E @ plant
-            # Torque columns run from the newest of s to the oldest; the new one stands behind s.
+            # Torque columns run from the newest of s to the oldest; the new one follows s.
             age = delay + older
             column = size if age == 0 else 5 * n + (age - 1) * n
             plant[:, column : column + n] += G
@@ -167,9 +169,9 @@ class Robot:
             )
 
     def _steady_state(self, reference: Reference, k: int) -> tuple[Floats, Floats, deque[Floats]]:
-        """State, encoder position before and torques before sample k, as if it had run for ever.
+        """State, last encoder position and last torques at sample k, in steady state.
 
-        Coulomb friction enters only where a constant velocity fixes its sign.
+        Coulomb friction enters only if a constant velocity determines its sign.
         """
         n, (omega, A, velocity) = self.n, reference
         z = np.exp(1j * omega * self.T)

@@ -1,24 +1,24 @@
-"""The estimator behind an answer, applied again to other phasors or other inertias."""
+"""The estimator and model of a fit, applied to other phasors or other inertias."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
+from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.joint_equations import inertia_arrays, spring_equations
 from jointid.estimation.likelihood import harmonic_scale, inverse_normal, maximum_likelihood, quadratic
-from jointid.estimation.linear_fit import Estimate, explicit, least_squares, weighted
-from jointid.estimation.residual import make_problem
+from jointid.estimation.linear_fit import LINEAR, Estimate
+from jointid.estimation.residual import fitted_layout, make_problem
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
-_GAUSS_NEWTON = 2  # steps after which inertias that are off by a per cent move the optimum no more
-_LINEAR = {"least-squares": least_squares, "explicit": explicit, "weighted": weighted}
+_GAUSS_NEWTON = 2
+"""Steps that follow the optimum when an inertia changes by a per cent."""
 
 
 def refit(
@@ -28,26 +28,26 @@ def refit(
     *,
     delay: bool | None = None,
 ) -> Estimate:
-    """Estimate again with the model that ``fit`` chose: same method, same friction, same delay.
+    """Estimate again with the model of ``fit``: same method, same friction, same delay.
 
     Parameters
     ----------
     phasors : Phasors
-        Other records, or the same with other noise.
+        Other records, or the same records with other noise.
     inertia : Inertia or sequence of Inertia
         One for all records, or one per record.
     fit : ElasticityFit
-        Says which model, and where to begin.
+        Gives the model and the start values.
     delay : bool, optional
-        Fit a delay, or none, whatever ``fit`` did.
+        Fit a delay or not; by default as in ``fit``.
 
     Raises
     ------
     JointIdError
         When these phasors do not allow an estimate with that model.
     """
-    if fit.method in _LINEAR:
-        return _LINEAR[fit.method](spring_equations(phasors, inertia))
+    if fit.method in LINEAR:
+        return LINEAR[fit.method](spring_equations(phasors, inertia))
     waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
     lags = fit.delay is not None if delay is None else delay
     start = _parameters(fit, waveforms, lags)
@@ -55,34 +55,33 @@ def refit(
 
 
 def _parameters(fit: ElasticityFit, waveforms: FrictionWaveforms | None, lags: bool) -> Floats:
-    """Parameters of the likelihood as the fit found them; of a friction curve it keeps none."""
-    parts = [fit.K, fit.D]
-    if fit.friction is not None and waveforms is not None:
-        curve = waveforms.curve.shape[2] * waveforms.curve.shape[3]
-        parts += [fit.friction.coulomb, fit.friction.viscous, np.zeros(curve)]
+    """Parameters of the likelihood at the fit; those of a friction curve are zero."""
+    values: dict[str, ArrayLike] = {"K": fit.K, "D": fit.D}
+    if fit.friction is not None:
+        values |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
     if lags:
-        parts.append(np.array([fit.delay or 0.0]))
-    return np.concatenate(parts)
+        values["delay"] = fit.delay or 0.0
+    return fitted_layout(fit.n, waveforms, delay=lags).pack(**values)
 
 
 def difference_by_inertia(
     phasors: Phasors, inertia: Sequence[Inertia], fit: ElasticityFit
 ) -> Callable[[Sequence[Inertia], Sequence[Inertia]], Floats]:
-    """Return a function of two sets of inertias that says by how much K and D differ between them.
+    """Return a function that gives the difference of K and D between two sets of inertias.
 
-    A linear estimator estimates twice. The likelihood's optimum is followed by Gauss-Newton steps from
-    the fit, each with the weights that the harmonics have by then. Noise and friction's waveforms are
-    those of the records, of which inertias change nothing.
+    A linear estimator is evaluated twice. The optimum of the likelihood is followed from the fit by
+    Gauss-Newton steps with updated weights. Noise and friction waveforms depend on the records only.
 
     Parameters
     ----------
     phasors, inertia
-        What ``fit`` was made from, one inertia per record.
+        Data of ``fit``, one inertia per record.
     fit : ElasticityFit
     """
-    n2 = 2 * fit.n
-    if fit.method in _LINEAR:
-        return lambda one, other: refit(phasors, one, fit).p[:n2] - refit(phasors, other, fit).p[:n2]
+    if fit.method in LINEAR:
+        return lambda one, other: (
+            refit(phasors, one, fit).elasticity - refit(phasors, other, fit).elasticity
+        )
     waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
     lags, noise = fit.delay is not None, fit.equations.noise
     p = _parameters(fit, waveforms, lags)
@@ -97,13 +96,13 @@ def difference_by_inertia(
             _, scale = harmonic_scale(changed, x)
             _, gradient, normal = quadratic(changed, x, scale)
             x = x - inverse_normal(changed, normal) @ gradient
-        return x[:n2]
+        return x[problem.layout.span("K", "D")]
 
     return lambda one, other: optimum(one) - optimum(other)
 
 
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
-    """Friction waveforms of these phasors in the form that the chosen model gave friction."""
+    """Friction waveforms of these phasors for the friction model of the fit."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
     if chosen is None:
         return friction_waveforms(phasors, 0.0)
@@ -111,15 +110,10 @@ def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
 
 
 def free_reversal(fit: ElasticityFit) -> float:
-    """Share of the largest velocity below which the chosen model left friction free."""
+    """Share of the largest velocity below which friction is free in the chosen model."""
     return next((c.reversal for c in fit.candidates if c.chosen), 0.0)
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:
     """One inertia per record."""
     return [inertia] * phasors.omega.size if isinstance(inertia, Inertia) else list(inertia)
-
-
-def parameter_names(n: int) -> tuple[str, ...]:
-    """K1 ... Kn, D1 ... Dn."""
-    return tuple(f"{letter}{j + 1}" for letter in "KD" for j in range(n))

@@ -1,9 +1,8 @@
-"""Fisher information of single records: what each tells of K, D, friction and delay.
+"""Fisher information of single records on K, D, friction and delay.
 
-The torque balance of ``estimation.likelihood`` has the residual r = τ e^{-sδ} − F − Z q of covariance
-V = E C Eᴴ; a record's information on the parameters is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals,
-after what friction is free to do around its reversals has been projected out. Records add up, and the
-inverse of the sum is the Cramér–Rao bound.
+With the residual r = τ e^{-sδ} − F − Z q of covariance V = E C Eᴴ (``estimation.residual``), a record's
+information on the parameters is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction
+projected out. Records add up; the inverse of the sum is the Cramér–Rao bound.
 """
 
 from __future__ import annotations
@@ -16,19 +15,26 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import friction_waveforms
 from jointid.estimation.noise import Noise
-from jointid.estimation.residual import Problem, parameter_names
-from jointid.estimation.whitened_residual import WhitenedBalance
+from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.residual import Problem
+from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
+from jointid.small_matrices import unit_diagonal
 from jointid.uncertainty.chosen_model import free_reversal
-from jointid.uncertainty.validation import freed_phasors
+from jointid.uncertainty.validation import compensated_phasors
 
-_WELL_KNOWN = 1e12  # degrees of freedom of a noise that is given
+_EXACT = 1e12
+"""Degrees of freedom of a given noise covariance."""
+_INSEPARABLE = 1e-10
+"""Smallest eigenvalue of the information matrix of unit diagonal that determines a combination."""
+_INVOLVED = 1e-3
+"""Share of a parameter in an undetermined combination from which its variance is infinite."""
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
-    """What is assumed of records that are still to be made: the fit, and the noise by frequency."""
+class PlanningModel:
+    """Assumptions on planned records: the fit, and the noise by frequency."""
 
     fit: ElasticityFit
     omega: Floats
@@ -37,11 +43,10 @@ class Situation:
     """Covariance of z = [q; τ] times the length of the record there, shape (f, 2n, 2n), per second."""
 
     @property
-    def parameters(self) -> int:
-        """K and D, Coulomb and viscous friction, delay: as far as the fit has them."""
-        n = self.fit.n
-        friction = 2 * n if self.fit.friction is not None else 0
-        return 2 * n + friction + (self.fit.delay is not None)
+    def layout(self) -> ParameterLayout:
+        """Parameters of the fit, without those of a friction curve."""
+        fit = self.fit
+        return ParameterLayout.of(fit.n, friction=fit.friction is not None, delay=fit.delay is not None)
 
     def noise(self, omega: Floats, duration_s: Floats) -> Complexes:
         """Covariance (..., 2n, 2n) of records of these frequencies and lengths, both shaped (...)."""
@@ -53,22 +58,22 @@ class Situation:
         return np.asarray(mixed / duration_s[..., None, None])
 
 
-def situation(phasors: Phasors, fit: ElasticityFit) -> Situation:
-    """Noise by frequency, averaged over the records of each."""
-    noise = fit.equations.noise  # what is not well known weighs less, as in the estimator itself
+def planning_model(phasors: Phasors, fit: ElasticityFit) -> PlanningModel:
+    """Planning model of a fit, with the noise averaged over the records of each frequency."""
+    noise = fit.equations.noise  # weighted as in the estimator
     length = (phasors.duration_s * noise.inverse_bias)[:, None, None]
     covariance = noise.covariance[:, 0] * length
     groups = phasors.by_frequency()
-    return Situation(
+    return PlanningModel(
         fit=fit,
         omega=np.array([omega for omega, _ in groups]),
         density=np.array([covariance[group].mean(axis=0) for _, group in groups]),
     )
 
 
-def measured_information(phasors: Phasors, inertias: list[Inertia], now: Situation) -> Floats:
-    """Information of records that have been made, shape (r, P, P)."""
-    free = freed_phasors(phasors, now.fit)
+def measured_information(phasors: Phasors, inertias: list[Inertia], now: PlanningModel) -> Floats:
+    """Information of existing records, shape (r, P, P)."""
+    free = compensated_phasors(phasors, now.fit)
     return record_information(phasors.omega, free.q, free.tau, phasors.duration_s, inertias, now)
 
 
@@ -78,7 +83,7 @@ def record_information(
     tau: Complexes,
     duration_s: Floats,
     inertias: list[Inertia],
-    now: Situation,
+    now: PlanningModel,
 ) -> Floats:
     """Information of each record, shape (r, P, P).
 
@@ -90,7 +95,7 @@ def record_information(
     duration_s : ndarray, shape (r,)
     inertias : list of Inertia
         One per record.
-    now : Situation
+    now : PlanningModel
     """
     fit, n = now.fit, q.shape[1]
     orders = np.arange(1, (MANY_HARMONICS if fit.friction is not None else 1) + 1)
@@ -105,40 +110,37 @@ def record_information(
     problem = Problem(
         s=s,
         z=signals,
-        noise=Noise(C, np.full(omega.size, _WELL_KNOWN)),
+        noise=Noise(C, np.full(omega.size, _EXACT)),
         known=np.ones(s.shape, bool),
         M=np.array([i.M for i in inertias]),
         arm=np.linalg.inv(np.array([i.M2 for i in inertias])),
         friction=waves,
-        names=parameter_names(n, waves, delay=fit.delay is not None),
+        layout=now.layout,
         stiffest=np.full(n, np.inf),
     )
-    p = np.zeros(now.parameters)
-    p[: 2 * n] = *fit.K, *fit.D
-    columns = WhitenedBalance.of(problem, p, np.ones(orders.size)).columns(smooth=False)
+    p = now.layout.pack(K=fit.K, D=fit.D)
+    columns = WhitenedResidual.of(problem, p, np.ones(orders.size)).columns(smooth=False)
     return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
 
 
 def bound(information: Floats) -> Floats:
-    """Inverse of an information matrix (P, P); infinite variances where it tells nothing."""
-    size = np.sqrt(np.diag(information))
-    seen = size > 0
-    covariance = np.full(information.shape, 0.0)
+    """Inverse of an information matrix (P, P); infinite variances for undetermined parameters."""
+    seen, size, scaled = unit_diagonal(information)
+    covariance = np.zeros(information.shape)
     covariance[~seen, ~seen] = np.inf
-    scaled = information[np.ix_(seen, seen)] / np.outer(size[seen], size[seen])
     values, vectors = np.linalg.eigh(scaled)
-    told = values > 1e-10
-    inner = (vectors[:, told] / values[told]) @ vectors[:, told].T
-    untold = np.any(np.abs(vectors[:, ~told]) > 1e-3, axis=1)
-    inner[untold, untold] = np.inf
-    covariance[np.ix_(seen, seen)] = inner / np.outer(size[seen], size[seen])
+    known = values > _INSEPARABLE
+    inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
+    inner[unknown, unknown] = np.inf
+    covariance[np.ix_(seen, seen)] = inner / np.outer(size, size)
     return covariance
 
 
 def _sines(omega: Floats, q: Complexes, tau: Complexes, C: Complexes, duration_s: Floats) -> Phasors:
-    """Phasors of pure sines, for the velocity waveform that friction needs."""
+    """Phasors of pure sines, for the velocity waveform of the friction model."""
     r, n = q.shape
-    harmonics = np.full((r, C.shape[1], 2 * n), 1e-300 + 0j)  # carried by the samples, but empty
+    harmonics = np.full((r, C.shape[1], 2 * n), 1e-300 + 0j)  # known, but practically zero
     harmonics[:, 0] = np.hstack([q, tau])
     unknown = np.full((r, 2 * n), np.nan)
     return Phasors(
@@ -146,7 +148,7 @@ def _sines(omega: Floats, q: Complexes, tau: Complexes, C: Complexes, duration_s
         q=q,
         tau=tau,
         covariance=C[:, 0],
-        freedom=np.full(r, 100.0),
+        degrees_of_freedom=np.full(r, 100.0),
         duration_s=duration_s,
         harmonics=harmonics,
         harmonic_covariance=C,

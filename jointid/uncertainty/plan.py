@@ -1,4 +1,4 @@
-"""The next experiment: how well K and D would be known with more records, and which ones to make."""
+"""Experiment planning: expected accuracy of K and D with more records, and a choice of records."""
 
 from __future__ import annotations
 
@@ -11,12 +11,19 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Complexes, Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, resonances
 from jointid.phasors.extract import Phasors
-from jointid.uncertainty.chosen_model import inertia_of_each, parameter_names
-from jointid.uncertainty.information import bound, measured_information, record_information, situation
+from jointid.uncertainty.chosen_model import inertia_of_each
+from jointid.uncertainty.information import (
+    PlanningModel,
+    bound,
+    measured_information,
+    planning_model,
+    record_information,
+)
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
-from jointid.uncertainty.validation import freed_phasors
+from jointid.uncertainty.validation import compensated_phasors
 from jointid.wording import counted
 
 __all__ = [
@@ -29,23 +36,25 @@ __all__ = [
 ]
 
 _CANDIDATE_FREQUENCIES = 24
+"""Default number of frequencies in the search, logarithmically spaced."""
 _MOST_RECORDS = 50
+"""Largest number of suggested records."""
 _LOWEST, _HIGHEST = 0.1, 10.0
-"""Shares of the lowest and of the highest frequency so far, beyond which nothing is suggested."""
+"""Limits of the suggested frequencies, over the lowest and the highest frequency of the records."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedErrors:
-    """Standard errors by the Cramér–Rao bound, times what the model leaves unexplained today."""
+    """Standard errors by the Cramér–Rao bound, times the root of the fit's inflation."""
 
     names: tuple[str, ...]
     """K1 ... Kn, D1 ... Dn."""
     estimate: Floats
-    """Today's values, shape (2n,)."""
+    """Values of the fit, shape (2n,)."""
     today: Floats
-    """Standard errors of the records that there are, shape (2n,); about the fit's own."""
+    """Standard errors with the existing records, shape (2n,); about those of the fit."""
     planned: Floats
-    """Standard errors with the planned records alone, shape (2n,); infinite where they cannot tell."""
+    """Standard errors with the planned records alone, shape (2n,); infinite where undetermined."""
     together: Floats
     """Standard errors with both, shape (2n,)."""
 
@@ -58,9 +67,9 @@ def predict_standard_errors(
     *,
     planned_inertia: Inertia | None = None,
 ) -> PredictedErrors:
-    """Predict how well K and D would be known; friction and delay are fitted as in ``fit``.
+    """Predict the accuracy of K and D; friction and delay are fitted as in ``fit``.
 
-    The noise is taken from the records at hand, by frequency; it falls as one over their length.
+    The noise is that of the existing records, by frequency, inversely proportional to the length.
 
     Parameters
     ----------
@@ -68,31 +77,20 @@ def predict_standard_errors(
     phasors, inertia, fit
         The analysis so far.
     planned_inertia : Inertia, optional
-        Of the pose of the planned records; by default that of the first record.
+        Inertia at the pose of the planned records; by default that of the first record.
     """
-    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
             f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
         )
     old = measured_information(phasors, each, now).sum(axis=0)
-    count = planned.frequency_hz.size
-    new = record_information(
-        2 * np.pi * planned.frequency_hz,
-        planned.angle_rad,
-        planned.torque_Nm,
-        planned.duration_s,
-        [pose] * count,
-        now,
-    ).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
-    today, alone, both = (
-        inflation * np.sqrt(np.diag(bound(information))[:p]) for information in (old, new, old + new)
-    )
+    new = _planned_information(planned, pose, now).sum(axis=0)
+    today, alone, both = (_standard_errors(matrix, fit) for matrix in (old, new, old + new))
     return PredictedErrors(
-        names=parameter_names(fit.n),
-        estimate=np.concatenate([fit.K, fit.D]),
+        names=elasticity_labels(fit.n),
+        estimate=fit.estimate,
         today=today,
         planned=alone,
         together=both,
@@ -101,7 +99,7 @@ def predict_standard_errors(
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """Records that would cut the worst relative error bar most, in the order of their use."""
+    """Records that reduce the largest relative standard error most, in the order of their benefit."""
 
     records: PlannedRecords
     """k of them."""
@@ -129,10 +127,10 @@ def suggest_records(
     highest_hz: float | None = None,
     planned_inertia: Inertia | None = None,
 ) -> Suggestion:
-    """Choose the next records one by one, each the best of many candidates.
+    """Choose the next records one by one (greedy), each the best of many candidates.
 
-    Candidates are all frequencies with several relative phases of the joints' torques or angles, each as
-    large as the limits allow.
+    Candidates are all frequencies with several relative phases of the joints' torques or angles, with
+    the largest amplitude within the limits.
 
     Parameters
     ----------
@@ -141,15 +139,15 @@ def suggest_records(
     count : int, default 3
     duration_s : float, default 4.0
     torque_limit_Nm, velocity_limit_rad_s : array_like, shape (n,), optional
-        Largest amplitudes: of the motors' torques, friction included, and of the velocities of motors
-        and arm, seen from the motors. By default the largest so far.
+        Largest amplitudes: of the motor torques, friction included, and of the velocities of motors and
+        arm, motor side. By default the largest of the records.
     frequencies_hz : array_like, optional
-        By default spread over the band of the records and the resonances, but not below a tenth of
-        the lowest frequency so far.
+        By default over the band of the records and the resonances, but not below a tenth of the lowest
+        frequency of the records.
     highest_hz : float, optional
         Limit of the default frequencies, for instance a quarter of the sample rate.
     planned_inertia : Inertia, optional
-        Of the pose of the planned records; by default that of the first record.
+        Inertia at the pose of the planned records; by default that of the first record.
 
     Raises
     ------
@@ -158,13 +156,13 @@ def suggest_records(
     """
     if not isinstance(count, int) or not 1 <= count <= _MOST_RECORDS:
         raise JointIdError(f"count = {count!r}: expected a whole number from 1 to {_MOST_RECORDS}.")
-    now, each = situation(phasors, fit), inertia_of_each(phasors, inertia)
+    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
     pose = planned_inertia or each[0]
-    free = freed_phasors(phasors, fit)
+    free = compensated_phasors(phasors, fit)
     speed = _speed(phasors.omega, free.q, free.tau, each).max(axis=0)
     torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
     velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)
-    if fit.friction is not None:  # the fundamental of a square wave is 4/π of it
+    if fit.friction is not None:  # a square wave has a fundamental of 4/π
         torque = torque - 4 / np.pi * np.maximum(fit.friction.coulomb, 0)
     if np.any(torque <= 0):
         j = int(np.argmin(torque)) + 1
@@ -176,25 +174,12 @@ def suggest_records(
     else:
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
-    information = record_information(
-        2 * np.pi * candidates.frequency_hz,
-        candidates.angle_rad,
-        candidates.torque_Nm,
-        candidates.duration_s,
-        [pose] * candidates.frequency_hz.size,
-        now,
-    )
+    information = _planned_information(candidates, pose, now)
     total = measured_information(phasors, each, now).sum(axis=0)
-    p, inflation = 2 * fit.n, np.sqrt(fit.inflation)
-    estimate = np.abs(np.concatenate([fit.K, fit.D]))
-    estimate = np.maximum(estimate, fit.standard_error)  # a damping near zero has no relative error
-
-    def errors(matrix: Floats) -> Floats:
-        return np.asarray(inflation * np.sqrt(np.diag(bound(matrix))[:p]) / estimate)
-
-    chosen, path = [], [errors(total)]
+    size = np.maximum(np.abs(fit.estimate), fit.standard_error)  # for a damping near zero
+    chosen, path = [], [_standard_errors(total, fit) / size]
     for _ in range(count):
-        trials = np.array([errors(total + one) for one in information])
+        trials = np.array([_standard_errors(total + one, fit) / size for one in information])
         best = int(np.argmin(trials.max(axis=1)))
         chosen.append(best)
         path.append(trials[best])
@@ -205,7 +190,20 @@ def suggest_records(
         candidates.angle_rad[chosen],
         candidates.duration_s[chosen],
     )
-    return Suggestion(records, parameter_names(fit.n), np.array(path))
+    return Suggestion(records, elasticity_labels(fit.n), np.array(path))
+
+
+def _planned_information(planned: PlannedRecords, pose: Inertia, now: PlanningModel) -> Floats:
+    """Information of each planned record, shape (r, P, P)."""
+    omega = 2 * np.pi * planned.frequency_hz
+    return record_information(
+        omega, planned.angle_rad, planned.torque_Nm, planned.duration_s, [pose] * omega.size, now
+    )
+
+
+def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
+    """Standard errors of K and D, inflated as in the fit, shape (2n,)."""
+    return np.asarray(np.sqrt(fit.inflation) * np.sqrt(np.diag(bound(information))[: 2 * fit.n]))
 
 
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
@@ -220,7 +218,7 @@ def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:
 def _candidate_frequencies(
     phasors: Phasors, inertia: Inertia, fit: ElasticityFit, duration_s: float, highest_hz: float | None
 ) -> Floats:
-    """Over the band and the resonances; a wild estimate's resonances lead nowhere."""
+    """Frequencies over the band and the resonances, within limits for inaccurate resonances."""
     band = phasors.omega / (2 * np.pi)
     modes = resonances(inertia, fit.elasticity)
     lowest = max(_LOWEST * float(band.min()), 1.001 / duration_s if duration_s > 0 else 0.0)
@@ -238,7 +236,7 @@ def _candidates(
     velocity: Floats,
     duration_s: float,
 ) -> PlannedRecords:
-    """Every frequency with every pattern, as torques and as angles, scaled up to the limits."""
+    """Every frequency with every pattern, as torques and as angles, scaled to the limits."""
     patterns = _patterns(inertia.n)
     f = np.repeat(frequency, len(patterns))
     omega = 2 * np.pi * f[:, None]
@@ -261,9 +259,9 @@ def _candidates(
 
 
 def _speed(omega: Floats, q: Complexes, tau: Complexes, inertias: Sequence[Inertia]) -> Floats:
-    """Velocity amplitude of each joint, the larger of motor's and arm's, shape (r, n), rad/s."""
+    """Velocity amplitude of each joint, the larger of motor and arm, shape (r, n), rad/s."""
     s2 = -(omega[:, None] ** 2)
-    spring = tau - np.array([i.M for i in inertias]) * s2 * q  # what reaches the arm
+    spring = tau - np.array([i.M for i in inertias]) * s2 * q  # torque on the arm
     arm = np.linalg.solve(np.array([i.M2 for i in inertias]), spring[..., None])[..., 0] / s2
     return np.asarray(omega[:, None] * np.maximum(np.abs(q), np.abs(arm)))
 

@@ -1,4 +1,4 @@
-"""Sine experiments that have not been made yet: their torques from their motion, or the other way."""
+"""Planned sine experiments: torques from the motion, or the motion from the torques."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from jointid.joints import Elasticity, Inertia, motor_response
 
 @dataclass(frozen=True, eq=False)
 class PlannedRecords:
-    """Sine experiments that have not been made yet."""
+    """Planned sine experiments."""
 
     frequency_hz: Floats
     """Shape (r,), Hz."""
     torque_Nm: Complexes
-    """Torque amplitudes and phases that move inertias and springs, shape (r, n), N·m; the motors'
-    friction comes on top."""
+    """Torque amplitudes and phases without motor friction, shape (r, n), N·m."""
     angle_rad: Complexes
     """Motor angle amplitudes and phases, shape (r, n), rad."""
     duration_s: Floats
@@ -41,7 +40,7 @@ def planned_records(
     angle_rad: ArrayLike | None = None,
     duration_s: ArrayLike = 4.0,
 ) -> PlannedRecords:
-    """Plan records by their torques or by their motor angles; the model tells the other.
+    """Plan records by their torques or by their motor angles; the other follows from the model.
 
     Parameters
     ----------
@@ -49,7 +48,7 @@ def planned_records(
         The model, n joints.
     frequency_hz : array_like, shape (r,)
     torque_Nm, angle_rad : array_like, complex, shape (r, n) or (n,)
-        Amplitude and phase, one of the two; y stands for Im(y e^{iωt}).
+        Amplitude and phase, one of the two; y means Im(y e^{iωt}).
     duration_s : float or (r,)
 
     Raises

@@ -1,4 +1,4 @@
-"""The same springs from every pose: fits by pose, and what the poses disagree on."""
+"""Fits by pose, and whether the poses agree."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 @dataclass(frozen=True, eq=False)
 class PoseFits:
-    """K and D of each pose alone, with the model that was chosen for all together."""
+    """K and D of each pose alone, with the model chosen for all records."""
 
     names: tuple[str, ...]
     """The poses, m of them; "" for records without one."""
     estimates: Floats
     """K1 ... Kn, D1 ... Dn by pose, shape (m, 2n)."""
     covariance: Floats
-    """Of each pose's estimates, times its misfit where that is above 1, shape (m, 2n, 2n)."""
+    """Covariance of each pose's estimates, times its misfit if above 1, shape (m, 2n, 2n)."""
     mean: Floats
     """Mean over the poses, weighted by their covariances, shape (2n,)."""
     problems: tuple[str, ...]
-    """Poses that allow no estimate alone, each with the reason."""
+    """Poses without an estimate of their own, each with the reason."""
 
     @property
     def standard_error(self) -> Floats:
@@ -55,13 +55,13 @@ class PoseFits:
 
     @property
     def probability(self) -> float:
-        """How likely poses that agree would differ at least as much, by χ²; 1 for a single pose."""
-        freedom = (len(self.names) - 1) * self.mean.size
-        if freedom == 0:
+        """p-value of the poses' differences under agreement, by χ²; 1 for a single pose."""
+        degrees_of_freedom = (len(self.names) - 1) * self.mean.size
+        if degrees_of_freedom == 0:
             return 1.0
-        apart = (self.estimates - self.mean)[..., None]
-        squares = float((apart.swapaxes(1, 2) @ np.linalg.solve(self.covariance, apart)).sum())
-        return float(chdtrc(freedom, squares))
+        deviation = (self.estimates - self.mean)[..., None]
+        squares = float((deviation.swapaxes(1, 2) @ np.linalg.solve(self.covariance, deviation)).sum())
+        return float(chdtrc(degrees_of_freedom, squares))
 
 
 def fits_by_pose(
@@ -75,11 +75,11 @@ def fits_by_pose(
     Parameters
     ----------
     phasors, inertia
-        What ``fit`` was made from.
+        Data of ``fit``.
     poses : sequence of str or None
         The pose of each record.
     fit : ElasticityFit
-        The fit to all poses; its model is used again.
+        Fit to all poses; its model is applied to each.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def fits_by_pose(
     """
     if len(poses) != phasors.omega.size:
         raise JointIdError(f"{len(poses)} poses for {phasors.omega.size} records: give one per record.")
-    each, p = inertia_of_each(phasors, inertia), 2 * fit.n
+    each = inertia_of_each(phasors, inertia)
     names, estimates, covariances, problems = [], [], [], []
     for pose in dict.fromkeys(poses):
         records = [i for i, name in enumerate(poses) if name == pose]
@@ -97,10 +97,9 @@ def fits_by_pose(
         except JointIdError as error:
             problems.append(f"{pose or 'Records without a pose'}: {error}")
             continue
-        misfit = one.cost / one.expected_cost if one.expected_cost > 0 else 1.0
         names.append(pose or "")
-        estimates.append(one.p[:p])
-        covariances.append(one.covariance[:p, :p] * max(1.0, misfit))
+        estimates.append(one.elasticity)
+        covariances.append(one.elasticity_covariance * max(1.0, one.misfit))
     if not names:
         raise JointIdError(f"No pose allows an estimate alone. {problems[0]}")
     table, covariance = np.array(estimates), np.array(covariances)

@@ -1,7 +1,7 @@
-"""Two checks of the error bars that do not use the fit's covariance: jackknife and bootstrap.
+"""Jackknife and bootstrap: two checks of the error bars that do not use the fit's covariance.
 
-The jackknife takes the scatter between frequencies for the error, whatever its cause. The bootstrap
-repeats the estimate on drawn noise. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993.)
+The jackknife derives the error from the scatter between frequencies, whatever its cause. The bootstrap
+repeats the estimate on simulated noise. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993.)
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.joint_equations import pseudo_inverse, spring_equations
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
-_EXACT_FREEDOM = 200  # a covariance of so many degrees of freedom is not worth drawing
+_EXACT = 200
+"""Degrees of freedom from which a covariance is not drawn: it varies by less than a tenth."""
 
 
 @dataclass(frozen=True, eq=False)
 class Jackknife:
-    """The estimate without each frequency in turn."""
+    """Estimates that leave out one frequency at a time."""
 
     frequency_hz: Floats
     """The frequency left out, shape (f,), Hz."""
@@ -34,7 +35,7 @@ class Jackknife:
     standard_error: Floats
     """√((f − 1)/f Σ(p_i − p̄)²), shape (2n,)."""
     influence: Floats
-    """What leaving a frequency out changes, in standard errors of the fit, shape (f, 2n)."""
+    """Change of the estimate without the frequency, in standard errors of the fit, shape (f, 2n)."""
 
 
 def jackknife(
@@ -44,19 +45,19 @@ def jackknife(
     *,
     progress: Callable[[float], None] | None = None,
 ) -> Jackknife:
-    """Leave one frequency out at a time; the scatter checks the error bars, whatever the noise is.
+    """Leave out one frequency at a time; the scatter checks the error bars for any kind of noise.
 
     Parameters
     ----------
     phasors, inertia, fit
         The analysis.
     progress : callable, optional
-        Called with the fraction done, up to 1.0. What it raises ends the run.
+        Called with the fraction done, up to 1.0; an exception from it ends the run.
 
     Raises
     ------
     JointIdError
-        With fewer than three frequencies, or when the rest does not allow an estimate.
+        With fewer than three frequencies, or when the other records allow no estimate.
     """
     groups = phasors.by_frequency()
     if len(groups) < 3:
@@ -64,10 +65,10 @@ def jackknife(
             f"The records have {len(groups)} frequencies: leaving one out in turn needs at least 3."
         )
     each = inertia_of_each(phasors, inertia)
-    n, estimates = fit.n, []
+    estimates = []
     for done, (_, group) in enumerate(groups, start=1):
         kept = np.setdiff1d(np.arange(phasors.omega.size), group)
-        estimates.append(refit(phasors.select(kept), [each[i] for i in kept], fit).p[: 2 * n])
+        estimates.append(refit(phasors.select(kept), [each[i] for i in kept], fit).elasticity)
         if progress is not None:
             progress(done / len(groups))
     table, f = np.array(estimates), len(groups)
@@ -77,13 +78,13 @@ def jackknife(
         frequency_hz=np.array([omega for omega, _ in groups]) / (2 * np.pi),
         estimates=table,
         standard_error=np.sqrt((f - 1) / f * scatter),
-        influence=(table - np.concatenate([fit.K, fit.D])) / error,
+        influence=(table - fit.estimate) / error,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Estimates from repeated draws of the noise."""
+    """Estimates from repeated simulation of the noise."""
 
     estimates: Floats
     """K1 ... Kn, D1 ... Dn of each draw, shape (draws, 2n)."""
@@ -92,7 +93,7 @@ class Bootstrap:
     bias: Floats
     """Their mean less the fit, shape (2n,)."""
     failed: int
-    """Draws that allowed no estimate."""
+    """Number of draws without an estimate."""
 
     def interval(self, level: float = 0.95) -> Floats:
         """Lower and upper end of the central share ``level`` of the draws, shape (2, 2n)."""
@@ -110,18 +111,18 @@ def bootstrap(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Bootstrap:
-    """Parametric bootstrap: draw the phasors' noise, estimate again, look at the scatter.
+    """Parametric bootstrap: draw the noise of the phasors, estimate again, take the scatter.
 
-    The noise is what the phasors state, times the fit's misfit where that is above 1. Where a record has
-    few periods, its covariance is drawn as well: the weights are then as badly known as they were.
+    The noise has the covariance of the phasors, times the fit's inflation. The covariance of a record of
+    few periods is drawn as well, so that the weights are as uncertain as in the fit.
 
     Parameters
     ----------
     draws : int, default 200
-        The standard error is then known to 5 %.
+        200 give the standard error within 5 %.
     seed : int
     progress : callable, optional
-        Called with the fraction done, up to 1.0. What it raises ends the run.
+        Called with the fraction done, up to 1.0; an exception from it ends the run.
 
     Raises
     ------
@@ -136,8 +137,7 @@ def bootstrap(
     root *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
     if fit.method in ("least-squares", "explicit"):
-        table = _all_at_once(centre, fit, _circular(rng, root[:, 0], draws))
-        failed = 0
+        table, failed = _paper_estimates(centre, fit, _circular(rng, root[:, 0], draws)), 0
         if progress is not None:
             progress(1.0)
     else:
@@ -145,7 +145,7 @@ def bootstrap(
         for k in range(draws):
             drawn = _with_noise(centre, _circular(rng, root, 1)[0], rng)
             with contextlib.suppress(JointIdError):
-                found.append(refit(drawn, inertia, fit).p[: 2 * fit.n])
+                found.append(refit(drawn, inertia, fit).elasticity)
             if progress is not None:
                 progress((k + 1) / draws)
         failed = draws - len(found)
@@ -158,16 +158,15 @@ def bootstrap(
     return Bootstrap(
         estimates=table,
         standard_error=table.std(axis=0, ddof=1),
-        bias=table.mean(axis=0) - np.concatenate([fit.K, fit.D]),
+        bias=table.mean(axis=0) - fit.estimate,
         failed=failed,
     )
 
 
 def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
-    """The phasors without their residual: the nearest, in units of noise, that the fit explains."""
+    """Phasors without residual: those nearest to the data, in units of noise, that fit the model."""
     equations, n = fit.equations, fit.n
-    spring = fit.K + 1j * equations.omega[:, None] * fit.D
-    E = equations.of_b - spring[..., None] * equations.of_a
+    E = equations.residual_gain(fit.K, fit.D)
     CE = equations.noise.covariance[:, 0] @ E.conj().swapaxes(1, 2)
     e = equations.residual(fit.K, fit.D)[..., None]
     correction = -(CE @ np.linalg.solve(E @ CE, e))[..., 0]
@@ -182,7 +181,7 @@ def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
 
 
 def _root(covariance: Complexes) -> Complexes:
-    """A matrix whose product with its conjugate transpose is the covariance, also a singular one."""
+    """Square root L of a possibly singular covariance, L Lᴴ."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
 
@@ -195,14 +194,14 @@ def _circular(rng: np.random.Generator, root: Complexes, size: int) -> Complexes
 
 
 def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) -> Phasors:
-    """Add an error (r, H, 2n), and draw the covariances where few periods tell them."""
+    """Add an error (r, H, 2n), and draw the covariances of records of few periods."""
     n = phasors.n
     covariance = phasors.harmonic_covariance.copy()
-    for record in np.flatnonzero(phasors.freedom < _EXACT_FREEDOM):
-        freedom = max(int(phasors.freedom[record]), 1)
-        draws = _circular(rng, _root(covariance[record]), freedom)
-        covariance[record] = np.einsum("sha,shb->hab", draws, draws.conj()) / freedom
-    # What leaks from the harmonics over a broken period is no noise and stays as it is.
+    for record in np.flatnonzero(phasors.degrees_of_freedom < _EXACT):
+        degrees = max(int(phasors.degrees_of_freedom[record]), 1)
+        draws = _circular(rng, _root(covariance[record]), degrees)
+        covariance[record] = np.einsum("sha,shb->hab", draws, draws.conj()) / degrees
+    # Leakage of harmonics over an incomplete period is not noise and stays.
     leaked = phasors.covariance - phasors.harmonic_covariance[:, 0]
     return replace(
         phasors,
@@ -214,17 +213,11 @@ def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) ->
     )
 
 
-def _all_at_once(phasors: Phasors, fit: ElasticityFit, error: Complexes) -> Floats:
-    """The paper's estimators on every draw (s, r, 2n) in one go, shape (s, 2n)."""
+def _paper_estimates(phasors: Phasors, fit: ElasticityFit, error: Complexes) -> Floats:
+    """The paper's estimator for all draws (s, r, 2n), shape (s, 2n)."""
     equations = fit.equations
     z = phasors.z + error
     a = np.einsum("rij,srj->sri", equations.of_a, z)
     b = np.einsum("rij,srj->sri", equations.of_b, z)
-    omega, power = equations.omega[:, None], np.abs(a) ** 2
-    product = a.conj() * b
-    K = product.real.sum(axis=1) / power.sum(axis=1)
-    if fit.method == "explicit":
-        D = product.imag.sum(axis=1) / (omega * power).sum(axis=1)
-    else:
-        D = (omega * product.imag).sum(axis=1) / (omega**2 * power).sum(axis=1)
-    return np.asarray(np.concatenate([K, D], axis=1))
+    estimates = pseudo_inverse(equations.omega, a, b, explicit=fit.method == "explicit")
+    return np.concatenate(estimates, axis=1)

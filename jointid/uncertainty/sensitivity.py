@@ -1,7 +1,7 @@
-"""How well K and D are known: what the inertias add, and confidence ellipses.
+"""Sensitivity of K and D to the given inertias, and confidence ellipses.
 
-The error bars of a fit come from the noise of the phasors alone. That the inertias are not exactly
-known is a second error, of which the records say nothing; it is kept apart.
+The error bars of a fit come from the noise of the phasors alone. Errors of the given inertias are a
+second source, which the records do not show; it is reported separately.
 """
 
 from __future__ import annotations
@@ -15,18 +15,19 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.joints import Inertia
+from jointid.estimation.parameters import elasticity_labels
+from jointid.joints import Inertia, arm_inertias
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread
-from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_each, parameter_names
+from jointid.uncertainty.chosen_model import difference_by_inertia, inertia_of_each
 
 _STEP = 1e-2
-"""Relative change of an inertia for central differences; their error is of its square."""
+"""Relative change of an inertia for central differences, whose error is of second order."""
 
 
 @dataclass(frozen=True, eq=False)
 class InertiaSensitivity:
-    """How K and D follow from the inertias that were taken as known."""
+    """Derivatives of K and D by the given inertias."""
 
     names: tuple[str, ...]
     """J_m1 ... J_mn, then J_a1, J_12, J_a2 ... of each pose."""
@@ -44,14 +45,14 @@ class InertiaSensitivity:
         return np.asarray(self.slope * self.value / size[:, None])
 
     def covariance(self, relative: float = 0.03) -> Floats:
-        """Covariance of K and D when every inertia errs by ``relative`` of itself, independently."""
+        """Covariance of K and D for independent relative errors ``relative`` of the inertias."""
         if not (np.isfinite(relative) and relative >= 0):
             raise JointIdError(f"relative = {relative!r}: give a share such as 0.03 for 3 %.")
         spread = self.slope * self.value * relative
         return np.asarray(spread @ spread.T)
 
     def standard_error(self, relative: float = 0.03) -> Floats:
-        """What inertias known to ``relative`` leave uncertain in K and D, shape (2n,)."""
+        """Standard errors of K and D from inertias of relative error ``relative``, shape (2n,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance(relative))))
 
 
@@ -62,33 +63,31 @@ def inertia_sensitivity(
     *,
     progress: Callable[[float], None] | None = None,
 ) -> InertiaSensitivity:
-    """Differentiate the chosen estimator by each inertia, with the model and the weights that it has.
+    """Differentiate the chosen estimator, with its model and weights, by each inertia.
 
     Parameters
     ----------
     phasors, inertia
-        What ``fit`` was made from.
+        Data of ``fit``.
     fit : ElasticityFit
     progress : callable, optional
-        Called with the fraction done, up to 1.0. What it raises ends the run.
+        Called with the fraction done, up to 1.0; an exception from it ends the run.
 
     Raises
     ------
     JointIdError
-        When a small change of an inertia leaves no estimate.
+        When there is no estimate after a small change of an inertia.
     """
     each = inertia_of_each(phasors, inertia)
     poses = {_key(i): i for i in each}
     n = fit.n
-    pairs = [(i, j) for i in range(n) for j in range(i, n)]
     elements: list[_Element] = []
     for j in range(n):
         mean = float(np.mean([i.M[j] for i in poses.values()]))
         elements.append(_Element(f"J_m{j + 1}", mean, mean, _rotor(j)))
     for number, (key, pose) in enumerate(poses.items(), start=1):
         suffix = f", pose {number}" if len(poses) > 1 else ""
-        for i, j in pairs:
-            name = f"J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
+        for name, i, j in arm_inertias(n):
             scale = float(np.sqrt(pose.M2[i, i] * pose.M2[j, j]))
             elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, _arm(key, i, j)))
     slope = np.empty((2 * n, len(elements)))
@@ -103,7 +102,7 @@ def inertia_sensitivity(
     return InertiaSensitivity(
         names=tuple(element.name for element in elements),
         value=np.array([element.value for element in elements]),
-        estimate=np.concatenate([fit.K, fit.D]),
+        estimate=fit.estimate,
         slope=slope,
     )
 
@@ -115,12 +114,12 @@ def _key(inertia: Inertia) -> bytes:
 class _Element(NamedTuple):
     name: str
     value: float
-    scale: float  # what its steps are a share of: a coupling may be zero
+    scale: float  # reference of the step, since a coupling may be zero
     changed: Callable[[Inertia, float], Inertia]
 
 
 def _rotor(j: int) -> Callable[[Inertia, float], Inertia]:
-    """Change of rotor j in every pose: rotors do not know of poses."""
+    """Change of rotor j in every pose: rotor inertias do not depend on the pose."""
     return lambda pose, by: Inertia(pose.M + by * (np.arange(pose.n) == j), pose.M2)
 
 
@@ -140,7 +139,7 @@ def _arm(key: bytes, i: int, j: int) -> Callable[[Inertia, float], Inertia]:
 
 @dataclass(frozen=True, eq=False)
 class ConfidenceEllipse:
-    """Where two parameters lie together, with a stated probability."""
+    """Confidence region of two parameters."""
 
     names: tuple[str, str]
     centre: Floats
@@ -163,7 +162,7 @@ def confidence_ellipse(
     JointIdError
         When a name is not one of the fit's parameters, both are the same, or the level is out of range.
     """
-    names = parameter_names(fit.n)
+    names = elasticity_labels(fit.n)
     for name in (first, second):
         if name not in names:
             raise JointIdError(f'"{name}" is not a parameter. Parameters: {", ".join(names)}.')
@@ -179,7 +178,7 @@ def confidence_ellipse(
     axes = radius * np.sqrt(np.maximum(values, 0))
     angle = np.linspace(0, 2 * np.pi, points)
     circle = np.stack([np.cos(angle), np.sin(angle)])
-    centre = np.concatenate([fit.K, fit.D])[index]
+    centre = fit.estimate[index]
     return ConfidenceEllipse(
         names=(first, second),
         centre=centre,

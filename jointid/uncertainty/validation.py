@@ -1,4 +1,4 @@
-"""Does the model hold? What it predicts where it was not fitted, and what it leaves unexplained."""
+"""Model validation: prediction of records left out of the fit, residuals, harmonics, nonlinearity."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
 
 
-def freed_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
-    """The fundamentals with the torque freed from the friction and delay that the fit found.
+def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
+    """Fundamentals with the identified friction and delay subtracted from the torque.
 
     Returns
     -------
     Phasors
-        Without harmonics: those of friction are gone, and the springs have none.
+        Without harmonics, which a linear model does not have.
     """
     equations, n = fit.equations, fit.n
     z = np.linalg.solve(
@@ -38,18 +38,18 @@ def freed_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """H at frequencies that K and D were not fitted to, measured and predicted."""
+    """Measured and predicted H at frequencies that were left out of the fit of K and D."""
 
     omega: Floats
     """Frequencies left out, shape (f,), rad/s."""
     measured: Complexes
-    """Equations (17)-(18), friction and delay taken off as the fit found them, shape (f, n, n)."""
+    """Equations (17)-(18), friction-compensated, shape (f, n, n)."""
     predicted: Complexes
     """Equation (16) with K and D of the other frequencies, shape (f, n, n)."""
     relative_error: Floats
     """|measured − predicted| over |measured|, Frobenius norms, shape (f,)."""
     score: Floats
-    """Squared deviation over what the errors of H and of K and D explain, shape (f,); about 1."""
+    """Squared deviation over its variance from the errors of H, K and D, shape (f,); about 1."""
     estimates: tuple[Elasticity, ...]
     """K and D of each fold."""
 
@@ -62,7 +62,7 @@ class Prediction:
 def predict_left_out(
     phasors: Phasors, inertia: Inertia, fit: ElasticityFit, *, folds: int = 2
 ) -> Prediction:
-    """Fit K and D to some frequencies and predict H at the others, until each was left out once.
+    """Cross-validation: fit K and D to some frequencies and predict H at the others.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def predict_left_out(
         Of one pose, n or more records per frequency.
     inertia : Inertia
     fit : ElasticityFit
-        Of the same records. Its friction and delay are taken off first; K and D are found anew.
+        Fit to the same records. Its friction and delay are subtracted; K and D are fitted again.
     folds : int, default 2
-        Every ``folds``-th frequency is left out at a time.
+        Every ``folds``-th frequency is left out at a time, each frequency once.
 
     Raises
     ------
     JointIdError
         With fewer frequencies than twice the folds, or without any measured H.
     """
-    free = freed_phasors(phasors, fit)
+    free = compensated_phasors(phasors, fit)
     groups = free.by_frequency()
     if not isinstance(folds, int) or folds < 2 or len(groups) < 2 * folds:
         raise JointIdError(
@@ -98,18 +98,18 @@ def predict_left_out(
         matrix = estimate_transfer_matrix(free.select(out))
         predicted = motor_response(matrix.omega, inertia, part.elasticity)
         slope = _slope_of_response(matrix.omega, inertia, part.elasticity)
-        # Both errors grow with what the model leaves unexplained.
+        # The misfit of the model inflates both errors.
         covariance = matrix.covariance * fit.inflation
         own = part.covariance * fit.inflation / part.inflation
         covariance = covariance + slope @ own @ slope.conj().swapaxes(1, 2)
-        apart = (matrix.H - predicted).reshape(len(predicted), -1, 1)
+        deviation = (matrix.H - predicted).reshape(len(predicted), -1, 1)
         floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
-        covariance += floor[:, None, None] * np.eye(apart.shape[1])
-        squares = (apart.conj() * np.linalg.solve(covariance, apart)).real.sum((1, 2))
+        covariance += floor[:, None, None] * np.eye(deviation.shape[1])
+        squares = (deviation.conj() * np.linalg.solve(covariance, deviation)).real.sum((1, 2))
         size = np.linalg.norm(matrix.H, axis=(1, 2))
         rows.append(
-            (matrix.omega, matrix.H, predicted, np.linalg.norm(apart[..., 0], axis=1) / size,
-             squares / apart.shape[1])
+            (matrix.omega, matrix.H, predicted, np.linalg.norm(deviation[..., 0], axis=1) / size,
+             squares / deviation.shape[1])
         )  # fmt: skip
     omega, measured, predicted, error, score = (np.concatenate(part) for part in zip(*rows, strict=True))
     order = np.argsort(omega)
@@ -133,15 +133,15 @@ def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) 
 
 @dataclass(frozen=True, eq=False)
 class RecordResiduals:
-    """What K and D leave unexplained, record by record."""
+    """Residuals by record."""
 
     labels: tuple[str, ...]
     frequency_hz: Floats
     """Shape (r,), Hz."""
     relative: Floats
-    """Residual torque over spring torque of each joint, shape (r, n)."""
+    """Residual torque over joint torque, shape (r, n)."""
     normalised: Floats
-    """Residual torque over what noise makes of it, shape (r, n); root mean square about 1."""
+    """Residual torque over its standard deviation from noise, shape (r, n); rms about 1."""
 
     @property
     def worst(self) -> tuple[int, int]:
@@ -151,7 +151,7 @@ class RecordResiduals:
 
 
 def record_residuals(phasors: Phasors, fit: ElasticityFit) -> RecordResiduals:
-    """Residuals of each record against their expected size."""
+    """Residuals of each record, relative and in units of noise."""
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.abs(fit.residual) / np.abs(fit.equations.spring_torque)
         normalised = np.abs(fit.residual) / fit.residual_noise
@@ -165,7 +165,7 @@ def record_residuals(phasors: Phasors, fit: ElasticityFit) -> RecordResiduals:
 
 @dataclass(frozen=True, eq=False)
 class HarmonicContent:
-    """What stands at multiples of the excitation frequency: linear springs put nothing there."""
+    """Harmonics of the excitation frequency; zero for linear joints."""
 
     odd: Floats
     """Amplitude of the odd harmonics from the third on over the fundamental, shape (r, 2n)."""
@@ -176,7 +176,7 @@ class HarmonicContent:
 
 
 def harmonic_content(phasors: Phasors) -> HarmonicContent:
-    """Distortion of angle and torque of every joint; odd is friction, even a lopsided load or play.
+    """Distortion of angle and torque of every joint; odd for friction, even for asymmetric load or play.
 
     Raises
     ------
@@ -201,10 +201,10 @@ def harmonic_content(phasors: Phasors) -> HarmonicContent:
 
 @dataclass(frozen=True, eq=False)
 class AmplitudeDependence:
-    """Whether the stiffness changes with the deflection, at frequencies with several amplitudes."""
+    """Change of the stiffness with the deflection, at frequencies with several amplitudes."""
 
     deflection_rad: Floats
-    """Deflection amplitudes compared, smallest and largest, shape (n, 2), rad; NaN without any."""
+    """Smallest and largest deflection amplitude compared, shape (n, 2), rad; NaN without any."""
     change: Floats
     """Relative change of stiffness from the smallest to the largest deflection, shape (n,)."""
     standard_error: Floats
@@ -214,14 +214,14 @@ class AmplitudeDependence:
 def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> AmplitudeDependence:
     """Regress each record's stiffness on the logarithm of its deflection.
 
-    Compared are records of one frequency in which the joints move in the same proportion: others may
-    differ for other reasons.
+    Only records of one frequency in which the joints move in the same proportion are compared: others
+    may differ for other reasons.
 
     Parameters
     ----------
     fit : ElasticityFit
     ratio : float, default 1.3
-        Records are compared when their deflections differ by at least this factor.
+        Smallest ratio of deflections of the records compared.
     """
     equations, n = fit.equations, fit.n
     K = equations.stiffness.real
@@ -230,9 +230,9 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
         variance = 0.5 * (fit.residual_noise / deflection) ** 2
     ends = np.full((n, 2), np.nan)
     change, error = np.zeros(n), np.full(n, np.inf)
-    groups = _alike(equations.omega, equations.deflection)
+    groups = _same_motion(equations.omega, equations.deflection)
     for j in range(n):
-        numerator, information, squares, freedom, used = 0.0, 0.0, 0.0, -1, []
+        numerator, information, squares, degrees_of_freedom, used = 0.0, 0.0, 0.0, -1, []
         for group in groups:
             rows = group[deflection[group, j] > 0]
             if rows.size < 2 or np.ptp(np.log(deflection[rows, j])) < np.log(ratio):
@@ -243,18 +243,18 @@ def amplitude_dependence(fit: ElasticityFit, *, ratio: float = 1.3) -> Amplitude
             numerator += float((w * x * y).sum())
             information += float((w * x * x).sum())
             squares += float((w * y * y).sum())
-            freedom += rows.size - 1
+            degrees_of_freedom += rows.size - 1
             used.extend(deflection[rows, j])
         if used:
             ends[j] = min(used), max(used)
             span = np.log(ends[j, 1] / ends[j, 0]) / fit.K[j]
-            left = (squares - numerator**2 / information) / max(freedom, 1)
+            left = (squares - numerator**2 / information) / max(degrees_of_freedom, 1)
             change[j] = span * numerator / information
             error[j] = abs(span) * np.sqrt(max(1.0, left) / information)
     return AmplitudeDependence(ends, change, error)
 
 
-def _alike(omega: Floats, deflection: Complexes) -> list[np.ndarray]:
+def _same_motion(omega: Floats, deflection: Complexes) -> list[np.ndarray]:
     """Records of one frequency whose joints move in the same proportion, as groups of indices."""
     largest = np.abs(deflection).max(axis=0)
     shape = deflection / np.where(largest > 0, largest, 1.0)

@@ -1,1 +1,1 @@
-"""What to know before the answer is trusted: rules, each with its figure and its remedy."""
+"""Findings on the data and the answer: rules, each with a figure and a remedy."""

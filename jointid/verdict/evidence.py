@@ -1,4 +1,4 @@
-"""What the rules of the verdict look at, and what they say."""
+"""Input of the verdict's rules, and the finding as their result."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ class Finding:
     """One thing found in the data, with its figure and its remedy."""
 
     level: str
-    """"problem" (the answer is not usable), "warning" (it is worse than it looks), "good" (nothing is to
-    mend; says what limits the answer) or "note" (worth knowing; the answer already allows for it)."""
+    """"problem" (the answer is unusable), "warning" (the error bars are too small), "good" (no action
+    needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
     title: str
     """The finding as a short sentence."""
     detail: str
-    """The figure behind it, and where."""
+    """Figures, and where they apply."""
     remedy: str
-    """What to do; empty when nothing needs doing."""
+    """Remedy; empty if no action is needed."""
     weight: float
-    """How much it changes the answer, for the order: from 100 for problems, from 10 for warnings, 5 for
-    "good", from 0 for notes; on top of that the relative change in K or D, as far as it is known."""
+    """Importance, for the order: from 100 for problems, from 10 for warnings, 5 for "good", from 0 for
+    notes; plus the relative change in K or D, if known."""
     action: Action = ""
     """What the remedy edits; empty when nothing, or only the study's files."""
 
@@ -72,27 +72,27 @@ class Evidence:
 
 
 def problem(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
-    """Return a finding that makes the answer useless."""
+    """Return a finding that makes the answer unusable."""
     return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect), action)
 
 
 def warning(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
-    """Return a finding that changes the answer by ``effect``, relative, in a way the error bars hide."""
+    """Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
     return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect), action)
 
 
 def note(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
-    """Return a finding that the answer allows for already; without it, it would change by ``effect``."""
+    """Return a finding that the answer accounts for; otherwise it would change by ``effect``."""
     return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)), action)
 
 
 def good(title: str, detail: str) -> Finding:
-    """Return the finding that nothing is to mend."""
+    """Return the finding that no action is needed."""
     return Finding("good", title, detail, "", 5.0)
 
 
 def percent(share: float) -> str:
-    """Write a share in percent with two digits or so."""
+    """Format a share in percent, with about two digits."""
     value = 100 * abs(share)
     if value > 1000:
         return "more than 1000 %"
@@ -100,7 +100,7 @@ def percent(share: float) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Write a number with at most so many digits, as people do: 2200, 0.1, 5.4×10⁻⁵."""
+    """Format a number with a number of significant digits: 2200, 0.1, 5.4×10⁻⁵."""
     size = abs(value)
     if size == 0 or 1e-4 <= size < 1e5:
         text = np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
@@ -109,7 +109,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def some(names: Sequence[str], at_most: int = 3) -> str:
-    """List a few names, and how many more there are."""
+    """List a few names, and the number of the others."""
     more = f" and {len(names) - at_most} more" if len(names) > at_most else ""
     return ", ".join(names[:at_most]) + more
 

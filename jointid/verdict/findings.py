@@ -1,4 +1,4 @@
-"""What to know before the answer is trusted: findings in plain words, most important first."""
+"""Findings on the data and the answer, most important first."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
-from jointid.uncertainty.chosen_model import parameter_names
+from jointid.estimation.parameters import elasticity_labels
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent
 from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
@@ -33,7 +33,7 @@ from jointid.verdict.rules_records import (
     few_periods,
     off_frequency,
     same_experiment,
-    standing_joint,
+    stationary_joint,
     still_settling,
     wrong_frequency,
 )
@@ -49,12 +49,12 @@ _OF_RECORDS: tuple[_Rule, ...] = (
     still_settling,
     counted_twice,
     same_experiment,
-    standing_joint,
+    stationary_joint,
     few_periods,
     coarse_encoder,
     one_frequency,
 )
-"""What holds whatever the answer is."""
+"""Rules on the records, independent of the answer."""
 
 _OF_THE_ANSWER: tuple[_Rule, ...] = (
     not_physical,
@@ -63,18 +63,18 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     foreign_peak,
     rejected,
 )
-"""What makes sense only when units, signs and gear ratios are right."""
+"""Rules that require correct units, signs and gear ratios."""
 
 _OF_ITS_PRECISION: tuple[_Rule, ...] = (
     model_limits,
     hardly_known,
     resonance_missed,
 )
-"""What makes sense only when no cause is known that spoils the answer."""
+"""Rules that require that no cause of an error is known."""
 
 
 def findings(evidence: Evidence) -> tuple[Finding, ...]:
-    """All findings, most important first; when there is nothing to mend, one that says so.
+    """All findings, most important first, including one if no action is needed.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         One analysis.
     """
     found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
-    judge = _judge(evidence)
+    judge = _best_fit(evidence)
     outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
     if outlier is not None:
-        if outlier.record not in off_frequency(evidence):  # that has been told, with its cause
+        if outlier.record not in off_frequency(evidence):  # reported with its cause
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_badness(judge))
+        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_physical_misfit(judge))
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
@@ -105,27 +105,27 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
-def _judge(evidence: Evidence) -> ElasticityFit:
-    """The fit to judge the data by: what a model explains has no wrong unit, record or inertia."""
-    if evidence.fit.method == "auto" or _badness(evidence.fit) < GOOD:
+def _best_fit(evidence: Evidence) -> ElasticityFit:
+    """Fit that the rules assess: the best model, since a model that fits excludes wrong data."""
+    if evidence.fit.method == "auto" or _physical_misfit(evidence.fit) < GOOD:
         return evidence.fit
     try:
         best = identify_elasticity(evidence.phasors, evidence.inertias)
     except JointIdError:
         return evidence.fit
-    return best if _badness(best) < GOOD else evidence.fit
+    return best if _physical_misfit(best) < GOOD else evidence.fit
 
 
-def _badness(fit: ElasticityFit) -> float:
+def _physical_misfit(fit: ElasticityFit) -> float:
     return np.inf if np.any(fit.K <= 0) or np.any(fit.D <= 0) else fit.misfit
 
 
 def _all_well(fit: ElasticityFit) -> Finding:
-    p = np.abs(np.concatenate([fit.K, fit.D]))
+    p = np.abs(fit.estimate)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.nan_to_num(fit.standard_error / p)
     errors = ", ".join(
-        f"{name} {percent(s)}" for name, s in zip(parameter_names(fit.n), share, strict=True)
+        f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)
     )
     beyond = [
         text

@@ -1,7 +1,7 @@
-"""Would the records rather have other inertias? K, D, M and M2 fitted together, as a check only.
+"""Plausibility check of the inertias: K, D, M and M2 fitted together to one pose.
 
-The method takes the inertias as known. With records at enough frequencies they follow from the
-records as well, only less surely: at low frequency H tends to (M + M2)⁻¹, at high frequency to M⁻¹.
+The method takes the inertias as known. Records at enough frequencies determine them as well, less
+accurately: at low frequency H tends to (M + M2)⁻¹, at high frequency to M⁻¹.
 """
 
 from __future__ import annotations
@@ -13,18 +13,21 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.joint_equations import spring_equations
-from jointid.joints import Inertia
+from jointid.estimation.parameters import Block, ParameterLayout, Parameters
+from jointid.joints import Inertia, arm_inertias, motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import whitener
 
 _PRIOR = 0.3
-"""Relative standard deviation within which inertias are looked for; holds what no record tells."""
+"""Relative prior standard deviation of the inertias; it determines what the records do not."""
 
-_PASSES = 25
+_ITERATIONS = 25
+"""Upper limit of Levenberg-Marquardt."""
 
 
 @dataclass(frozen=True, eq=False)
 class InertiaCheck:
-    """Inertias as the records would have them."""
+    """Inertias fitted to the records, next to those given."""
 
     names: tuple[str, ...]
     given: Floats
@@ -32,13 +35,13 @@ class InertiaCheck:
     found: Floats
     """Shape (E,), kg·m²."""
     standard_error: Floats
-    """Of ``found``, times the misfit that is left where that is above 1, shape (E,)."""
+    """Of ``found``, times the root of the remaining misfit if above 1, shape (E,)."""
     estimate: Floats
     """K1 ... Kn, D1 ... Dn with these inertias, shape (2n,)."""
     misfit_given: float
-    """Cost over its expected value with the inertias as given."""
+    """Cost over its expected value with the given inertias."""
     misfit_found: float
-    """The same with those found."""
+    """The same with the fitted inertias."""
 
     @property
     def significance(self) -> Floats:
@@ -61,58 +64,76 @@ def check_inertia(phasors: Phasors, inertia: Inertia, K: Floats, D: Floats) -> I
     JointIdError
         When the records are too few.
     """
-    n, given = phasors.n, inertia
-    pairs = [(i, j) for i in range(n) for j in range(i, n)]
-    size = np.concatenate([K, np.maximum(np.abs(D), 1e-3 * K / phasors.omega.mean()), given.M])
-    size = np.concatenate([size, [np.sqrt(given.M2[i, i] * given.M2[j, j]) for i, j in pairs]])
-    start = np.concatenate([K, D, given.M, [given.M2[i, j] for i, j in pairs]])
+    layout = _layout(phasors.n)
+    upper, own = np.triu_indices(phasors.n), np.diag(inertia.M2)
+    start = layout.pack(K=K, D=D, M=inertia.M, M2=inertia.M2[upper])
+    size = layout.pack(
+        K=K,
+        D=np.maximum(np.abs(D), 1e-3 * K / phasors.omega.mean()),
+        M=inertia.M,
+        M2=np.sqrt(np.outer(own, own)[upper]),
+    )
     rows = 2 * phasors.q.size
     if rows < 2 * size.size:
         raise JointIdError("There are too few records to check the inertias by.")
     noise = spring_equations(phasors, inertia).noise.covariance[:, 0]
-    free = np.arange(start.size) < 2 * n
-    fixed, cost_given, _ = _minimise(phasors, noise, start, size, free, n)
-    found, cost, information = _minimise(phasors, noise, fixed, size, np.ones_like(free), n)
+    springs, inertias = layout.span("K", "D"), layout.span("M", "M2")
+    count = springs.stop
+    fixed, cost_given, _ = _minimise(phasors, noise, layout, start, size, count)
+    found, cost, information = _minimise(phasors, noise, layout, fixed, size, start.size)
     misfit = 2 * cost / (rows - size.size)
     covariance = np.linalg.inv(information / max(1.0, misfit))
     error = np.sqrt(np.diag(covariance)) * size
     return InertiaCheck(
-        names=(
-            *(f"J_m{j + 1}" for j in range(n)),
-            *(f"J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}" for i, j in pairs),
-        ),
-        given=start[2 * n :],
-        found=found[2 * n :],
-        standard_error=error[2 * n :],
-        estimate=found[: 2 * n],
-        misfit_given=2 * cost_given / (rows - 2 * n),
+        names=layout.labels[inertias],
+        given=start[inertias],
+        found=found[inertias],
+        standard_error=error[inertias],
+        estimate=found[springs],
+        misfit_given=2 * cost_given / (rows - count),
         misfit_found=misfit,
     )
 
 
+def _layout(n: int) -> ParameterLayout:
+    """K, D, M and the upper triangle of M2."""
+    names = tuple(name for name, _, _ in arm_inertias(n))
+    rotors = Block("M", (n,), tuple(f"J_m{j + 1}" for j in range(n)))
+    return ParameterLayout((*ParameterLayout.of(n).blocks, rotors, Block("M2", (len(names),), names)))
+
+
 def _minimise(
-    phasors: Phasors, noise: Complexes, start: Floats, size: Floats, free: np.ndarray, n: int
+    phasors: Phasors,
+    noise: Complexes,
+    layout: ParameterLayout,
+    start: Floats,
+    size: Floats,
+    count: int,
 ) -> tuple[Floats, float, Floats]:
-    """Levenberg-Marquardt on Σ rᴴV⁻¹r and the prior; parameters, cost, information."""
-    prior = np.where(np.arange(start.size) < 2 * n, 0.0, 1 / _PRIOR**2)[free]
+    """Levenberg-Marquardt on Σ rᴴV⁻¹r and the prior over the first ``count`` parameters.
+
+    Returns parameters, cost and information.
+    """
+    prior = np.zeros(start.size)
+    prior[layout.span("M", "M2")] = 1 / _PRIOR**2
+    prior, free = prior[:count], slice(count)
     origin, p, damping = start, start.copy(), 1e-3
-    columns = np.flatnonzero(free)
 
     def whitened(at: Floats, root: Complexes) -> Floats:
-        r = (root @ _balance(phasors, at, n)[0][..., None])[..., 0].ravel()
+        r = (root @ _residual(phasors, layout.named(at))[0][..., None])[..., 0].ravel()
         return np.concatenate([r.real, r.imag])
 
     def total(at: Floats, row: Floats) -> float:
         return float(2 * row @ row + prior @ ((at - origin)[free] / size[free]) ** 2)
 
-    information = np.eye(columns.size)
-    for _ in range(_PASSES):
-        root = _whitening(phasors, noise, p, n)
+    information = np.eye(count)
+    for _ in range(_ITERATIONS):
+        root = _whitening(phasors, noise, layout.named(p))
         row = whitened(p, root)
-        J = np.empty((row.size, columns.size))
-        for k, column in enumerate(columns):
+        J = np.empty((row.size, count))
+        for k in range(count):
             step = np.zeros(p.size)
-            step[column] = 1e-6 * size[column]
+            step[k] = 1e-6 * size[k]
             J[:, k] = (whitened(p + step, root) - whitened(p - step, root)) / 2e-6
         information = 2 * J.T @ J + np.diag(prior)
         gradient = 2 * J.T @ row + prior * ((p - origin)[free] / size[free])
@@ -121,7 +142,7 @@ def _minimise(
             scaled = information + damping * np.diag(np.diag(information))
             trial = p.copy()
             trial[free] -= size[free] * np.linalg.solve(scaled, gradient)
-            if np.all(trial[:n] > 0) and _is_inertia(trial, n):
+            if _is_possible(layout.named(trial)):
                 after = total(trial, whitened(trial, root))
                 if after <= before:
                     break
@@ -131,32 +152,31 @@ def _minimise(
         p, damping = trial, damping / 10
         if before - after < 1e-6 * max(after, 1.0):
             break
-    row = whitened(p, _whitening(phasors, noise, p, n))
+    row = whitened(p, _whitening(phasors, noise, layout.named(p)))
     return p, float(row @ row), information
 
 
-def _is_inertia(p: Floats, n: int) -> bool:
-    return bool(np.all(p[2 * n : 3 * n] > 0) and np.linalg.eigvalsh(_arm(p, n))[0] > 0)
+def _is_possible(p: Parameters) -> bool:
+    """Whether K, M and M2 are positive."""
+    return bool(np.all(p.K > 0) and np.all(p["M"] > 0) and np.linalg.eigvalsh(_arm(p))[0] > 0)
 
 
-def _arm(p: Floats, n: int) -> Floats:
-    M2 = np.zeros((n, n))
-    M2[np.triu_indices(n)] = p[3 * n :]
+def _arm(p: Parameters) -> Floats:
+    """M2, shape (n, n)."""
+    M2 = np.zeros((p.K.size, p.K.size))
+    M2[np.triu_indices(p.K.size)] = p["M2"]
     return M2 + np.triu(M2, 1).T
 
 
-def _balance(phasors: Phasors, p: Floats, n: int) -> tuple[Complexes, Complexes]:
-    """Torque left over (r, n), and the matrix E (r, n, 2n) with which noise enters it."""
-    s = 1j * phasors.omega
-    spring = p[:n] + s[:, None] * p[n : 2 * n]
-    s2 = (s * s)[:, None, None]
-    S = np.linalg.inv(_arm(p, n)) + s2 * np.eye(n) / spring[:, None]
-    Z = s2 * (np.diag(p[2 * n : 3 * n]) + np.linalg.inv(S))
-    E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=2)
+def _residual(phasors: Phasors, p: Parameters) -> tuple[Complexes, Complexes]:
+    """Residual torque (r, n), and the gain E (r, n, 2n) of z in it."""
+    s: Complexes = np.multiply(1j, phasors.omega)
+    arm = np.asarray(np.linalg.inv(_arm(p)), float)
+    Z, _ = motor_impedance(s, p["M"], arm, p.K, p.D)
+    E = np.concatenate([-Z, np.broadcast_to(np.eye(phasors.n), Z.shape)], axis=2)
     return (E @ phasors.z[..., None])[..., 0], E
 
 
-def _whitening(phasors: Phasors, noise: Complexes, p: Floats, n: int) -> Complexes:
-    E = _balance(phasors, p, n)[1]
-    V = E @ noise @ E.conj().swapaxes(1, 2)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
+def _whitening(phasors: Phasors, noise: Complexes, p: Parameters) -> Complexes:
+    E = _residual(phasors, p)[1]
+    return whitener(E @ noise @ E.conj().swapaxes(1, 2))

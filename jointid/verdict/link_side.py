@@ -1,7 +1,7 @@
-"""Were the arm's angles logged instead of the motors'? Then another equation holds, and is tried.
+"""Hypothesis that the arm's angles were logged instead of the motors', tested by its own equation.
 
-Behind the spring of joint j, with the arm's angles θ_a logged and f = M2 θ̈_a the springs' torques, the
-motors turn by f_j / (K_j + iω D_j) more than the arms, and the torques are
+With the arm's angles θ_a logged and the joint torques f = M2 θ̈_a, the motors turn by
+f_j / (K_j + iω D_j) more than the arms, and the motor torques are
 
     τ = (M + M2) θ̈_a − ω² M f / (K + iω D).
 
@@ -25,10 +25,11 @@ from jointid.verdict.evidence import Finding, number, percent, problem
 from jointid.wording import listed
 
 _CLOSE = 0.05
-"""Share of the torque that the arm's equation may leave."""
+"""Largest residual of the arm's equation, over the torque."""
 _BETTER = 0.2
-"""... and that share over what the motor's equation, and one without springs, leave."""
-_ROUNDS = 8
+"""Largest ratio of this residual to those of the motor's equation and of rigid joints."""
+_ITERATIONS = 8
+"""Updates of the weights."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +39,13 @@ class LinkSide:
     K: Floats
     D: Floats
     left: float
-    """Share of the torques that it leaves, root mean square, in the worst joint."""
+    """Residual over the torque, rms, of the worst joint."""
     left_rigid: float
-    """The same of the equation without springs."""
+    """The same for rigid joints, of the best joint."""
 
 
 def link_side_finding(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, ...]:
-    """Say that positions look logged behind the springs, if only that explains the torques.
+    """Finding that positions look logged at the arm, if only that explains the torques.
 
     Parameters
     ----------
@@ -89,13 +90,13 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
     omega, q, tau = phasors.omega[:, None], phasors.q, phasors.tau
     M = np.array([i.M for i in inertias])
     f = -(omega**2) * np.einsum("rij,rj->ri", np.array([i.M2 for i in inertias]), q)
-    rest = tau - f + omega**2 * M * q  # what (M + M2) θ̈_a leaves
+    rest = tau - f + omega**2 * M * q  # residual of rigid joints
     g = -(omega**2) * M * f  # rest = g / (K + iω D)
     size = np.sqrt(np.mean(np.abs(tau) ** 2, axis=0))
     n = phasors.n
     K, D = np.ones(n), np.zeros(n)
-    for _ in range(_ROUNDS):
-        # Linear in K and D; the weights make of it the error of the torque.
+    for _ in range(_ITERATIONS):
+        # Linear in K and D; the weights turn the equation error into the error of the torque.
         weight = 1 / (np.abs(K + 1j * omega * D) + 1e-300)
         for j in range(n):
             A = np.column_stack([rest[:, j], 1j * omega[:, 0] * rest[:, j]]) * weight[:, j : j + 1]
@@ -114,13 +115,13 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
 
 
 def _left_by_the_motors_equation(phasors: Phasors, inertias: Sequence[Inertia]) -> float:
-    """Share of the torques that K and D leave for angles of the motors; inf without a spring."""
+    """Residual over the torque for angles of the motors; inf for unphysical K."""
     try:
         fit = identify_elasticity(phasors, inertias, method="weighted")
         if np.any(fit.K <= 0):
             return np.inf
         springs = Elasticity(K=fit.K, D=np.maximum(fit.D, 0.0))
-        said = np.array(
+        modelled = np.array(
             [
                 np.linalg.solve(motor_response(w, inertia, springs).reshape(q.size, q.size), -(w**2) * q)
                 for w, q, inertia in zip(phasors.omega, phasors.q, inertias, strict=True)
@@ -129,4 +130,4 @@ def _left_by_the_motors_equation(phasors: Phasors, inertias: Sequence[Inertia]) 
     except (JointIdError, np.linalg.LinAlgError):
         return np.inf
     size = np.sqrt(np.mean(np.abs(phasors.tau) ** 2, axis=0))
-    return float((np.sqrt(np.mean(np.abs(phasors.tau - said) ** 2, axis=0)) / size).max())
+    return float((np.sqrt(np.mean(np.abs(phasors.tau - modelled) ** 2, axis=0)) / size).max())

@@ -8,7 +8,7 @@ equations must be satisfied far better than without. Data that are right cannot 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -25,7 +25,7 @@ from jointid.verdict.scale_causes import (
     COMMON_FACTORS,
     LARGEST_GEAR_RATIO,
     POSITION_OR_TORQUE_FACTORS,
-    told_by_size,
+    diagnose_factor,
 )
 
 GOOD = 10.0
@@ -212,17 +212,7 @@ def _misfit(phasors: Phasors, inertias: Sequence[Inertia], *, possible: bool = T
 def _mend(
     hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inertia]
 ) -> tuple[Phasors, Sequence[Inertia]]:
-    n, scale = phasors.n, 1 / np.concatenate([hypothesis.angle, hypothesis.torque])
-    both = np.outer(scale, scale)
-    z = phasors.z * scale
-    mended = replace(
-        phasors,
-        q=z[:, :n],
-        tau=z[:, n:],
-        covariance=phasors.covariance * both,
-        harmonics=phasors.harmonics * scale,
-        harmonic_covariance=phasors.harmonic_covariance * both,
-    )
+    mended = phasors.scaled(1 / np.concatenate([hypothesis.angle, hypothesis.torque]))
     if np.all(hypothesis.gear == 1):
         return mended, inertias
     reflected = {
@@ -334,7 +324,7 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
             1.0,
             "edit mapping",
         )
-    return told_by_size(
+    return diagnose_factor(
         factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= GOOD, side=side
     )
 

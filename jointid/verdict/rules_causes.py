@@ -7,33 +7,32 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.estimation.linear_fit import LINEAR
+from jointid.estimation.parameters import elasticity_labels
 from jointid.rounding import significant, with_error
-from jointid.uncertainty.chosen_model import parameter_names, refit
+from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
-
-LINEAR = ("weighted", "least-squares", "explicit")
-"""Estimators that know nothing of friction."""
 
 _CLEAR = 4.0  # standard errors that are not by chance
 
 
 def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
-    """What the paper's least squares would have said, where it differs by more than chance."""
+    """Result of the paper's least squares, if it differs significantly."""
     fit, paper = evidence.fit, evidence.paper
     if fit.method == paper.method or np.any(fit.K <= 0):
         return
     if fit.friction is not None and np.any(fit.friction.coulomb < -fit.friction.standard_error[: fit.n]):
-        return  # friction that drives is none
-    p, other = np.concatenate([fit.K, fit.D]), np.concatenate([paper.K, paper.D])
+        return  # friction dissipates energy
+    p, other = fit.estimate, paper.estimate
     by_noise = paper.standard_error / np.sqrt(paper.inflation)
     error = np.hypot(fit.standard_error, by_noise)
     share = relative(other - p, p)
     clear = (np.abs(other - p) > _CLEAR * error) & (share > 2e-3)
     if not clear.any():
         return
-    names = parameter_names(fit.n)
+    names = elasticity_labels(fit.n)
     worst = int(np.argmax(np.where(clear, share, 0.0)))
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
@@ -50,9 +49,9 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
             "reduce friction's part."
         )
     elif fit.delay is not None:
-        return  # the rule of the delay says it better
+        return  # covered by the rule of the delay
     elif fit.misfit > 3:
-        return  # neither of the two knows the cause
+        return  # the cause is unknown
     else:
         title, cause = "Noise biases least squares", ""
         remedy = "No action needed: the chosen estimate weighs the noise of angle and torque."
@@ -72,7 +71,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
 
 
 def lag_size(evidence: Evidence) -> str | None:
-    """How far the torque lags or leads, when that was fitted and is more than chance; else None."""
+    """Delay or lead of the torque, if it was fitted and is significant; else None."""
     lag, error = evidence.fit.delay, evidence.fit.delay_error
     interval = float(np.median([record.interval_s for record in evidence.records]))
     if lag is None or error is None or abs(lag) < max(0.01 * interval, _CLEAR * error):
@@ -83,7 +82,7 @@ def lag_size(evidence: Evidence) -> str | None:
 
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
-    """The torque acts later, or earlier, than its samples say."""
+    """The torque acts later, or earlier, than its samples."""
     fit = evidence.fit
     if fit.delay is None or fit.delay_error is None:
         return
@@ -92,10 +91,10 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     if size is None:
         return
     try:
-        without = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).p[: 2 * fit.n]
+        without = refit(evidence.phasors, list(evidence.inertias), fit, delay=False).elasticity
     except JointIdError:
         without = np.full(2 * fit.n, np.nan)
-    p = np.concatenate([fit.K, fit.D])
+    p = fit.estimate
     share = relative(without - p, p)
     if not np.any(np.abs(without - p) > fit.standard_error):
         return
@@ -108,7 +107,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     yield note(
         f"The torque {'lags' if lag > 0 else 'leads'} by {size}",
         f"That is {with_error(abs(lag) / interval, fit.delay_error / interval)} samples, and is allowed "
-        f"for. Without it {parameter_names(fit.n)[worst]} would be {percent(share[worst])} too "
+        f"for. Without it {elasticity_labels(fit.n)[worst]} would be {percent(share[worst])} too "
         f"{'high' if without[worst] > p[worst] else 'low'}.",
         remedy,
         float(share[worst]),
@@ -117,12 +116,12 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _in_a_file(value: float) -> str:
-    """Write a number so that it can be copied into the app or a study.toml."""
+    """Format a number for the app or a study.toml."""
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
 def half_a_sample(evidence: Evidence, lag: float) -> str:
-    """The remedy when the lag is that of a hold which was not stated, or stated wrongly; else empty."""
+    """Remedy for a delay from a missing or wrong statement of the hold; else empty."""
     held = [record.torque_hold for record in evidence.records]
     samples = lag / float(np.median([record.interval_s for record in evidence.records]))
     if not any(held) and abs(samples - 0.5) < 0.1:
@@ -139,8 +138,8 @@ def half_a_sample(evidence: Evidence, lag: float) -> str:
 
 
 def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
-    """K and D do not depend on the pose; when they seem to, something else does."""
-    if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
+    """K and D differ between poses, though they do not depend on the pose."""
+    if len(set(evidence.poses)) < 2 or np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     try:
         fits = fits_by_pose(evidence.phasors, list(evidence.inertias), evidence.poses, evidence.fit)
@@ -159,7 +158,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         )
     )
     yield warning(
-        f"The poses disagree on {parameter_names(evidence.fit.n)[worst]}",
+        f"The poses disagree on {elasticity_labels(evidence.fit.n)[worst]}",
         f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
         "Check M2 of each pose first, under [poses] in the TOML of the inertias or of the study. "
@@ -172,7 +171,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
 
 def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
     """The stiffness changes with the deflection."""
-    if np.any(evidence.fit.K <= 0) or rubs_unheeded(evidence):
+    if np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     found = amplitude_dependence(evidence.fit)
     clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)
@@ -199,6 +198,6 @@ def distortion(evidence: Evidence) -> float:
     return float(np.where(content.significance > 4, content.odd, 0.0)[:, n:].max())
 
 
-def rubs_unheeded(evidence: Evidence) -> bool:
-    """Whether a linear estimator ignores friction, which then passes for other things."""
+def has_unmodelled_friction(evidence: Evidence) -> bool:
+    """Whether a linear estimator ignores friction, which then biases the answer."""
     return evidence.fit.method in LINEAR and distortion(evidence) > 1e-3

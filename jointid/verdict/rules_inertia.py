@@ -1,4 +1,4 @@
-"""Rules of the verdict about the inertias, which the method takes as known and may be wrong."""
+"""Rules of the verdict on wrong inertias, which the method takes as known."""
 
 from __future__ import annotations
 
@@ -11,32 +11,33 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import identify_elasticity
 from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.rounding import with_error
-from jointid.uncertainty.chosen_model import parameter_names, refit
-from jointid.uncertainty.validation import freed_phasors
+from jointid.uncertainty.chosen_model import refit
+from jointid.uncertainty.validation import compensated_phasors
 from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, warning
 from jointid.verdict.inertia_check import InertiaCheck, check_inertia
 from jointid.verdict.plausibility import low_frequency_inertia
-from jointid.verdict.rules_causes import distortion, rubs_unheeded
+from jointid.verdict.rules_causes import distortion, has_unmodelled_friction
 
 _CLEAR = 4.0  # standard errors that are not by chance
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
-    """The records would rather have other inertias, and then leave much less unexplained."""
-    fit, names = evidence.fit, parameter_names(evidence.fit.n)
-    if np.any(fit.K <= 0) or fit.misfit <= 3 or rubs_unheeded(evidence):
+    """Other inertias reduce the residual significantly."""
+    fit, names = evidence.fit, elasticity_labels(evidence.fit.n)
+    if np.any(fit.K <= 0) or fit.misfit <= 3 or has_unmodelled_friction(evidence):
         return
-    guilty = [(pose, check) for pose, check in _inertia_checks(evidence) if _guilty(check)]
-    if not guilty:
+    wrong = [(pose, check) for pose, check in _inertia_checks(evidence) if _is_wrong(check)]
+    if not wrong:
         yield from _far_off(evidence)
         return
-    pose, check = min(guilty, key=lambda item: item[1].misfit_found)
+    pose, check = min(wrong, key=lambda item: item[1].misfit_found)
     scale = np.maximum(np.abs(check.given), 1e-3 * np.abs(check.given).max())
     off = np.where(check.significance > _CLEAR, np.abs(check.found - check.given) / scale, 0.0)
     worst = int(np.argmax(off))
-    p = np.concatenate([fit.K, fit.D])
+    p = fit.estimate
     change = relative(check.estimate - p, p)
     where = f" in pose {pose}" if pose else ""
     k = int(np.argmax(change))
@@ -55,9 +56,9 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
-    """At low frequency the torques are (M + M2) q̈; inertias of another pose or drive show there."""
+    """At low frequency the torques are (M + M2) q̈, which shows inertias of another pose or drive."""
     fit = evidence.fit
-    free = freed_phasors(evidence.phasors, fit)
+    free = compensated_phasors(evidence.phasors, fit)
     if fit.misfit < 100 or distortion(evidence) > 0.02:
         return
     for pose in dict.fromkeys(evidence.poses):
@@ -87,7 +88,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:
-    """Whether some K and D explain one pose, whatever the others say."""
+    """Whether some K and D explain one pose by itself."""
     try:
         alone = refit(evidence.phasors.select(index), inertia, evidence.fit)
     except JointIdError:
@@ -96,32 +97,32 @@ def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) ->
 
 
 def _inertia_checks(evidence: Evidence) -> list[tuple[str, InertiaCheck]]:
-    """Inertias as the records would have them, pose by pose, in the ways that there are to get them."""
+    """Inertias fitted to the records, by pose, from several start values."""
     fit, checks = evidence.fit, []
-    tried = [freed_phasors(evidence.phasors, fit)]
+    tried = [compensated_phasors(evidence.phasors, fit)]
     if fit.friction is not None or fit.delay is not None:
         tried.append(evidence.phasors)  # wrong inertias may have passed for friction or delay
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
         for phasors in tried:
-            # Inertias that are far off may have driven K and D far off: begin in the band as well.
+            # Wrong inertias may have led to wrong K and D: start with resonances in the band as well.
             middle = np.exp(np.log(phasors.omega[index]).mean())
             stiff = np.diag(inertia.M2) * middle**2
             for K, D in ((fit.K, fit.D), (stiff, 0.1 * stiff / middle)):
                 with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
                     checks.append((pose, check_inertia(phasors.select(index), inertia, K, D)))
-    rubs = fit.friction is not None or distortion(evidence) > 1e-3
-    if rubs and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
+    friction = fit.friction is not None or distortion(evidence) > 1e-3
+    if friction and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
         with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
             checks.append((evidence.poses[0], _with_friction(evidence)))
     return checks
 
 
 def _with_friction(evidence: Evidence) -> InertiaCheck:
-    """Inertias and friction in turn, each with the other as found last; one step ahead in the end.
+    """Inertias and friction in alternation, each with the last value of the other, extrapolated.
 
-    A wrong inertia bends the friction found with it. In turn, both approach their values
-    geometrically, so that two turns tell where this leads.
+    A wrong inertia biases the friction fitted with it. In alternation both converge geometrically, so
+    that two iterations give the limit.
     """
     phasors, fit, inertia = evidence.phasors, evidence.fit, evidence.inertias[0]
     n = fit.n
@@ -130,7 +131,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         fit = identify_elasticity(
             phasors, inertia, method="maximum-likelihood", friction=True, delay=delay
         )
-    free, p = freed_phasors(phasors, fit), np.concatenate([fit.K, fit.D])
+    free, p = compensated_phasors(phasors, fit), fit.estimate
     path = []
     for turn in range(3):
         check = check_inertia(free, inertia, p[:n], p[n:])
@@ -149,7 +150,7 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         estimate = refit(phasors, inertia, start)
         if not isinstance(estimate, LikelihoodEstimate):
             raise JointIdError("Friction needs maximum likelihood.")
-        p = estimate.p[: 2 * n]
+        p = estimate.elasticity
         free = replace(free, q=estimate.phasors.q, tau=estimate.phasors.tau)
         free = replace(free, harmonics=free.z[:, None])
     return replace(
@@ -158,12 +159,12 @@ def _with_friction(evidence: Evidence) -> InertiaCheck:
         found=values,
         estimate=p,
         misfit_given=fit.misfit,
-        misfit_found=estimate.cost / estimate.expected_cost,
+        misfit_found=estimate.misfit,
     )
 
 
-def _guilty(check: InertiaCheck) -> bool:
-    """Whether other inertias, clearly other ones, explain what those given do not."""
+def _is_wrong(check: InertiaCheck) -> bool:
+    """Whether significantly different inertias explain the data and the given ones do not."""
     off = np.abs(check.found - check.given) / np.maximum(np.abs(check.given), 1e-12)
     clear = np.any((check.significance > _CLEAR) & (off > 0.01))
     left = check.misfit_found / check.misfit_given

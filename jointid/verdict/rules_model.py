@@ -1,4 +1,4 @@
-"""Rules of the verdict that look at the answer: is it physical, precise, and limited by noise?"""
+"""Rules of the verdict on the answer: whether it is physical, precise, and limited by noise."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jointid.estimation.linear_fit import LINEAR
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
-from jointid.uncertainty.chosen_model import parameter_names
 from jointid.verdict.evidence import (
     Action,
     Evidence,
@@ -20,15 +21,17 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.rules_causes import LINEAR, distortion, half_a_sample
+from jointid.verdict.rules_causes import distortion, half_a_sample
 from jointid.wording import counted
 
-_LOWEST = 0.1  # of the lowest frequency, below which none is suggested
-_GAP = 1.4  # a resonance is covered when a frequency lies within this factor
+_LOWEST = 0.1
+"""Lowest suggested frequency over the lowest of the records."""
+_GAP = 1.4
+"""Factor within which a frequency covers a resonance."""
 
 
 def not_physical(evidence: Evidence) -> Iterator[Finding]:
-    """A spring that pushes, a damper that drives."""
+    """Negative stiffness or damping."""
     fit = evidence.fit
     for j in range(fit.n):
         if fit.K[j] <= 0:
@@ -51,17 +54,17 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
 
 
 def hardly_known(evidence: Evidence) -> Iterator[Finding]:
-    """The error bar is so wide that the value says little."""
+    """Large standard errors."""
     fit = evidence.fit
-    error = fit.standard_error / np.sqrt(fit.inflation)  # what is not noise has its own finding
-    share = relative(error, np.concatenate([fit.K, fit.D]))
+    error = fit.standard_error / np.sqrt(fit.inflation)  # a misfit has its own finding
+    share = relative(error, fit.estimate)
     limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
-    names = [n for n, s, m in zip(parameter_names(fit.n), share, limit, strict=True) if s > m]
+    names = [n for n, s, m in zip(elasticity_labels(fit.n), share, limit, strict=True) if s > m]
     if names:
         worst = int(np.argmax(share / limit))
         yield warning(
             f"{some(names)} {'is' if len(names) == 1 else 'are'} hardly known",
-            f"One standard error of {parameter_names(fit.n)[worst]} is "
+            f"One standard error of {elasticity_labels(fit.n)[worst]} is "
             f"{percent(share[worst])} of its value.",
             "Add records near the resonances, record longer, or move the joints more.",
             float(share.max()),
@@ -69,7 +72,7 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
 
 
 def model_limits(evidence: Evidence) -> Iterator[Finding]:
-    """What is left over is more than the noise explains."""
+    """Residual above the noise."""
     fit = evidence.fit
     if fit.misfit <= 3:
         return
@@ -88,7 +91,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
             "Friction is allowed for already. Wrong inertias, a gear that hardens and disturbances "
             "from outside remain."
         )
-    share = relative(fit.standard_error, np.concatenate([fit.K, fit.D])).max()
+    share = relative(fit.standard_error, fit.estimate).max()
     yield warning(
         "The model, not the noise, limits the answer",
         f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
@@ -100,7 +103,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
 
 
 def one_frequency(evidence: Evidence) -> Iterator[Finding]:
-    """K and D of each joint come out of one frequency whatever the records hold."""
+    """Records of one frequency, which some K and D always fit."""
     f, count, n = evidence.frequency_hz, len(evidence.records), evidence.fit.n
     if f.max() > f.min() * (1 + 1e-6):
         return
@@ -121,12 +124,12 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
 
 
 def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
-    """No record near a resonance: there the springs show most."""
+    """No record near a resonance, where the elasticity shows most."""
     fit = evidence.fit
     if np.any(fit.K <= 0) or np.any(-2 * fit.standard_error[fit.n :] > fit.D):
         return
     error = fit.standard_error / np.sqrt(fit.inflation)
-    share = float(relative(error, np.concatenate([fit.K, fit.D])).max())
+    share = float(relative(error, fit.estimate).max())
     missed = []
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
@@ -135,7 +138,8 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         missed += [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
     low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
     quarter = 0.25 / max(record.interval_s for record in evidence.records)
-    missed = [m for m in missed if _LOWEST * low <= m <= max(quarter, high)]  # a wild fit's are nothing
+    # An inaccurate fit may have resonances far outside the band.
+    missed = [m for m in missed if _LOWEST * low <= m <= max(quarter, high)]
     if missed and high > low:
         make = warning if share > 0.05 else note
         yield make(

@@ -1,13 +1,13 @@
-"""Rule of the verdict about one record that contradicts all others, and what may be wrong with it.
+"""Rule of the verdict on a single record that contradicts all others.
 
-Wrong inertias, friction and units that are wrong throughout are in every record. Here the others are
-explained well once a single record is left out. What is wrong with it is then read from the torques that
-K and D of the others demand for its angles: a factor on angle or torque that mends the record.
+Wrong inertias, friction and wrong units of all records are in every record. Here the others fit well
+without a single record. Its error follows from the torques that K and D of the others predict for its
+angles: a factor on angle or torque that corrects the record.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,19 +20,19 @@ from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Evidence, Finding, number, problem
 
 _SUSPECTS = 8
-"""Records that are left out in turn: those whose own stiffness is furthest from the median."""
+"""Number of records left out one at a time: those with a stiffness furthest from the median."""
 
 _LEFT = 0.02
-"""Share of the misfit that may be left without the record; by noise alone, one record changes little."""
+"""Largest share of the misfit without the record; by noise alone, one record changes little."""
 
 _OTHERS_LEFT = 0.2
-"""Leaving out another must leave at least this share: it is one record, not a part of the band."""
+"""Smallest share of the misfit without another record: one record is wrong, not a part of the band."""
 
 _FEWEST = 4
-"""Records that must be left, so that they can contradict each other as well."""
+"""Fewest other records, so that they can contradict each other as well."""
 
 _TOLERANCE = 0.15
-"""Within this share a factor is taken for a known one, or for none."""
+"""Relative difference within which a factor counts as a known one, or as 1."""
 
 _DEGREES = np.pi / 180
 _KNOWN = (
@@ -43,7 +43,7 @@ _KNOWN = (
     (1e-3, "angle", "looks logged in mrad", "Divide {} by 1000 in this record."),
     (2 * np.pi, "angle", "looks logged in revolutions", "Multiply {} by 2π in this record."),
 )
-"""Torque over angle, measured over expected; the signal, what it looks like, and the remedy."""
+"""Torque over angle, measured over expected; signal, description and remedy."""
 
 _LEAVE_OUT = "untick its run on import, or take its [[records]] out of study.toml"
 
@@ -54,7 +54,7 @@ class Outlier:
 
     record: int
     misfit_with: float
-    """Cost over its expected value with all records; infinite when no spring comes out."""
+    """Cost over its expected value with all records; infinite for unphysical K."""
     misfit_without: float
     """The same without the record."""
     stiffness: Floats
@@ -66,7 +66,7 @@ class Outlier:
 
 
 def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
-    """Name the one record without which the others agree, and the factor that would mend it."""
+    """Finding on the record that contradicts the others, and the factor that corrects it."""
     label, n = evidence.phasors.labels[found.record], evidence.fit.n
     k = int(np.argmax(np.abs(np.log(np.maximum(found.stiffness, 1e-12)))))
     before = (
@@ -87,7 +87,7 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
 def find_outlier(
     phasors: Phasors, inertias: list[Inertia], fit: ElasticityFit | None = None
 ) -> Outlier | None:
-    """Find the one record that contradicts the others; None when there is none, or more than one.
+    """Find the record that contradicts the others; None unless there is exactly one.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def find_outlier(
     inertias : list of Inertia
         One per record.
     fit : ElasticityFit, optional
-        The answer that was given. When its misfit is small there is nothing to look for.
+        The answer. With a small misfit there is no search.
     """
     count, n = phasors.omega.size, phasors.n
     sound = fit is not None and bool(np.all(fit.K > 0)) and fit.misfit < 10
@@ -125,7 +125,7 @@ def find_outlier(
         if mended is None or mended.misfit > max(3 * left, 0.1 * _LEFT * reference):
             factor = None
     if factor is None and not left < 10:
-        return None  # others that are not explained either accuse nobody
+        return None  # the others do not fit either
     own = spring_equations(phasors, inertias).stiffness[first]
     expected = np.abs(best.K + 1j * phasors.omega[first] * best.D)
     return Outlier(first, with_it, left, np.abs(own) / expected, factor, by_angle)
@@ -160,12 +160,12 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
 def _factor(
     phasors: Phasors, inertia: Inertia, fit: ElasticityFit, i: int
 ) -> tuple[Floats | None, bool]:
-    """Real factors of each joint that make a record what K and D of the others demand."""
+    """Real factors of each joint that make a record agree with K and D of the others."""
     s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
     arm = np.asarray(np.linalg.inv(inertia.M2), np.float64)
     Z = motor_impedance(s, inertia.M, arm, fit.K, fit.D)[0][0]
     q, tau = phasors.q[i], phasors.tau[i]
-    # One factor for all joints tells no angle from a torque: taken for the signal it is usual on.
+    # One factor for all joints does not separate angle from torque: the usual signal is assumed.
     predicted = Z @ q
     if np.linalg.norm(predicted) > 0:
         whole = np.vdot(predicted, tau) / np.vdot(predicted, predicted)
@@ -207,20 +207,11 @@ def _usual_on_angle(factor: float) -> bool:
 
 
 def _mended(phasors: Phasors, i: int, factor: Floats, by_angle: bool) -> Phasors:
-    """The phasors with the factor taken off one record."""
+    """The phasors with one record divided by the factor."""
     n = phasors.n
     scale = np.ones((phasors.omega.size, 2 * n))
     scale[i] = np.r_[factor, np.ones(n)] if by_angle else np.r_[np.ones(n), 1 / factor]
-    both = scale[:, :, None] * scale[:, None, :]
-    z = phasors.z * scale
-    return replace(
-        phasors,
-        q=z[:, :n],
-        tau=z[:, n:],
-        covariance=phasors.covariance * both,
-        harmonics=phasors.harmonics * scale[:, None, :],
-        harmonic_covariance=phasors.harmonic_covariance * both[:, None],
-    )
+    return phasors.scaled(scale)
 
 
 def _without(phasors: Phasors, inertias: list[Inertia], i: int) -> tuple[Phasors, list[Inertia]]:
@@ -229,7 +220,7 @@ def _without(phasors: Phasors, inertias: list[Inertia], i: int) -> tuple[Phasors
 
 
 def _fitted(phasors: Phasors, inertias: list[Inertia]) -> ElasticityFit | None:
-    """The linear fit; None when it is no spring."""
+    """The linear fit; None when it is unphysical."""
     try:
         fit = identify_elasticity(phasors, inertias, method="weighted")
     except JointIdError:
@@ -239,7 +230,7 @@ def _fitted(phasors: Phasors, inertias: list[Inertia]) -> ElasticityFit | None:
 
 
 def _infinite_as(phasors: Phasors, inertias: list[Inertia]) -> float:
-    """Misfit of springs that are none; without any fit, so large that everything is better."""
+    """Misfit assigned to unphysical fits; without any fit, larger than any other."""
     try:
         return max(identify_elasticity(phasors, inertias, method="weighted").misfit, 500.0)
     except JointIdError:

@@ -1,4 +1,4 @@
-"""Rules of the verdict that look at the records: their frequency, length, motion and resolution."""
+"""Rules of the verdict on the records: frequency, length, motion and resolution."""
 
 from __future__ import annotations
 
@@ -7,18 +7,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.phasors.fitted_sine import sine_basis
+from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, problem, some, warning
 from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
 
-_STARTS = 3  # records for which a later start is looked for, worst first
-_LOOKED_AT = 4096  # samples of a record are enough to see the steps of its encoder
+_STARTS = 3
+"""Records for which a later start is searched, worst first."""
+_EXAMINED = 4096
+"""Samples in which the encoder step is searched."""
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
-    """The motor angle turns at another frequency than the record states."""
+    """The motor angle has another frequency than stated."""
     phasors, stated = evidence.phasors, evidence.frequency_hz
     concerned = off_frequency(evidence)
     if concerned:
@@ -38,7 +42,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
 
 
 def off_frequency(evidence: Evidence) -> tuple[int, ...]:
-    """Records whose motor angle turns at another frequency than stated, by index."""
+    """Indices of records whose motor angle has another frequency than stated."""
     found = evidence.phasors.frequency_found_hz
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(
@@ -47,7 +51,7 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
 
 
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
-    """The beginning of a record differs from its end by more than noise."""
+    """The beginning of a record differs from its end significantly."""
     phasors = evidence.phasors
     with np.errstate(invalid="ignore", divide="ignore"):
         significance = phasors.settling / phasors.settling_noise
@@ -71,22 +75,22 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
-    """From when on these records are steady, and what to do about them."""
-    told, never = [], []
+    """Start of the steady state of these records, and the remedy."""
+    steady, never = [], []
     for i in concerned:
         record, label = evidence.records[i], evidence.phasors.labels[i]
         start = steady_from(record)
         if start is None:
             never.append(label)
         else:
-            told.append(f"{label}, from {start:.{decimals(record)}f} s on")
-    parts = [f"Steady: {'; '.join(told)}."] if told else []
+            steady.append(f"{label}, from {start:.{decimals(record)}f} s on")
+    parts = [f"Steady: {'; '.join(steady)}."] if steady else []
     if never:
         verb = "does" if len(never) == 1 else "do"
         parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
-    if not told:
+    if not steady:
         return " ".join(parts), "Measure again. Wait longer before recording."
-    ones = "this time" if len(told) == 1 else "these times"
+    ones = "this time" if len(steady) == 1 else "these times"
     return " ".join(parts), (
         f"Let the records begin at {ones}: by the start of the run on import, or by start_s in "
         f"study.toml. {'Measure the others again. ' if never else ''}"
@@ -95,7 +99,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
 
 
 def few_periods(evidence: Evidence) -> Iterator[Finding]:
-    """So short a record that its noise has to be guessed."""
+    """Records too short for an estimate of slow noise."""
     periods = evidence.phasors.duration_s * evidence.frequency_hz
     short = np.flatnonzero(periods < 2.999)
     if short.size:
@@ -110,7 +114,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
 
 
 def counted_twice(evidence: Evidence) -> Iterator[Finding]:
-    """The same log stands in the study more than once."""
+    """The study contains the same log more than once."""
     phasors = evidence.phasors
     z, pairs = phasors.z, []
     for _, group in phasors.by_frequency():
@@ -155,15 +159,15 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def standing_joint(evidence: Evidence) -> Iterator[Finding]:
-    """A joint that sticks has no friction phasor, so that its torque says little."""
+def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
+    """A sticking joint has no friction phasor, and its torque carries little information."""
     fit, phasors = evidence.fit, evidence.phasors
     if fit.friction is None:
         return
-    standing = chosen_friction(phasors, fit).standing
-    rubs = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
-    for j in np.flatnonzero(standing.any(axis=0) & rubs):
-        names = [phasors.labels[i] for i in np.flatnonzero(standing[:, j])]
+    stationary = chosen_friction(phasors, fit).stationary
+    has_friction = fit.friction.coulomb > 3 * fit.friction.standard_error[: fit.n]
+    for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
+        names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
@@ -178,10 +182,10 @@ def standing_joint(evidence: Evidence) -> Iterator[Finding]:
 
 
 def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
-    """The steps of the encoder, not other noise, are what the angle's error comes from."""
+    """Quantisation of the encoder dominates the noise of the angle."""
     phasors, n = evidence.phasors, evidence.fit.n
     variance = phasors.standard_deviation[:, :n] ** 2
-    step = np.array([_encoder_steps(record.theta_rad[record.start :]) for record in evidence.records])
+    step = np.array([_encoder_steps(record) for record in evidence.records])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
     for j in range(n):
@@ -210,38 +214,31 @@ def _concerned(count: int, what: str = "record") -> str:
 
 
 def _turns_at(record: SineRecord, found_hz: float) -> bool:
-    """Whether a sine of the frequency found explains clearly more than one of that stated."""
+    """Whether a sine of the frequency found fits clearly better than one of the stated frequency."""
     time = record.time_s[record.start :] - record.time_s[record.start]
     theta = record.theta_rad[record.start :]
     angle = theta[:, np.argmax(np.ptp(theta, axis=0))]
     left = []
     for frequency in (record.frequency_hz, found_hz):
         turn = 2 * np.pi * frequency * time
-        columns = np.column_stack([np.sin(turn), np.cos(turn), np.ones_like(time), time])
+        columns = sine_basis(turn, time)
         left.append(np.sum((angle - columns @ np.linalg.lstsq(columns, angle, rcond=None)[0]) ** 2))
-    # Of N lines of noise the largest stands 2 ln N above; 25 more are five standard deviations.
+    # The largest of N noise lines is 2 ln N; 25 more are five standard deviations.
     return bool(left[0] - left[1] > (25 + 2 * np.log(time.size)) * left[1] / time.size)
 
 
-def _encoder_steps(theta: Floats) -> Floats:
-    """Step of each joint's angle when all its values are multiples of one, else 0, shape (n,)."""
-    part = theta[:_LOOKED_AT]
-    steps = np.zeros(part.shape[1])
-    for j, signal in enumerate(part.T):
-        change = np.abs(np.diff(signal))
-        size = np.abs(signal).max()
-        change = change[change > 1e-12 * size]
-        if change.size == 0 or size == 0:
-            continue
-        smallest = float(change.min())
-        counts = (signal - signal[0]) / smallest
-        if size / smallest < 1e9 and np.abs(counts - np.rint(counts)).max() < 1e-2:
-            steps[j] = smallest
+def _encoder_steps(record: SineRecord) -> Floats:
+    """Encoder step of each joint, averaged over the record to remove rounding, rad; 0 without steps."""
+    steps = np.zeros(record.n)
+    for j, angle in enumerate(record.theta_rad[record.start : record.start + _EXAMINED].T):
+        if (step := quantum(angle)) > 0:
+            counts = np.rint(np.diff(angle) / step)
+            steps[j] = np.diff(angle) @ counts / (counts @ counts)
     return steps
 
 
 def _proportional(evidence: Evidence, first: int, second: int) -> bool:
-    """Whether two records differ by one complex factor only, as far as noise lets one tell."""
+    """Whether two records differ only by one complex factor, within the noise."""
     z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
     size = np.maximum(np.abs(z[first]), np.abs(z[second]))
     x, y = z[first] / np.where(size > 0, size, 1), z[second] / np.where(size > 0, size, 1)
@@ -253,6 +250,6 @@ def _proportional(evidence: Evidence, first: int, second: int) -> bool:
 
 def _worst_error(evidence: Evidence) -> float:
     """Largest relative standard error of K and D."""
-    p = np.abs(np.concatenate([evidence.fit.K, evidence.fit.D]))
+    p = np.abs(evidence.fit.estimate)
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(min(1.0, np.nan_to_num(evidence.fit.standard_error / p, posinf=1.0).max()))

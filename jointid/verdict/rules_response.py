@@ -1,4 +1,4 @@
-"""Rules of the verdict that look at responses: which peak is whose, and where H is missing."""
+"""Rules of the verdict on frequency responses: origin of peaks, and frequencies without H."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ from jointid.verdict.rules_records import off_frequency, same_experiment
 from jointid.wording import counted
 
 _STANDS_OUT = np.log(1.4)
-"""A peak is 40 % above the valleys on both of its sides."""
+"""Logarithmic prominence of a peak: 40 % above the minima on both sides."""
 
-_FEWEST = 8  # frequencies; with fewer, a peak is one point
+_FEWEST = 8
+"""Frequencies; with fewer, a peak is a single point."""
 
 
 def rejected(evidence: Evidence) -> Iterator[Finding]:
-    """Frequencies at which equation (17) could not be solved."""
-    if off_frequency(evidence):  # a record at a frequency of its own is what follows from that
+    """Frequencies without a solution of equation (17)."""
+    if off_frequency(evidence):  # a single record at its frequency is a consequence
         return
     texts = [text for matrix in evidence.transfer_matrices.values() for text in matrix.rejected]
-    if any(same_experiment(evidence)):  # that has been told
+    if any(same_experiment(evidence)):  # reported by its own rule
         texts = [text for text in texts if "the same experiment" not in text]
     if texts:
         verb = "has" if len(texts) == 1 else "have"
@@ -37,35 +38,33 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
 
 
 def foreign_peak(evidence: Evidence) -> Iterator[Finding]:
-    """The story of Figures 3 and 4: a peak of one record's response that H does not have."""
+    """As in Figures 3 and 4: a peak in the response of one record that H does not have."""
     fit = evidence.fit
     if fit.n == 1 or np.any(fit.K <= 0) or fit.misfit > 100:
         return
-    told: dict[int, Finding] = {}
+    found: dict[int, Finding] = {}
     for pose, matrix in evidence.transfer_matrices.items():
         if matrix.omega.size < _FEWEST:
             continue
         index, inertia = evidence.of_pose(pose)
         own = resonances(inertia, fit.elasticity) if np.all(fit.D >= 0) else np.zeros(0)
-        for records in _families(evidence, index, matrix):
+        for records in _series(evidence, index, matrix):
             response = np.abs(single_record_response(evidence.phasors.select(records)))
-            for j in range(fit.n):
-                finding = (
-                    None if j in told else _story(evidence, matrix, response[:, j], records, own, j)
-                )
+            for j in sorted(set(range(fit.n)) - set(found)):
+                finding = _controller_peak(evidence, matrix, response[:, j], records, own, j)
                 if finding is not None:
-                    told[j] = finding
-    yield from told.values()
+                    found[j] = finding
+    yield from found.values()
 
 
-def _families(evidence: Evidence, index: np.ndarray, matrix: TransferMatrix) -> list[np.ndarray]:
+def _series(evidence: Evidence, index: np.ndarray, matrix: TransferMatrix) -> list[np.ndarray]:
     """The first record of every frequency of H, the second of every one, and so on."""
     groups = {omega: index[group] for omega, group in evidence.phasors.select(index).by_frequency()}
     chosen = [groups[omega] for omega in matrix.omega]
     return [np.array([g[k] for g in chosen]) for k in range(min(map(len, chosen)))]
 
 
-def _story(
+def _controller_peak(
     evidence: Evidence,
     matrix: TransferMatrix,
     alone: Floats,

@@ -9,6 +9,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.verdict.evidence import Action, Finding, number, problem
+from jointid.wording import capitalised
 
 _DEGREES = np.pi / 180
 _CLOSE = 1.03
@@ -143,10 +144,10 @@ POSITION_OR_TORQUE_FACTORS = tuple(cause.factor for cause in _KNOWN)
 """Factors that a wrong unit of position or torque makes in a joint."""
 
 
-def told_by_size(
+def diagnose_factor(
     factor: Floats, *, proof: str, duration_s: float, good: bool, side: str = ""
 ) -> Finding:
-    """Say which units or ratios make these factors.
+    """Finding that names the unit or gear ratio behind these factors.
 
     Parameters
     ----------
@@ -165,20 +166,20 @@ def told_by_size(
     effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
     common = next((cause for cause in _COMMON if _is_common(factor, cause.factor)), None)
     if common is not None:
-        return _told_common(common, factor, proof, duration_s, effect)
+        return _common_cause(common, factor, proof, duration_s, effect)
     wrong = np.flatnonzero(~np.isclose(factor, 1))
     groups: dict[_Cause | None, list[int]] = {}
     for j in wrong:
         groups.setdefault(_known(float(factor[j]), _CLOSE if good else _ROUGH), []).append(int(j))
     if list(groups) == [None]:
-        return _told_unknown(factor, wrong, proof, effect, side)
+        return _unknown_cause(factor, wrong, proof, effect, side)
     titles, details, remedies = [], [], []
     for cause, joints in groups.items():
         whose = _joints(joints, n)
         values = _values(factor, joints)
         if cause is None:
             titles.append(f"the scale of {whose} looks wrong")
-            details.append(f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}.")
+            details.append(f"{capitalised(whose)}: torque over acceleration is {values} times {_SAYS}.")
             remedies.append(_unknown_remedy(factor, joints))
             continue
         sign = " and the sign reversed" if factor[joints[0]] < 0 else ""
@@ -186,7 +187,7 @@ def told_by_size(
         title = f"the {cause.signal} of {whose} {cause.title}{sign}"
         titles.append(f"M and M2 look given in g·m², or {title}" if grams else title)
         details.append(
-            f"{_capital(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
+            f"{capitalised(whose)}: torque over acceleration is {values} times {_SAYS}. That is "
             f"about what {cause.why} makes."
             + (
                 " M and M2 in g·m² taken for kg·m² make the same: the records cannot tell."
@@ -204,7 +205,7 @@ def told_by_size(
     # A gear ratio may have the same size by chance.
     remedies.append("If the units are right, check the gear ratio.")
     return problem(
-        _capital("; ".join(titles)),
+        capitalised("; ".join(titles)),
         f"{' '.join(details)} {proof}",
         " ".join(remedies),
         effect,
@@ -215,7 +216,9 @@ def told_by_size(
 _SAYS = "what M and M2 say"
 
 
-def _told_common(cause: _Cause, factor: Floats, proof: str, duration_s: float, effect: float) -> Finding:
+def _common_cause(
+    cause: _Cause, factor: Floats, proof: str, duration_s: float, effect: float
+) -> Finding:
     rest = factor / cause.factor
     left = np.flatnonzero(np.abs(np.log(np.abs(rest))) > np.log(1.1))
     lasts = f" The longest record then lasts {number(duration_s)} s." if cause.signal == "time" else ""
@@ -232,7 +235,7 @@ def _told_common(cause: _Cause, factor: Floats, proof: str, duration_s: float, e
     return problem(cause.title, detail, f"{cause.remedy}.{also}", effect, _ACTIONS[cause.signal])
 
 
-def _told_unknown(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
+def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
     whose = _joints(wrong, factor.size)
     size = np.abs(factor[wrong])
     ratios = np.maximum(size, 1 / size)
@@ -336,7 +339,3 @@ def _values(factor: Floats, joints: Sequence[int] | range | np.ndarray) -> str:
 
 def _list(values: Floats) -> str:
     return ", ".join(number(float(value), 3) for value in values)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -1,4 +1,4 @@
-"""From which time on a record is steady: the first start after which its beginning is like its end."""
+"""Start of the steady state of a record, by the settling test of the phasors."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from jointid.phasors.extract import extract_phasors
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 
-_TRIED = 32
-"""Starts that are tried, whole periods apart."""
-_LEFT = 5.0
-"""Periods that must be left, and a quarter of the record."""
-_BY_CHANCE = 3.0  # standard errors
-_NOTHING = 2e-3
-"""A change of the phasor by this share is no settling that matters, whatever the noise."""
+_CANDIDATES = 32
+"""Number of candidate starts, whole periods apart."""
+_REMAINING = 5.0
+"""Fewest remaining periods, besides a quarter of the record."""
+_SIGNIFICANT = 3.0
+"""Standard errors of a significant change."""
+_NEGLIGIBLE = 2e-3
+"""Relative change of the phasor that is no settling, whatever the noise."""
 
 
 def steady_from(record: SineRecord) -> float | None:
-    """Return a start on the record's own clock, s, from which on it is steady.
+    """Return the start of the steady state on the record's own clock, s.
 
-    The same measure as of the record as a whole, first quarter against second half, is taken of what
-    is left after each start; the first start after which this and the next are within the noise holds.
+    The settling test, first quarter against second half, is applied to the rest of the record after each
+    candidate. The result is the first candidate at which this and the next test are within the noise.
 
     Parameters
     ----------
@@ -33,26 +34,25 @@ def steady_from(record: SineRecord) -> float | None:
     Returns
     -------
     float or None
-        Rounded up to a tenth of a period or finer. None where it cannot be told: the motion does not
-        become steady as long as a quarter of the record and five periods are left, or the record is
-        larger than memory.
+        Rounded up to a tenth of a period or finer. None if the motion does not become steady while a
+        quarter of the record and five periods remain, or if the record is larger than memory.
     """
     if isinstance(record, LongRecord):
         return None
     begin, period = float(record.time_s[record.start]), 1 / record.frequency_hz
-    most = int(min(0.75 * record.periods, record.periods - _LEFT))
+    most = int(min(0.75 * record.periods, record.periods - _REMAINING))
     if most < 2:
         return None
-    starts = begin + period * np.unique(np.linspace(0, most, _TRIED).round())
+    starts = begin + period * np.unique(np.linspace(0, most, _CANDIDATES).round())
     try:
         phasors = extract_phasors([replace(record, start_s=float(t)) for t in starts], harmonics=1)
     except JointIdError:
         return None
     change, noise = phasors.settling, phasors.settling_noise
-    clear = change > np.maximum(_BY_CHANCE * noise, _NOTHING)
-    # A change that goes on for the whole record shrinks with what is left of it: that is no settling.
+    clear = change > np.maximum(_SIGNIFICANT * noise, _NEGLIGIBLE)
+    # A drift over the whole record decreases in proportion to the rest: it is no settling.
     left = phasors.duration_s[:, None] / phasors.duration_s[0]
-    goes_on = (change > np.maximum(0.5 * left * change[0], _NOTHING)) & clear[0]
+    goes_on = (change > np.maximum(0.5 * left * change[0], _NEGLIGIBLE)) & clear[0]
     steady = np.asarray(~(clear | goes_on).any(axis=1) & np.isfinite(change).all(axis=1))
     both = np.flatnonzero(steady[1:-1] & steady[2:])
     if both.size == 0:
@@ -62,5 +62,5 @@ def steady_from(record: SineRecord) -> float | None:
 
 
 def decimals(record: SineRecord) -> int:
-    """Digits after the point with which a start of this record is told."""
+    """Decimals of a start of this record."""
     return max(0, int(np.ceil(np.log10(10 * record.frequency_hz))))

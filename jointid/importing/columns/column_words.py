@@ -1,4 +1,4 @@
-"""What the name of a column says, in several languages."""
+"""Meaning of column names, in several languages."""
 
 from __future__ import annotations
 
@@ -44,25 +44,25 @@ _TOKEN = re.compile(r"[a-z]+|\d+")
 
 @dataclass(frozen=True, eq=False)
 class NamedColumn:
-    """A column with what its name says."""
+    """A column and the meaning of its name."""
 
     column: LogColumn
     words: tuple[str, ...]
     """Lower-case words and numbers of its name."""
     group: str
-    """What tells its joint from others: what is left of the name without the words for quantities."""
+    """Identifier of the joint: the name without the words for quantities."""
     score: dict[str, float]
-    """How much speaks for "position" and for "torque"; below 0 something speaks against it."""
+    """Evidence for "position" and for "torque"; negative values are evidence against."""
 
 
 def described(column: LogColumn) -> NamedColumn:
-    """Score a column's name and unit as position and as torque, and find what names its joint."""
+    """Score a column as position and as torque from its name and unit, and identify its joint."""
     words = words_of(column.name)
-    said = set(words)
+    stated = set(words)
     score = {}
     for role, units in (("position", ANGLE_UNITS), ("torque", TORQUE_UNITS)):
         points = 0.0
-        named = said & WORDS[role]
+        named = stated & WORDS[role]
         if named:
             # "joint", "axis" and "ist" go with any quantity.
             points += 0.8 if named <= WORDS["any"] else 2.0
@@ -72,13 +72,13 @@ def described(column: LogColumn) -> NamedColumn:
             points += 0.2
         elif column.unit:
             points -= 4.0
-        if said & WORDS["current"] and role == "torque":
+        if stated & WORDS["current"] and role == "torque":
             points -= 0.5
         for kind, cost in (("velocity", 3.0), ("command", 1.5), ("other", 1.0), ("time", 1.0)):
-            points -= cost * bool(said & WORDS[kind] - WORDS[role])
-        points -= 0.25 * bool("motor" in said and role == "position")
+            points -= cost * bool(stated & WORDS[kind] - WORDS[role])
+        points -= 0.25 * bool("motor" in stated and role == "position")
         score[role] = points
-    # What tells joints apart is left when the words for quantities are gone; short words stick together.
+    # Without the words for quantities, the rest of the name identifies the joint.
     left = [w for w in words if w.isdigit() or w not in _ALL_WORDS]
     return NamedColumn(column, words, " ".join(left).lstrip("0") or " ".join(left), score)
 
@@ -93,7 +93,7 @@ def words_of(name: str) -> tuple[str, ...]:
 
 
 def number_in(group: str) -> int | None:
-    """Return the last number in what names a joint, if there is one."""
+    """Return the last number in a joint's identifier, if there is one."""
     found = re.findall(r"\d+", group)
     return int(found[-1]) if found else None
 

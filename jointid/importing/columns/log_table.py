@@ -1,4 +1,4 @@
-"""A log as it was written: named columns of numbers, with units where the file says them."""
+"""A log as it was written: named columns of numbers, with units where the file states them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +16,9 @@ from jointid.errors import JointIdError
 from jointid.wording import counted, listed, nearest
 
 MAX_LOG_BYTES = 256 << 20
-"""Largest file that is read; at 1 kHz and ten text columns about forty minutes."""
+"""Largest file; at 1 kHz and ten text columns about forty minutes."""
 MAX_VALUES = 1 << 25
-"""Most numbers that all tables of one file may hold (256 MiB)."""
+"""Most numbers in all tables of one file (256 MiB)."""
 MAX_COLUMNS = 2000
 """Most columns of one table."""
 MAX_TABLES = 50
@@ -33,27 +34,27 @@ class LogColumn:
     values: Floats
     """Shape (N,), read-only; a missing value is NaN."""
     unit: str = ""
-    """As in ``jointid.importing.columns.units``; empty when the file does not say."""
+    """As in ``jointid.importing.columns.units``; empty when not stated."""
     where: str = ""
-    """Where in the file it stands, for messages."""
+    """Its place in the file, for messages."""
 
 
 @dataclass(frozen=True, eq=False)
 class LogTable:
-    """Columns of equal length out of one file.
+    """Columns of equal length from one file.
 
     Parameters
     ----------
     name : str
-        File, and the part of it, for messages.
+        File and its part, for messages.
     columns : sequence of LogColumn
-        At least two; names that repeat get a number.
+        At least two; repeated names get a number.
     notes : sequence of str
-        What the reader left out or repaired, as sentences for the user.
+        What the reader omitted or repaired, as sentences for the user.
     first_row : int
-        Number of the first row, as the user counts in the file.
+        Number of the first row in the file.
     row_word : str
-        What a row is called: "line" of a text, "row" or "message".
+        Noun for a row: "line" of a text, "row" or "message".
     source : str
         The file itself, where a zip archive holds several.
 
@@ -127,12 +128,12 @@ class LogTable:
         )
 
     def place(self, row: int) -> str:
-        """Say where a row (0 is the first) stands, for messages."""
+        """Return the place of a row (0 is the first) for messages."""
         return f"{self.name}, {self.row_word} {self.first_row + row}"
 
 
 def numbers(values: ArrayLike) -> Floats:
-    """Return a column's values as a read-only float64 array; what is not finite becomes NaN."""
+    """Return values as a read-only float64 array; non-finite values become NaN."""
     array = np.array(values, dtype=np.float64)
     array[~np.isfinite(array)] = np.nan
     array.setflags(write=False)
@@ -140,7 +141,7 @@ def numbers(values: ArrayLike) -> Floats:
 
 
 def require_small(file: str, size: int) -> None:
-    """Refuse a file of more than ``MAX_LOG_BYTES``, or of none."""
+    """Refuse an empty file, or one of more than ``MAX_LOG_BYTES``."""
     if size == 0:
         raise JointIdError(f"{file} is empty (0 bytes): export the log again.")
     if size > MAX_LOG_BYTES:
@@ -165,7 +166,7 @@ def millions(count: int) -> str:
 
 
 def main_tables(tables: Iterable[LogTable]) -> tuple[LogTable, ...]:
-    """Return the first table of each file of an archive; of a plain file that is its first table."""
+    """Return the first table of each file; an archive holds several files."""
     first: dict[str, LogTable] = {}
     for table in tables:
         first.setdefault(table.source, table)
@@ -179,8 +180,13 @@ def most_first(file: str, tables: Iterable[LogTable]) -> tuple[LogTable, ...]:
     return tuple(found[:MAX_TABLES])
 
 
+def log_path(name: str) -> PurePosixPath:
+    """Return the path of a log from its name: "book.xlsx: Sheet1" is a part of book.xlsx."""
+    return PurePosixPath(name.partition(": ")[0].replace("\\", "/"))
+
+
 def _distinct(columns: Sequence[LogColumn]) -> tuple[LogColumn, ...]:
-    """Give every column a name of its own, without control characters."""
+    """Give every column a unique name without control characters."""
     taken: set[str] = set()
     distinct = []
     for number, column in enumerate(columns, start=1):

@@ -1,4 +1,4 @@
-"""Units as people write them, and what each means in SI."""
+"""Units in their usual spellings, with their factors to SI."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 TIME_UNITS: Mapping[str, float] = MappingProxyType({"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9})
-"""Seconds per unit; "samples" is beside these and needs a rate."""
+"""Seconds per unit; "samples" needs a rate instead."""
 SAMPLES = "samples"
 
 ANGLE_UNITS: Mapping[str, float] = MappingProxyType(
@@ -41,7 +41,7 @@ TORQUE_UNITS: Mapping[str, float] = MappingProxyType(
 POSITION_SCALES: Mapping[str, str] = MappingProxyType(
     {"counts": "counts per turn", "V": "degrees per volt"}
 )
-"""What the scale of a position means, by unit; other units have none."""
+"""Meaning of the scale of a position, by unit; other units have none."""
 TORQUE_SCALES: Mapping[str, str] = MappingProxyType(
     {
         "A": "torque constant, N·m/A",
@@ -51,7 +51,7 @@ TORQUE_SCALES: Mapping[str, str] = MappingProxyType(
         "V": "N·m per volt",
     }
 )
-"""What the scale of a torque means, by unit; other units have none."""
+"""Meaning of the scale of a torque, by unit; other units have none."""
 
 _SPELLINGS = {
     "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos secondi",
@@ -84,7 +84,7 @@ _SPELLINGS = {
     "W": "w watt kw",
 }
 _CANONICAL = {spelling: unit for unit, line in _SPELLINGS.items() for spelling in line.split()}
-_IN_NAMES = {  # what may stand as the last word of a name without brackets; "a", "u" or "n" may not
+_IN_NAMES = {  # accepted as the last word of a name without brackets; "a", "u" or "n" are ambiguous
     "s", "sec", "ms", "us", "µs", "ns", "rad", "mrad", "deg", "grad", "degrees", "counts", "ticks",
     "inc", "incr", "nm", "mnm", "knm", "amps", "ma", "percent", "prozent", "pct", "volt", "volts", "rpm",
     "°", "v", "rads", "degs", "radps", "dps",
@@ -94,7 +94,7 @@ _LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")
 
 
 def unit_of(text: str) -> str:
-    """Return the unit that a piece of text names, as this module writes it, or nothing."""
+    """Return the unit that a text names, in the spelling of this module, or ""."""
     plain = re.sub(r"\s+", "", text.replace("μ", "µ").replace("⋅", "·")).strip("[](){}<>")
     if plain in ("M", "N", "n", "NM", "S"):
         return {"NM": "N·m", "M": "m", "N": "N", "n": "", "S": "s"}[plain]
@@ -102,12 +102,12 @@ def unit_of(text: str) -> str:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Take a unit off a column's name: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s".
+    """Split a column's name from its unit: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s".
 
     Returns
     -------
     bare, unit : str
-        The unit is empty, and the name whole, when none is recognised.
+        Without a recognised unit, the whole name and "".
     """
     name = name.strip()
     bracket = _BRACKETS.search(name)

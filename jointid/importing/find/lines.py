@@ -1,4 +1,4 @@
-"""The lines of a spectrum that stand out of everything around them."""
+"""Lines of a spectrum that are prominent above the noise."""
 
 from __future__ import annotations
 
@@ -7,12 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.phasors.spectrum import vertex
 
 MOST_LINES = 60
-"""More lines than any multisine has."""
+"""Upper bound on the lines of a multisine."""
 
-_PROMINENCE = 12.0  # amplitude over the median around it
-_SMALLEST = 0.02  # amplitude over the largest
+_PROMINENCE = 12.0  # amplitude over the median of the spectrum
+_MIN_AMPLITUDE = 0.02  # over the largest line
+_MIN_MOTION = 0.05  # motion of a joint over the largest, below which it shows its noise, not lines
+_DISTANCE = 3  # bins: the main lobe of a Hann window spans four
+_JITTER = 1e-3  # of a sample interval, below which times count as evenly spaced
 
 
 def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
@@ -21,14 +25,14 @@ def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
     Parameters
     ----------
     time_s : ndarray, shape (N,)
-        Jittered times are interpolated, which is good enough to find a line.
+        Uneven times are interpolated, which is accurate enough to find a line.
     *signals : ndarray, shape (N, n)
-        Groups of one kind: positions, torques. A line may stand out in any of them.
+        Groups of one quantity: positions, torques. A line may be prominent in any of them.
 
     Returns
     -------
     list of float
-        Good to a tenth of one over the duration; lines closer than four of these are one.
+        Accurate to a tenth of one over the duration; lines closer than four bins count as one.
     """
     if time_s.size < 16:
         return []
@@ -37,23 +41,18 @@ def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
     for group in signals:
         amplitude = _spectrum(time_s, group)
         for peak in _peaks(amplitude):
-            left, centre, right = np.log(np.maximum(amplitude[peak - 1 : peak + 2], 1e-300))
-            curvature = left - 2 * centre + right
-            shift = (
-                0.0 if curvature == 0 else float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5))
-            )
-            found.append((float(amplitude[peak] / amplitude.max()), peak + shift))
+            found.append((float(amplitude[peak] / amplitude.max()), peak + vertex(amplitude, peak)))
     kept: list[float] = []
     for _, place in sorted(found, reverse=True):
-        if len(kept) < MOST_LINES and all(abs(place - other) > 3 for other in kept):
+        if len(kept) < MOST_LINES and all(abs(place - other) > _DISTANCE for other in kept):
             kept.append(place)
     return sorted(place * resolution for place in kept)
 
 
 def in_lines(time_s: Floats, signals: Floats, lines_hz: Sequence[float]) -> float:
-    """Share of what moves about the lines that lies on them, 0 to 1.
+    """Share of the power around the lines that lies on them, 0 to 1.
 
-    Noise above them does not count, nor does a slow wander below.
+    Noise above the band of the lines and slow drift below it do not count.
 
     Parameters
     ----------
@@ -72,23 +71,38 @@ def in_lines(time_s: Floats, signals: Floats, lines_hz: Sequence[float]) -> floa
     return float(about[on[low:high]].sum() / total) if total > 0 else 0.0
 
 
-def _spectrum(time_s: Floats, signals: Floats) -> Floats:
-    """Amplitudes of all signals together, each by its own size, without offset and drift."""
-    count = time_s.size
-    grid = np.linspace(time_s[0], time_s[-1], count)
-    if np.abs(grid - time_s).max() > 1e-3 * (grid[1] - grid[0]):
+def evenly_sampled(time_s: Floats, signals: Floats) -> tuple[Floats, Floats]:
+    """Return an even grid and the signals on it, interpolated if the times are uneven.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (N,)
+    signals : ndarray, shape (N, c)
+    """
+    grid = np.linspace(time_s[0], time_s[-1], time_s.size)
+    if np.abs(grid - time_s).max() > _JITTER * (grid[1] - grid[0]):
         signals = np.column_stack([np.interp(grid, time_s, signal) for signal in signals.T])
-    slope = np.linspace(-1, 1, count)
-    # Offset and slope are orthogonal here.
-    mean = signals.mean(axis=0)
-    drift = slope @ signals / (slope @ slope)
-    rest = signals - mean - np.outer(slope, drift)
+    return grid, signals
+
+
+def without_drift(signals: Floats) -> Floats:
+    """Return evenly sampled signals without their offset and linear drift, shape (N, c)."""
+    slope = np.linspace(-1, 1, len(signals))  # orthogonal to the offset
+    return np.asarray(
+        signals - signals.mean(axis=0) - np.outer(slope, slope @ signals / (slope @ slope))
+    )
+
+
+def _spectrum(time_s: Floats, signals: Floats) -> Floats:
+    """Amplitudes of all signals together, each normalised, without offset and drift."""
+    count = time_s.size
+    rest = without_drift(evenly_sampled(time_s, signals)[1])
     size = rest.std(axis=0)
     largest = float(size.max())
     if not largest > 0:
         return np.zeros(count // 2 + 1)
-    # A joint that hardly moves shows its noise, not lines.
-    rest = rest[:, size > 0.05 * largest] / size[size > 0.05 * largest]
+    moves = size > _MIN_MOTION * largest
+    rest = rest[:, moves] / size[moves]
     window = np.hanning(count)
     spectra = np.abs(np.fft.rfft(rest * window[:, None], axis=0))
     return np.asarray(np.sqrt((spectra**2).sum(axis=1)))
@@ -104,8 +118,10 @@ def _peaks(amplitude: Floats) -> list[int]:
     floor = float(np.median(amplitude)) * _PROMINENCE
     kept: list[int] = []
     for place in order:
-        if len(kept) == MOST_LINES or amplitude[place] < max(floor, _SMALLEST * amplitude[order[0]]):
+        if len(kept) == MOST_LINES or amplitude[place] < max(
+            floor, _MIN_AMPLITUDE * amplitude[order[0]]
+        ):
             break
-        if all(abs(place - other) > 3 for other in kept):
+        if all(abs(place - other) > _DISTANCE for other in kept):
             kept.append(int(place))
     return kept

@@ -1,9 +1,8 @@
-"""Several lines at once: where in a log they stand still together, and which they are.
+"""Search for multisines: spans in which several lines are constant together.
 
-Windows of falling length are looked at. Where a few narrow lines hold nearly all of the motion, short
-frames are fitted with all of them at once, and the quietest frames grow to both sides as long as the
-phasors of all lines stay where they are. So neither a rest, nor another pattern, nor a row of single
-sines is taken for one record.
+Windows of decreasing length are examined. Where a few narrow lines hold nearly all of the motion, short
+frames are fitted with all of them, and the steadiest frames grow to both sides while the phasors of all
+lines are constant. So neither a rest nor another pattern nor a series of single sines is part of a run.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from jointid.arrays import Complexes, Floats
 from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.lines import MOST_LINES, find_lines, in_lines
 from jointid.importing.find.segment import lines_worth
-from jointid.importing.find.steady_state import grown, line_frames
+from jointid.importing.find.steady_state import grow, line_frames
 
 _SHORTEST = 512  # samples of a window
-_IN_LINES = 0.85  # share of the motion near the lines that the lines must hold
-_FRAMES = 5  # that a run needs, overlapping by half
-_ROUNDS = 8  # of growing, each at most to three times the length
-_EXPLAINED = 0.9  # share of the motion that the lines explain
+_MIN_IN_LINES = 0.85  # share of the power around the lines that must lie on them
+_FEWEST_FRAMES = 5  # of a run, with half overlap
+_MAX_ROUNDS = 8  # of growing, each to three times the length at most
+_MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
 
 def multisines(
@@ -30,19 +29,19 @@ def multisines(
     theta: Floats,
     tau: Floats,
     fewest_periods: float,
-    tell: Callable[[float], None],
+    progress: Callable[[float], None],
 ) -> Iterator[tuple[int, int, list[float]]]:
-    """Yield the stretches in which several lines stand still, and their lines in Hz.
+    """Yield the spans in which several lines are constant, and their lines in Hz.
 
     Parameters
     ----------
     time : ndarray, shape (N,)
-        Even.
+        Evenly spaced.
     theta, tau : ndarray, shape (N, n)
     fewest_periods : float
         Of the lowest line.
-    tell : callable
-        Told the share that is done, 0 to 1.
+    progress : callable
+        Called with the share done, 0 to 1.
 
     Yields
     ------
@@ -55,7 +54,7 @@ def multisines(
     if len(time) >= _SHORTEST:
         lengths.insert(0, len(time))
     for number, length in enumerate(lengths):
-        tell(number / len(lengths))
+        progress(number / len(lengths))
         for begin in range(0, len(time) - length + 1, length // 2):
             window = slice(begin, begin + length)
             if not free[window].all():
@@ -63,8 +62,8 @@ def multisines(
             lines = _narrow_lines(time[window], theta[window], tau[window])
             if len(lines) < 2:
                 continue
-            part = _left(free, begin, begin + length)
-            found = _steady(time[part], theta[part], tau[part], begin - part.start, length, lines)
+            part = _free_around(free, begin, begin + length)
+            found = _grown_run(time[part], theta[part], tau[part], begin - part.start, length, lines)
             if found is None:
                 continue
             first, last, lines = found
@@ -75,27 +74,27 @@ def multisines(
 
 
 def _narrow_lines(time: Floats, theta: Floats, tau: Floats) -> list[float]:
-    """Lines of a window if they hold nearly all that moves in their neighbourhood."""
+    """Lines of a window if they hold nearly all of the power around them."""
     lines = find_lines(time, theta, tau)
-    if not 2 <= len(lines) < MOST_LINES or in_lines(time, theta, lines) < _IN_LINES:
+    if not 2 <= len(lines) < MOST_LINES or in_lines(time, theta, lines) < _MIN_IN_LINES:
         return []
     return lines_worth(time, theta, tau, lines)
 
 
-def _left(free: np.ndarray, begin: int, end: int) -> slice:
-    """What is free around a window."""
+def _free_around(free: np.ndarray, begin: int, end: int) -> slice:
+    """Largest free slice around a window."""
     before, after = np.flatnonzero(~free[:begin]), np.flatnonzero(~free[end:])
     first = int(before[-1]) + 1 if before.size else 0
     return slice(first, end + int(after[0]) if after.size else len(free))
 
 
-def _steady(
+def _grown_run(
     time: Floats, theta: Floats, tau: Floats, begin: int, length: int, lines: list[float]
 ) -> tuple[int, int, list[float]] | None:
-    """Grow from the quietest frames of a window as far as all lines stand still."""
+    """Grow from the steadiest frames of a window while all lines are constant."""
     signals = np.column_stack([theta, tau])
     first, last = begin, begin + length
-    for attempt in range(_ROUNDS):
+    for attempt in range(_MAX_ROUNDS):
         part = slice(first, last)
         if attempt:
             lines = find_lines(time[part], theta[part], tau[part])
@@ -104,16 +103,16 @@ def _steady(
                 return None
         fit = fit_lines(time[part], signals[part], lines)
         lines = [float(f) for f in fit.frequency_hz]
-        # Around the part only: frames that are far away cost time and say nothing.
+        # Frames far from the part cost time and cannot be reached in this round.
         low, high = max(0, first - (last - first)), min(len(time), last + (last - first))
         frames = line_frames(time[low:high], signals[low:high], lines)
         inside = (frames.begin + low >= first) & (frames.begin + low + frames.length <= last)
-        if inside.sum() < _FRAMES:
+        if inside.sum() < _FEWEST_FRAMES:
             return None
         z = _by_size(frames.z, signals.shape[1])
         quiet = np.flatnonzero(inside)
-        from_, to = grown(z, int(quiet[0]), int(quiet[-1]) + 1)
-        if to - from_ < _FRAMES:
+        from_, to = grow(z, int(quiet[0]), int(quiet[-1]) + 1)
+        if to - from_ < _FEWEST_FRAMES:
             return None
         new = low + int(frames.begin[from_]), low + int(frames.begin[to - 1]) + frames.length
         if attempt and new == (first, last):
@@ -121,13 +120,13 @@ def _steady(
         first, last = new
     part = slice(first, last)
     share = fit_lines(time[part], theta[part], lines, free=False).share
-    if share.max() < _EXPLAINED and in_lines(time[part], theta[part], lines) < _EXPLAINED:
+    if share.max() < _MIN_EXPLAINED and in_lines(time[part], theta[part], lines) < _MIN_EXPLAINED:
         return None
     return first, last, lines
 
 
 def _by_size(z: Complexes, signals: int) -> Complexes:
-    """Every signal counts by all its lines, so that a line of a quiet joint is not worth a whole one."""
+    """Normalise each signal by all its lines, so that a weak line of a quiet joint weighs little."""
     by_signal = z.reshape(len(z), signals, -1)
     size = np.sqrt((np.abs(by_signal) ** 2).sum(axis=2).mean(axis=0))
     scaled: Complexes = by_signal / np.where(size > 0, size, 1.0)[:, None]

@@ -1,4 +1,4 @@
-"""One steady stretch of a log, and the measure of what moves in it."""
+"""One steady span of a log, and the sizes of the lines in it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.line_fit import fit_lines, sine_basis
 from jointid.wording import listed, shown
 
 HARMONICS = 3
-"""Fitted beside the fundamental of a single sine, so that friction does not shift the frequency."""
+"""Highest harmonic fitted to a single sine, so that friction does not shift its frequency."""
+MIN_SNR = 5.0
+"""Amplitude of a line over its noise floor."""
 
-_SMALLEST = 0.03  # share in position or torque, over the largest, below which a line is not meant
-_HARMONIC = 0.25  # torque and acceleration over those of the one line of which all are multiples
-_EVEN = 0.1  # the same of an even multiple, and where lines are that are no multiples: those are meant
-_CLEAR = 5.0  # amplitude over the noise about it
-_STILL = 0.02  # motion of a joint, over the largest, below which its lines tell nothing
+_MIN_SHARE = 0.03  # amplitude over the largest, in position or torque, of a line that is excited
+_ODD_HARMONIC = 0.25  # torque or acceleration over the fundamental's, below which friction explains it
+_OTHER_HARMONIC = 0.1  # the same at even multiples, and beside lines that are no multiples
+_MIN_MOTION = 0.02  # motion of a joint over the largest, below which its lines are ignored
+_FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise floor
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a log in which every joint follows steady sines.
+    """A span of a log in which every joint follows steady sines.
 
     Parameters
     ----------
@@ -37,11 +39,11 @@ class Segment:
     frequency_error_hz : float, optional
         Standard error of the frequency; NaN where the user gave it.
     share : float, optional
-        Share of the motor's motion that the lines explain, joint that they explain best.
+        Share of the motor's motion that the lines explain, for the joint they explain best.
     torque_share : float, optional
-        The same of the torque.
+        The same for the torque.
     amplitude_rad : sequence of float, optional
-        Of each motor at ``frequency_hz``.
+        Amplitude of each motor at ``frequency_hz``.
 
     Raises
     ------
@@ -87,11 +89,13 @@ class Segment:
 
     @property
     def is_multisine(self) -> bool:
-        """Whether several lines are there at once."""
+        """Whether several lines are excited at once."""
         return len(self.lines_hz) > 1
 
 
-def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]) -> Segment:
+def measured(
+    time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float], *, free: bool = True
+) -> Segment:
     """Fit lines to positions and torques together and return the segment.
 
     Parameters
@@ -99,10 +103,12 @@ def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]
     time : ndarray, shape (N,)
     theta, tau : ndarray, shape (N, n)
     lines_hz : sequence of float
-        Starting values, see ``fit_lines``.
+        Initial values, see ``fit_lines``.
+    free : bool, default True
+        False keeps the frequencies.
     """
     signals = np.column_stack([theta, tau])
-    fit = fit_lines(time, signals, lines_hz, harmonics=HARMONICS if len(lines_hz) == 1 else 1)
+    fit = fit_lines(time, signals, lines_hz, harmonics=HARMONICS if len(lines_hz) == 1 else 1, free=free)
     n = theta.shape[1]
     strongest = int(np.argmax(np.linalg.norm(fit.phasors[:, :n], axis=1)))
     return Segment(
@@ -110,7 +116,7 @@ def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]
         stop_s=float(time[-1]),
         frequency_hz=float(fit.frequency_hz[strongest]),
         lines_hz=tuple(fit.frequency_hz.tolist()),
-        frequency_error_hz=float(fit.error_hz[strongest]),
+        frequency_error_hz=float(fit.error_hz[strongest]) if free else float("nan"),
         share=float(fit.share[:n].max()),
         torque_share=float(fit.share[n:].max()),
         amplitude_rad=tuple(np.abs(fit.phasors[strongest, :n]).tolist()),
@@ -118,12 +124,11 @@ def measured(time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float]
 
 
 def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]) -> list[float]:
-    """Drop harmonics of other lines, lines that only noise makes, and lines too small to be meant.
+    """Keep the excited lines: drop harmonics of other lines, noise, and very small lines.
 
-    The position of a driven line falls with the square of its frequency while its torque does not, so
-    a line counts by the larger of its shares in either. A harmonic that friction makes is large in
-    the torque at best, one that rounding makes in the acceleration: a line that is driven at a multiple
-    of another is large in both.
+    The position amplitude of an excited line falls with the square of its frequency and its torque does
+    not, so a line counts by the larger of its shares. A harmonic due to friction is large in torque at
+    most, one due to rounding in acceleration at most; a line excited at a multiple of another in both.
 
     Parameters
     ----------
@@ -135,40 +140,40 @@ def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]
     n = theta.shape[1]
     hz = np.asarray(lines, float)
     size, floor, moved = line_sizes(time, np.column_stack([theta, tau]), hz)
-    size = np.where(size > _CLEAR * floor, size, 0.0)
-    moves = moved[:n] > _STILL * moved[:n].max()
+    size = np.where(size > MIN_SNR * floor, size, 0.0)
+    moves = moved[:n] > _MIN_MOTION * moved[:n].max()
     size[:, np.flatnonzero(~np.concatenate([moves, moves]))] = 0.0
     scaled = size / np.maximum(size.max(axis=0), 1e-300)
     position, torque = np.linalg.norm(scaled[:, :n], axis=1), np.linalg.norm(scaled[:, n:], axis=1)
     clear = (position > 0) & (torque > 0)
     strongest = int(np.argmax(position * torque if clear.any() else position))
     share = np.maximum(position / max(position.max(), 1e-300), torque / max(torque.max(), 1e-300))
-    meant = clear & (share > _SMALLEST)
-    meant[strongest] = True
-    hz, position, torque = hz[meant], position[meant], torque[meant]
+    excited = clear & (share > _MIN_SHARE)
+    excited[strongest] = True
+    hz, position, torque = hz[excited], position[excited], torque[excited]
     span = float(time[-1] - time[0])
     kept = [
         float(line)
         for k, line in enumerate(hz)
-        if not any(_made_by(k, g, hz, position, torque, span) for g in range(len(hz)))
+        if not any(_is_harmonic(k, g, hz, position, torque, span) for g in range(len(hz)))
     ]
     return kept or [float(lines[strongest])]
 
 
-def _made_by(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span: float) -> bool:
-    """Whether line ``k`` is a harmonic that friction or rounding makes of line ``g``."""
+def _is_harmonic(k: int, g: int, hz: Floats, position: Floats, torque: Floats, span: float) -> bool:
+    """Whether line ``k`` is a harmonic of line ``g`` due to friction or rounding."""
     orders = hz / hz[g]
     multiples = np.abs(orders - np.round(orders)) < 1.5 / span / hz[g]
     order = round(orders[k])
     if order < 2 or not multiples[k] or position[g] == 0 or torque[g] == 0:
         return False
     acceleration = order**2 * position[k] / position[g]
-    least = _HARMONIC if multiples.all() and order % 2 else _EVEN
+    least = _ODD_HARMONIC if multiples.all() and order % 2 else _OTHER_HARMONIC
     return bool(min(acceleration, torque[k] / torque[g]) < least)
 
 
 def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
-    """Amplitudes of lines and of the noise about them; a window keeps one line from another.
+    """Amplitudes of lines and of the noise around them, with a Hann window against leakage.
 
     Parameters
     ----------
@@ -180,23 +185,21 @@ def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Float
     -------
     size, floor : ndarray, shape (L, c)
     moved : ndarray, shape (c,)
-        Root mean square of all that moves in the window, offset and drift aside.
+        Root mean square of each windowed signal without offset and drift.
     """
     count = len(time)
-    clock = time - (time[0] + time[-1]) / 2
     window = np.hanning(count)[:, None]
-    waves = np.exp(2j * np.pi * np.outer(clock, hz))
-    basis = np.column_stack([np.ones(count), clock / (clock[-1] - clock[0]), waves.real, waves.imag])
-    basis *= window
+    basis = sine_basis(time - (time[0] + time[-1]) / 2, 2 * np.pi * hz) * window
     data = (signals - signals.mean(axis=0)) * window
     coefficients = np.linalg.pinv(basis.T @ basis, hermitian=True) @ (basis.T @ data)
     rest = data - basis @ coefficients
-    lines = len(hz)
-    size = np.hypot(coefficients[2 : 2 + lines], coefficients[2 + lines :])
+    size = np.hypot(*np.split(coefficients[2:], 2))
     amplitude = 2 * np.abs(np.fft.rfft(rest, axis=0)) / window.sum()
     floors = np.zeros_like(size)
     for k, place in enumerate(np.round(hz * (time[-1] - time[0])).astype(int)):
-        about = np.r_[max(2, place - 20) : max(2, place - 2), place + 3 : place + 21]
+        about = np.r_[
+            max(2, place - _FLOOR_BINS) : max(2, place - 2), place + 3 : place + _FLOOR_BINS + 1
+        ]
         about = about[about < len(amplitude)]
         if about.size:
             floors[k] = np.median(amplitude[about], axis=0)

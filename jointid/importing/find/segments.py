@@ -1,4 +1,4 @@
-"""A long log cut into steady sine segments, each with its frequency."""
+"""Cut a log into steady sine segments, each with its frequency."""
 
 from __future__ import annotations
 
@@ -10,35 +10,34 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.lines import find_lines
-from jointid.importing.find.segment import HARMONICS, Segment, lines_worth, measured
-from jointid.importing.find.segment_search import Stretch
-from jointid.importing.find.unused_spans import untaken, without_sweeps
+from jointid.importing.find.segment import Segment, lines_worth, measured
+from jointid.importing.find.segment_search import SegmentSearch
+from jointid.importing.find.unused_spans import unused_spans, without_sweeps
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.importing.map.sample_times import GAP
 from jointid.wording import counted
 
 FEWEST_PERIODS = 5
-"""Periods that a segment needs to be found by itself; a user may ask for fewer."""
+"""Fewest periods of a segment that is found automatically; a user may ask for fewer."""
 MANY_SEGMENTS = 1000
-
-_GAP = 10.5  # sample intervals; a longer pause parts a log
+_FEWEST_SAMPLES = 32  # of a part of a log between gaps
 
 
 class FoundSegments(tuple[Segment, ...]):
-    """Segments in order of time, with what is to be said about the rest of the log."""
+    """Segments in order of time, with notes about the rest of the log."""
 
     notes: tuple[str, ...]
-    """Stretches that move but were not taken: when, why, and what to do."""
+    """Moving spans without a segment: when, why, and what to do."""
 
     def __new__(cls, segments: Iterable[Segment] = (), notes: Iterable[str] = ()) -> FoundSegments:
-        """Take segments and notes."""
+        """Create from segments and notes."""
         found = super().__new__(cls, segments)
         found.notes = tuple(notes)
         return found
 
     def __getnewargs__(self) -> tuple[tuple[Segment, ...], tuple[str, ...]]:
-        """Arguments that make the same again: notes go with the segments to another process."""
+        """Arguments for pickling, so that the notes go along to another process."""
         return tuple(self), self.notes
 
 
@@ -57,14 +56,14 @@ def find_segments(
     fewest_periods : float, default 5
         Shorter runs are left out.
     progress : callable, optional
-        Told the share that is done, 0 to 1; what it raises ends the search.
+        Called with the share done, 0 to 1; an exception it raises ends the search.
 
     Returns
     -------
     FoundSegments
-        May be empty. Runs of one frequency in which the joints move in another pattern are separate,
-        and carry the very same frequency. Several lines at once make one segment with ``lines_hz``.
-        Its ``notes`` say what moves but was not taken, such as sweeps.
+        May be empty. Runs of one frequency with different excitation patterns are separate segments
+        with the same frequency; a multisine is one segment with ``lines_hz``. ``notes`` name moving
+        spans without a segment, such as sweeps.
 
     Raises
     ------
@@ -76,19 +75,18 @@ def find_segments(
     found: list[Segment] = []
     for begin, end in _without_gaps(log.time_s):
 
-        def tell(share: float, begin: int = begin, end: int = end) -> None:
+        def report(share: float, begin: int = begin, end: int = end) -> None:
             if progress is not None:
                 progress((begin + share * (end - begin)) / log.time_s.size)
 
-        stretch = Stretch(log, begin, end, fewest_periods)
-        found += stretch.segments(tell)
+        found += SegmentSearch(log, begin, end, fewest_periods).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
                 "sine runs, or the columns are the wrong ones. Choose another time or position column."
             )
     found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
-    return FoundSegments(common_frequencies(found), [*notes, *untaken(log, found, sweeps)])
+    return FoundSegments(common_frequencies(found), [*notes, *unused_spans(log, found, sweeps)])
 
 
 def measure_segment(
@@ -97,20 +95,20 @@ def measure_segment(
     stop_s: float,
     frequency_hz: float | Sequence[float] | None = None,
 ) -> Segment:
-    """Make a segment of a stretch that the user chose, with its frequency unless given.
+    """Measure a segment whose start and stop the user chose.
 
     Parameters
     ----------
     log : MappedLog
     start_s, stop_s : float
-        Taken as they are: nothing is discarded.
+        Used as given: no transient is discarded.
     frequency_hz : float or sequence of float, optional
-        The line, or all lines at once, taken as they are; by default all that are found.
+        The line or lines, used as given; by default those found.
 
     Raises
     ------
     JointIdError
-        When the stretch holds too few samples, nothing moves in it, or a frequency is not positive.
+        When the span holds too few samples or no motion, or a frequency is not positive.
     """
     part = log.rows(start_s, stop_s)
     time, theta = log.time_s[part], log.theta_rad[part]
@@ -137,25 +135,16 @@ def measure_segment(
         raise JointIdError(
             "frequency_hz is empty: give one frequency or more, or None to have it found."
         )
+    # The constructor checks and sorts the frequencies.
     segment = Segment(float(time[0]), float(time[-1]), lines[0], tuple(lines))
-    signals = np.column_stack([theta, log.tau_Nm[part]])
-    lines = list(segment.lines_hz)
-    fit = fit_lines(time, signals, lines, harmonics=HARMONICS if len(lines) == 1 else 1, free=False)
-    strongest = int(np.argmax(np.linalg.norm(fit.phasors[:, : log.n], axis=1)))
-    return replace(
-        segment,
-        frequency_hz=lines[strongest],
-        share=float(fit.share[: log.n].max()),
-        torque_share=float(fit.share[log.n :].max()),
-        amplitude_rad=tuple(np.abs(fit.phasors[strongest, : log.n]).tolist()),
-    )
+    return measured(time, theta, log.tau_Nm[part], segment.lines_hz, free=False)
 
 
 def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
-    """Give segments that agree within their errors one frequency, so that their records belong together.
+    """Give segments that agree within their errors one frequency, so that their records form a group.
 
-    Lines closer than 1e-4 of themselves, than four standard errors, or than a hundredth of one over the
-    shorter duration are the same set point of the controller; they get the mean, weighted by the errors.
+    Lines closer than 1e-4 of the frequency, four standard errors, or a hundredth of one over the shorter
+    duration are the same set point of the controller; they get the mean, weighted by the errors.
     """
     entries = sorted((line, k) for k, s in enumerate(segments) for line in s.lines_hz)
     shared: dict[tuple[int, float], float] = {}
@@ -195,8 +184,8 @@ def _error(segment: Segment) -> float:
 
 def _without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
     steps = np.diff(time)
-    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     edges = [0, *gaps.tolist(), time.size]
     for begin, end in pairwise(edges):
-        if end - begin >= 32:
+        if end - begin >= _FEWEST_SAMPLES:
             yield begin, end

@@ -1,9 +1,8 @@
-"""Where in a long log something moves in a sine, and at about which frequency.
+"""Coarse search: where a long log moves in a sine, and at which frequency approximately.
 
-Every frequency of a fine geometric grid is fitted, with offset and drift, in windows of a few of its
-periods that slide by one period. The share of the motion that the sine explains tells a sine from
-rest, noise and travel. Low frequencies are searched in averaged samples, so that a long log costs few
-passes over the data.
+Every frequency of a fine geometric grid is fitted, with offset and drift, in windows of a few periods
+that slide by one period. The share of the motion that the sine explains separates sines from rest, noise
+and travel. Low frequencies are searched in averaged samples, so that a long log needs few passes.
 """
 
 from __future__ import annotations
@@ -13,22 +12,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Floats
+from jointid.arrays import Floats, true_runs
+from jointid.importing.find.line_fit import sine_basis
 
 WINDOW_PERIODS = 4
-"""Periods in one window: fewer do not tell a sine from any other motion."""
+"""Periods in one window: with fewer, a sine is like any other motion."""
 SHARE = 0.6
-"""Share of the motion that a sine must explain to be one."""
+"""Least share of the motion that a sine must explain."""
 
 _GRID = 1.06  # ratio of neighbouring frequencies; half a step costs 2 % of the share
-_FEWEST_PER_PERIOD = 8  # samples; above this frequency a window is too short to tell noise
+_FEWEST_PER_PERIOD = 8  # samples; at higher frequencies a window is too short to exclude noise
 _COARSE_PER_PERIOD = 16  # samples per period that averaging leaves
 _CHUNK = 1 << 21  # numbers of the windows in memory at a time
+_ROUND_OFF = 1e-12  # variance over the mean square below which a signal is constant
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A stretch in which one frequency explains most of the motion."""
+    """A span in which one frequency explains most of the motion."""
 
     begin: float
     """First sample, of the original ones."""
@@ -37,24 +38,23 @@ class Candidate:
     frequency: float
     """Cycles per sample, within a few per cent."""
     score: float
-    """How many periods it spans, weighted by how much of the motion it explains."""
+    """Number of periods, weighted by the share of the motion explained."""
 
 
-def sine_candidates(signals: Floats, tell: Callable[[float], None] | None = None) -> list[Candidate]:
-    """Find all stretches that a sine explains, at every frequency that explains them.
+def sine_candidates(signals: Floats, progress: Callable[[float], None]) -> list[Candidate]:
+    """Find all spans that a sine explains, at every frequency that explains them.
 
     Parameters
     ----------
     signals : ndarray, shape (N, n)
-        Positions, evenly sampled; in each window the one counts that a sine explains best.
-    tell : callable, optional
-        Told the share that is done, 0 to 1.
+        Evenly sampled; in each window the signal counts that a sine explains best.
+    progress : callable
+        Called with the share done, 0 to 1.
 
     Returns
     -------
     list of Candidate
-        The best first. Neighbouring frequencies explain the same stretch: take the best, then what
-        it leaves.
+        The best first. Neighbouring frequencies explain the same span: take the best, then the rest.
     """
     found: list[Candidate] = []
     mean = signals - np.median(signals, axis=0)
@@ -65,8 +65,7 @@ def sine_candidates(signals: Floats, tell: Callable[[float], None] | None = None
     lowest = (WINDOW_PERIODS + 0.5) / samples
     frequency = highest
     while frequency > lowest:
-        if tell is not None:
-            tell(1 - frequency / highest)  # averaging makes a search as costly as its frequency is high
+        progress(1 - frequency / highest)  # with averaging, the cost is proportional to the frequency
         while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
             mean, power = _halved(mean), _halved(power)
             width *= 2
@@ -87,9 +86,7 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
     if len(mean) < length:
         return
     share = _shares(mean, power, length, hop, 2 * np.pi / period)
-    inside = np.concatenate([[False], share >= SHARE, [False]])
-    edges = np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2)
-    for first, last in edges:
+    for first, last in true_runs(share >= SHARE):
         begin, end = first * hop * width, ((last - 1) * hop + length) * width
         score = float((share[first:last] - 0.5).sum()) * hop / period
         score += WINDOW_PERIODS * float(share[first:last].mean() - 0.5)
@@ -97,10 +94,9 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
 
 
 def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
-    """Share of the variance about a line that a sine explains, best signal of each window."""
+    """Share of the variance about offset and drift that a sine explains, best signal of each window."""
     j = np.arange(length) - (length - 1) / 2
-    columns = np.column_stack([np.ones(length), j, np.cos(x * j), np.sin(x * j)])
-    basis, _ = np.linalg.qr(columns)
+    basis, _ = np.linalg.qr(sine_basis(j, np.array([x])))
     count = (len(mean) - length) // hop + 1
     best = np.zeros(count)
     step = max(1, _CHUNK // length)
@@ -113,8 +109,7 @@ def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Flo
             part = slice(begin, begin + step)
             energy = (windows[part] @ basis) ** 2
             about_line = total[part] - energy[:, 0] - energy[:, 1]
-            # What rounding leaves of a joint that stands still is no motion.
-            moves = about_line > 1e-12 * np.maximum(total[part], 1e-300)
+            moves = about_line > _ROUND_OFF * np.maximum(total[part], 1e-300)
             explained = energy[:, 2:].sum(axis=1)
             share = np.divide(explained, about_line, out=np.zeros_like(explained), where=moves)
             best[part] = np.maximum(best[part], share)

@@ -1,4 +1,4 @@
-"""What the columns of a log probably are, each guess with its reason."""
+"""Guess which columns are positions and torques, each guess with its reason."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from jointid.importing.columns.units import (
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
 from jointid.importing.map.more_joints import join_by_number, lone_columns
-from jointid.importing.map.reasons import Reason
+from jointid.importing.map.reasons import Reason, scale_reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted
@@ -41,7 +41,7 @@ class Guess:
 
     @property
     def open_questions(self) -> tuple[Reason, ...]:
-        """What the user should look at before the mapping is used."""
+        """Entries that the user should check before the mapping is used."""
         return tuple(reason for reason in self.reasons if not reason.sure)
 
 
@@ -55,13 +55,13 @@ def guess_mapping(table: LogTable) -> Guess:
     Returns
     -------
     Guess
-        A complete mapping, every entry with a reason. Scales and gear ratios are never in a log:
-        they are 1 until the user gives them, and the reason says so.
+        A complete mapping with a reason for every entry. Scales and gear ratios are never in a log:
+        they are 1 until the user gives them.
 
     Raises
     ------
     JointIdError
-        When there are not even two columns beside the time that could be signals.
+        When fewer than two columns beside the time could be signals.
     """
     reasons: list[Reason] = []
     time = guess_time(table, reasons)
@@ -124,7 +124,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
 def _first_two(
     table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
-    """Return something to start from when names say nothing: the clearest, else the first that vary."""
+    """Return a first proposal when names are unclear: the clearest columns, else the first that vary."""
     varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)] or [
         *columns
     ]
@@ -174,24 +174,12 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
     ):
         meaning = scales.get(unit)
         if meaning:
-            reasons.append(
-                Reason(
-                    f"scale of {role} of joint {number}",
-                    f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.',
-                    False,
-                )
-            )
+            reasons.append(scale_reason(f"{role} of joint {number}", unit, meaning))
         channels.append(Channel(column.name, unit, 1.0 if meaning else None, side))
     finite = position.values[np.isfinite(position.values)]
     turned = unwrapped(finite, channels[0])
     if turned.jumps.size:
-        reasons.append(
-            Reason(
-                f"turns of position of joint {number}",
-                turned.said(channels[0]),
-                True,
-            )
-        )
+        reasons.append(Reason(f"turns of position of joint {number}", turned.note(channels[0]), True))
     return JointMapping(channels[0], channels[1])
 
 

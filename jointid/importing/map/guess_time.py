@@ -1,4 +1,4 @@
-"""Which column of a log is the time, in which unit; its name may excuse a few steps back."""
+"""Guess the time column of a log and its unit; a clear name permits a few steps back."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from jointid.importing.map.mapping import TimeColumn
 from jointid.importing.map.reasons import Reason
 from jointid.wording import counted
 
-_MOST_LATE = 0.02
-"""Share of steps back that a column named as time may have: a buffer written twice, a new turn."""
+_MAX_LATE = 0.02
+"""Share of steps back in a column named as time: a buffer written twice, an overflow."""
 
 
 def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
@@ -23,7 +23,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
     ----------
     table : LogTable
     reasons : list of Reason
-        Takes why.
+        Extended by the reasons.
     """
     best: tuple[float, LogColumn, int] | None = None
     for place, column in enumerate(table.columns):
@@ -58,12 +58,12 @@ def _says_time(column: LogColumn) -> bool:
 
 
 def _time_unit(column: LogColumn) -> str:
-    """What the file says, or a name that is nothing but a unit: "ms"."""
+    """Unit that the file states, or a name that is just a unit: "ms"."""
     return column.unit or unit_of(column.name)
 
 
 def _late_rows(values: Floats, *, named: bool) -> int | None:
-    """How often a time steps back; None for what is no time. Only a name excuses steps back."""
+    """Number of steps back; None for a column that is no time. Only a named time may have any."""
     if values.size < 2:
         return None
     steps = np.diff(values)
@@ -71,7 +71,7 @@ def _late_rows(values: Floats, *, named: bool) -> int | None:
     if late == 0:
         return 0 if values[-1] > values[0] else None
     rises = int(np.sum(steps > 0))
-    return late if named and late <= _MOST_LATE * rises and 2 * rises >= steps.size else None
+    return late if named and late <= _MAX_LATE * rises and 2 * rises >= steps.size else None
 
 
 def _no_time(table: LogTable) -> str:
@@ -94,7 +94,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
             Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed.", False)
         )
         return TimeColumn(column.name, SAMPLES, 1000.0)
-    # Controllers sample between some 20 Hz and 50 kHz; a step of that size tells the unit.
+    # Controllers sample between about 20 Hz and 50 kHz: the step determines the unit.
     unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
     sure = unit == "s" and step >= 2e-5
     reasons.append(

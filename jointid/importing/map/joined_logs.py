@@ -1,4 +1,4 @@
-"""Logs of one joint each that were recorded at once, joined into one table."""
+"""Join simultaneous logs of one joint each into one table."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from jointid.importing.map.mapping import Mapping
 from jointid.importing.map.simultaneous_logs import (
     JointLog,
     joint_log,
-    recorded_at_once,
     rows_in_common,
+    simultaneous_groups,
     stem,
 )
 from jointid.wording import listed
 
 
 def joined_table(tables: Sequence[LogTable]) -> LogTable:
-    """Join logs that were recorded at once: one time, and the other columns under their log's name.
+    """Join simultaneous logs: one time, and the other columns prefixed by the name of their log.
 
     Parameters
     ----------
     tables : sequence of LogTable
-        A group of ``recorded_at_once``.
+        A group of ``simultaneous_groups``.
 
     Returns
     -------
     LogTable
-        On the rows that all have. A note says what was joined.
+        Rows that all logs have in common. A note names the joined logs.
 
     Raises
     ------
@@ -64,14 +64,14 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
 def join_logs(
     files: Sequence[Sequence[LogTable]], mapping: Mapping | None = None, *, separate: bool = False
 ) -> tuple[tuple[LogTable, ...], tuple[str, ...]]:
-    """Return the logs of some files, with those joined that were recorded at once.
+    """Return the logs of some files, with simultaneous ones joined.
 
     Parameters
     ----------
     files : sequence of sequence of LogTable
         The tables of each.
     mapping : Mapping, optional
-        What they are to be mapped with. If it names the columns of single logs, these stay as they are.
+        Mapping to be applied. If it names the columns of single logs, these are not joined.
     separate : bool, optional
         Join nothing.
 
@@ -80,7 +80,7 @@ def join_logs(
     tables : tuple of LogTable
         The main table of each file; each group's joined table in place of its first log.
     notes : tuple of str
-        What was not joined for the mapping's sake although it looks like it.
+        Simultaneous logs that were not joined because of the mapping.
     """
     main = {id(table) for tables in files for table in main_tables(tables)}
     if separate:
@@ -88,7 +88,7 @@ def join_logs(
     tables = [table for each in files for table in proposed_tables(each)]
     result: dict[int, LogTable] = dict(enumerate(tables))
     notes = []
-    for group in recorded_at_once(tables):
+    for group in simultaneous_groups(tables):
         parts = [tables[index] for index in group]
         if mapping is not None and set(mapping.columns) <= set(parts[0].names):
             notes.append(
@@ -107,9 +107,9 @@ def join_logs(
 
 
 def proposed_tables(tables: Sequence[LogTable]) -> tuple[LogTable, ...]:
-    """Return the main table of each file, and those of the file recorded at once with it."""
+    """Return the main table of each file, and tables simultaneous with it."""
     main = {id(table) for table in main_tables(tables)}
-    for group in recorded_at_once(tables):
+    for group in simultaneous_groups(tables):
         if any(id(tables[index]) in main for index in group):
             main |= {id(tables[index]) for index in group}
     return tuple(table for table in tables if id(table) in main)
@@ -145,7 +145,7 @@ def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[st
 
 
 def _is_guessed(table: LogTable, parts: Sequence[JointLog], labels: Sequence[str]) -> bool:
-    """Whether the names lead the guess to a joint of each log, of the columns that are guessed alone."""
+    """Whether the guess for the joined table agrees with the guesses for the single logs."""
     joint = guess_mapping(parts[0].table).mapping.joints[0]
     wanted = {(f"{label} {joint.position.column}", f"{label} {joint.torque.column}") for label in labels}
     try:

@@ -1,4 +1,4 @@
-"""From a table and its mapping to angles and torques in SI units, motor side."""
+"""Convert a table to angles and torques in SI units, motor side."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from jointid.wording import counted, listed
 
 @dataclass(frozen=True, eq=False)
 class MappedLog:
-    """A log in SI units, motor side: what segments are cut from."""
+    """A log in SI units, motor side."""
 
     time_s: Floats
-    """Strictly increasing, shape (N,), s; the first is 0 unless the log says otherwise."""
+    """Strictly increasing times, shape (N,), s."""
     theta_rad: Floats
     """Motor angles, shape (N, n), rad."""
     tau_Nm: Floats
@@ -29,9 +29,9 @@ class MappedLog:
     torque_delay_s: float = 0.0
     name: str = ""
     notes: tuple[str, ...] = ()
-    """What was left out, as sentences for the user."""
+    """Omissions and repairs, as sentences for the user."""
     interval_s: float = field(init=False)
-    """Usual distance between samples (the median), s."""
+    """Median sample interval, s."""
 
     def __post_init__(self) -> None:
         time = finite_array("time_s", self.time_s, ndim=1)
@@ -66,7 +66,7 @@ class MappedLog:
 
 
 def _fault(time: Floats) -> str:
-    """Where times do not increase."""
+    """Place where times do not increase."""
     late = np.flatnonzero(np.diff(time) <= 0)
     if not late.size:
         return f" has {counted(time.size, 'value')}"
@@ -74,7 +74,7 @@ def _fault(time: Floats) -> str:
 
 
 def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
-    """Turn the columns of a log into motor angles and torques in SI units.
+    """Convert the columns of a log to motor angles and torques in SI units.
 
     Parameters
     ----------
@@ -85,8 +85,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     -------
     MappedLog
         θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
-        joint side. Rows that miss a value or are copies are left out, and a note says how many;
-        another says where the log has a gap.
+        joint side. Rows with a missing value and copies are left out; notes count them and name gaps.
 
     Raises
     ------
@@ -125,7 +124,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         position = unwrapped(raw[j][rows], joint.position)
         if position.jumps.size:
             first = table.first_row + int(rows[position.jumps[0]])
-            notes.append(position.said(joint.position, f", first at {table.row_word} {first}"))
+            notes.append(position.note(joint.position, f", first at {table.row_word} {first}"))
         theta[:, j] = position.values * joint.rad_per_unit
         tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
     return MappedLog(

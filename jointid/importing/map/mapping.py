@@ -1,4 +1,4 @@
-"""Which column is what, in which unit, and on which side of the gear."""
+"""Mapping of columns to time, positions and torques, with units and sides of the gear."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_JOINTS = 20
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """Where the sample times come from.
+    """Source of the sample times.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class TimeColumn:
 
 @dataclass(frozen=True)
 class Channel:
-    """One column with what makes it an angle or a torque.
+    """One column with its unit, scale, side and sign.
 
     Parameters
     ----------
@@ -74,12 +74,12 @@ class Channel:
     unit : str
         Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``.
     scale : float, optional
-        What the unit needs, see ``POSITION_SCALES`` and ``TORQUE_SCALES``: counts per turn, degrees per
-        volt, torque constant, rated torque, N·m per volt. None for units that need none.
+        Counts per turn, degrees per volt, torque constant, rated torque, N·m per volt, see
+        ``POSITION_SCALES`` and ``TORQUE_SCALES``. None for units that need none.
     side : {"motor", "joint"}
-        Side of the gear on which it was measured; its scale is meant on the same side.
+        Side of the gear on which it was measured, and for which its scale holds.
     sign : {1, -1}
-        -1 turns a channel round that counts the other way.
+        -1 reverses a channel that counts in the other direction.
     """
 
     column: str
@@ -140,7 +140,7 @@ class JointMapping:
 
 @dataclass(frozen=True)
 class Mapping:
-    """What every column of a log means.
+    """Meaning of the columns of a log.
 
     Parameters
     ----------

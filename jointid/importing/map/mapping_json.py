@@ -1,4 +1,4 @@
-"""A mapping as JSON and back, so that it can be kept and offered again."""
+"""Mapping to JSON and back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jointid.errors import JointIdError
 from jointid.importing.map.mapping import Channel, JointMapping, Mapping, TimeColumn
 from jointid.wording import listed, nearest, shown
 
-_LONGEST = 1 << 20
+_MAX_LENGTH = 1 << 20
 
 
 def mapping_to_json(mapping: Mapping) -> str:
@@ -35,16 +35,16 @@ def mapping_to_json(mapping: Mapping) -> str:
 
 
 def mapping_from_json(text: str | bytes) -> Mapping:
-    """Read what ``mapping_to_json`` wrote.
+    """Read a mapping written by ``mapping_to_json``.
 
     Raises
     ------
     JointIdError
-        When it is no mapping; the message names the key and the value.
+        When the text is not a mapping; the message names key and value.
     """
-    if len(text) > _LONGEST:
+    if len(text) > _MAX_LENGTH:
         raise JointIdError(
-            f"The mapping has {len(text)} characters, more than the limit of {_LONGEST}: choose one "
+            f"The mapping has {len(text)} characters, more than the limit of {_MAX_LENGTH}: choose one "
             "that was saved here."
         )
     try:

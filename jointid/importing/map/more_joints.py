@@ -1,4 +1,4 @@
-"""Joints beyond those whose columns were found in pairs: what is missing, and what could be theirs."""
+"""Joints whose columns are not found in pairs: unpaired columns, and proposals for further joints."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from jointid.importing.columns.column_words import NamedColumn, described, numbe
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
 from jointid.importing.map.mapping import JOINT, Channel
-from jointid.importing.map.reasons import Reason
+from jointid.importing.map.reasons import Reason, scale_reason
 
 _OTHER = {"position": "torque", "torque": "position"}
-_AS_CLEAR = 0.5
-"""A column without a partner counts when its name says this much less than the least clear pair's."""
+_MAX_LESS_CLEAR = 0.5
+"""Score below the least clear pair, up to which an unpaired column is reported."""
 
 
 def join_by_number(
     best: MutableMapping[str, dict[str, NamedColumn]],
     complete: MutableMapping[str, dict[str, NamedColumn]],
 ) -> set[str]:
-    """Pair positions and torques that were left alone, where one of each has the same number.
+    """Pair unpaired positions and torques that share a number.
 
     Parameters
     ----------
     best, complete : mapping of str to mapping of str to NamedColumn
-        All groups, and those with both; what is paired goes over from one to the other.
+        All groups, and the complete ones; new pairs are added to both.
 
     Returns
     -------
@@ -52,21 +52,21 @@ def join_by_number(
 def lone_columns(
     best: Mapping[str, Mapping[str, NamedColumn]], pairs: Sequence[Mapping[str, NamedColumn]]
 ) -> list[Reason]:
-    """Say which positions have no torque beside them, and which torques no position.
+    """Report positions without a torque and torques without a position.
 
     Parameters
     ----------
     best : mapping of str to mapping of str to NamedColumn
-        By what names a joint, then by role: the clearest column of each.
+        The clearest column of each role, by joint.
     pairs : sequence of mapping of str to NamedColumn
-        Those that have both.
+        Complete groups.
     """
     if not pairs:
         return []
     lone = []
     for group in best.values():
         for role, entry in group.items():
-            least = min(pair[role].score[role] for pair in pairs) - _AS_CLEAR
+            least = min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
             if len(group) == 1 and entry.score[role] >= least:
                 lone.append((entry.column.name, _OTHER[role]))
     if not lone:
@@ -84,23 +84,23 @@ def lone_columns(
 def propose_joint(
     table: LogTable, number: int, like: tuple[Channel, Channel], used: Collection[str]
 ) -> tuple[Channel, Channel, list[Reason]]:
-    """Propose columns for one joint more, of those that nothing else uses.
+    """Propose unused columns for one more joint.
 
     Parameters
     ----------
     table : LogTable
     number : int
-        Of the new joint, from 1.
+        Number of the new joint, from 1.
     like : tuple of Channel
-        Position and torque of the first joint: their sides are taken over, and their units where the
-        file names none.
+        Position and torque of the first joint: their sides are used, and their units where the file
+        states none.
     used : collection of str
-        Columns that are time, or belong to other joints.
+        Columns of the time and of other joints.
 
     Returns
     -------
     tuple
-        Position, torque, and why; a channel's column is "" when no column is left. None is sure.
+        Position, torque and the reasons; a channel's column is "" when no column is left.
     """
     free = [described(column) for column in table.columns if column.name not in used]
     channels, reasons = [], []
@@ -124,8 +124,7 @@ def propose_joint(
         reasons.append(Reason(f"unit of {end}", why, unit == said))
         reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s.", False))
         if meaning := scales.get(unit):
-            text = f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.'
-            reasons.append(Reason(f"scale of {end}", text, False))
+            reasons.append(scale_reason(end, unit, meaning))
         scale = 1.0 if unit in scales else None
         channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
     if JOINT in (channels[0].side, channels[1].side):

@@ -1,4 +1,4 @@
-"""Times that increase, from those that a logger wrote: copies, counters that begin anew, gaps."""
+"""Increasing times from logged ones: duplicate rows, counter overflows, gaps."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from jointid.wording import counted
 
 Bools = NDArray[np.bool_]
 GAP = 10.5
-"""Sample intervals; a longer pause is a gap, over which no run is taken."""
-_FEW = 0.01  # share of rows that may repeat a time with other values
+"""Pause in sample intervals above which a log is split."""
+_MAX_REPEATED = 0.01  # share of rows that may repeat a time with other values
 _DAY_S = 86400.0
 
 
 @dataclass(frozen=True, eq=False)
 class SampleTimes:
-    """Times in s that increase strictly, and which rows they belong to."""
+    """Strictly increasing times, and the rows they belong to."""
 
     time_s: Floats
     kept: Bools
-    """Of the rows that were given, those that stay."""
+    """Mask of the rows that are kept."""
     notes: tuple[str, ...]
 
 
 def sample_times(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, signals: Sequence[Floats]
 ) -> SampleTimes:
-    """Return times that increase strictly; what was repaired is said with its row.
+    """Return strictly increasing times; notes name repairs and their rows.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ def sample_times(
         For messages.
     unit : TimeColumn
     rows : ndarray of int, shape (N,)
-        Place in the table of each value.
+        Index in the table of each value.
     time : ndarray, shape (N,)
         As in the file.
     signals : sequence of ndarray, shape (N,)
-        All other columns that are used: only a row that agrees in all of them is a copy.
+        All other columns in use: a copy agrees in all of them.
 
     Raises
     ------
     JointIdError
-        When times go back or repeat, and it is not clear how the rows follow each other.
+        When times decrease or repeat, and the order of the rows is ambiguous.
     """
     seconds = 1 / unit.rate_hz if unit.rate_hz else TIME_UNITS[unit.unit]
     notes: list[str] = []
@@ -66,9 +66,9 @@ def sample_times(
     if time.size > 1 and np.diff(time).min() <= 0:
         kept, time, said = _increasing(table, unit, rows, time, signals, seconds)
         notes.append(said)
-    left = rows[kept]
+    used = rows[kept]
     time = time[kept]
-    notes += _gaps(table, unit, left, time, seconds)
+    notes += _gaps(table, unit, used, time, seconds)
     return SampleTimes((time - time[0]) * seconds, kept, tuple(notes))
 
 
@@ -83,19 +83,19 @@ def _increasing(
     late = _late(time)
     copies = _copies(time, signals, late)
     if np.array_equal(copies, late):
-        return ~late, time, _dropped(table, rows, late, f'written twice (column "{unit.column}")')
+        return ~late, time, _dropped_note(table, rows, late, f'written twice (column "{unit.column}")')
     unwrapped = _unwrapped(time, unit, seconds)
     if unwrapped is not None:
-        return np.ones(time.size, dtype=bool), *_begun_anew(table, unit, rows, time, unwrapped)
+        return np.ones(time.size, dtype=bool), *_overflow_note(table, unit, rows, time, unwrapped)
     again = np.concatenate([[False], np.diff(time) == 0])
-    if np.all(copies | again | ~late) and np.mean(late & ~copies) <= _FEW:
+    if np.all(copies | again | ~late) and np.mean(late & ~copies) <= _MAX_REPEATED:
         said = f'that repeat the time of the row before (column "{unit.column}")'
-        return ~late, time, _dropped(table, rows, late, said)
-    raise _refused(table, unit, rows, time, late & ~copies)
+        return ~late, time, _dropped_note(table, rows, late, said)
+    raise _error(table, unit, rows, time, late & ~copies)
 
 
 def _late(time: Floats) -> Bools:
-    """Rows that are no later than one before them."""
+    """Rows whose time is not after that of all earlier rows."""
     before = np.maximum.accumulate(time)
     return np.concatenate([[False], time[1:] <= before[:-1]])
 
@@ -113,7 +113,7 @@ def _copies(time: Floats, signals: Sequence[Floats], late: Bools) -> Bools:
 
 
 def _unwrapped(time: Floats, unit: TimeColumn, seconds: float) -> Floats | None:
-    """Times of a counter, or of a time of day, that begins anew; None when it does not do that."""
+    """Times of a counter or clock that overflows, continued; None for other steps back."""
     steps = np.diff(time)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     back = np.flatnonzero(steps <= 0)
@@ -122,7 +122,7 @@ def _unwrapped(time: Floats, unit: TimeColumn, seconds: float) -> Floats | None:
     if np.all(time == np.round(time)):
         turns = [2.0**8, 2.0**16, 2.0**32, *turns]
     for turn in turns:
-        # Each step back is a usual step once a turn is added; a clock of 2¹⁶ does not hold 2¹⁶.
+        # Each step back is a usual step plus an overflow; the span stays below the overflow.
         if span < turn + 0.5 * usual and np.all(np.abs(steps[back] + turn - usual) <= 0.5 * usual):
             turned = np.zeros(time.size)
             turned[back + 1] = turn
@@ -130,7 +130,7 @@ def _unwrapped(time: Floats, unit: TimeColumn, seconds: float) -> Floats | None:
     return None
 
 
-def _begun_anew(
+def _overflow_note(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, unwrapped: Floats
 ) -> tuple[Floats, str]:
     back = np.flatnonzero(np.diff(time) <= 0) + 1
@@ -142,7 +142,7 @@ def _begun_anew(
     )
 
 
-def _dropped(table: LogTable, rows: np.ndarray, late: Bools, why: str) -> str:
+def _dropped_note(table: LogTable, rows: np.ndarray, late: Bools, why: str) -> str:
     at = rows[late]
     runs = np.split(at, np.flatnonzero(np.diff(at) != 1) + 1)
     said = [
@@ -176,7 +176,7 @@ def _gaps(
     ]
 
 
-def _refused(
+def _error(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, wrong: Bools
 ) -> JointIdError:
     steps = np.diff(time)

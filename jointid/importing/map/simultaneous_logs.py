@@ -1,18 +1,17 @@
-"""Which logs of one joint each were recorded at once."""
+"""Find logs of one joint each that were recorded simultaneously."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import PurePosixPath
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import words_of
-from jointid.importing.columns.log_table import LogTable
+from jointid.importing.columns.log_table import LogTable, log_path
 from jointid.importing.map.guess import guess_mapping
 from jointid.importing.map.mapping import MAX_JOINTS
 
@@ -21,16 +20,20 @@ _LINES = {
     "run": "run runs rep repeat repetition trial test take messung versuch lauf pose set freq frequency",
 }
 _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
-_SAME = 0.05
-"""Times are the same when they differ by less than this share of the sample interval."""
-_LENGTHS = 20
-"""Times with more lengths of step than this, to a thousandth, jitter; those merely rounded have few."""
-_ALIKE = 0.1
-"""Share of a signal's size; what differs by less is the same run again."""
-_OVERLAP = 0.5
+_SAME_TIME = 0.05
+"""Share of the sample interval within which two times are equal."""
+_JITTER_LENGTHS = 20
+"""Distinct step lengths, to a thousandth, above which a clock jitters; rounding makes few."""
+_JITTER_DIFFERENCE = 0.1
+"""Difference of two clocks over the scatter of their steps, below which they jitter alike."""
+_REPEATED = 0.1
+"""Difference of two signals over their size, below which they are repetitions of one run."""
+_MIN_OVERLAP = 0.5
 """Least share of the shorter log that both cover."""
-_FAINT = 1e-3
-"""Share of the largest power; a line with less is none."""
+_MIN_POWER = 1e-3
+"""Least power of a common line over the largest."""
+_ABSOLUTE_START = 3.0
+"""Start of an absolute clock, over the duration of the log."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class JointLog:
     signals: tuple[Floats, Floats]
     """Position and torque."""
     joint: str
-    """What the name says of the joint, as in "axis1"; "" when it says nothing."""
+    """The joint that the name states, as in "axis1"; "" for none."""
     rest: tuple[str, ...]
     """The other words of its name."""
 
@@ -54,8 +57,8 @@ class JointLog:
         return float(np.median(np.diff(self.time)))
 
 
-def recorded_at_once(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
-    """Find logs that look like joints recorded at once.
+def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
+    """Find groups of logs that look like joints recorded simultaneously.
 
     Parameters
     ----------
@@ -64,13 +67,13 @@ def recorded_at_once(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
     Returns
     -------
     tuple of tuple of int
-        Indices into ``tables``, two or more in each group. Those of a group have the same columns, a
-        joint each, and the same times within a twentieth of the sample interval, where an absolute
-        clock's need only overlap. Besides, one of these holds: their names count joints ("axis1",
-        "axis2"); their clock is absolute or jitters alike; or they are all logs with these columns and
-        hold the same sines at the same times, not one program run twice, and their names do not count
-        runs. No two hold one signal value for value. Even times from 0
-        alone say nothing: each of many single runs has them.
+        Indices into ``tables``, two or more in each group. The logs of a group have the same columns,
+        one joint each, and the same times within a twentieth of the sample interval; absolute clocks
+        need only overlap. Besides, one of these holds: their names count joints ("axis1", "axis2");
+        their clocks are absolute or jitter alike; or they are all logs with these columns, hold the same
+        sines at the same times without being repetitions of one program, and their names do not count
+        runs. No two hold the same values. Even times from 0 alone are no evidence: every single run has
+        them.
     """
     if len(tables) < 2:
         return ()
@@ -84,12 +87,12 @@ def recorded_at_once(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
             clusters.append([p for p in left if p is first or rows_in_common(first, p) is not None])
             left = [part for part in left if not any(part is p for p in clusters[-1])]
         for cluster in clusters:
-            groups += _at_once(cluster, len(cluster) == len(alike))
+            groups += _groups(cluster, len(cluster) == len(alike))
     return tuple(groups)
 
 
 def joint_log(index: int, table: LogTable) -> JointLog | None:
-    """Return the log, if it is one of a single joint on a clock that runs on."""
+    """Return the log if it has a single joint and increasing times."""
     try:
         mapping = guess_mapping(table).mapping
     except JointIdError:
@@ -114,7 +117,7 @@ def _joint_in(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
 
 
 def _run_in(words: tuple[str, ...]) -> tuple[str, ...]:
-    """What a name says of the run: "run 3", "5 Hz"."""
+    """Parts of a name that state the run: "run 3", "5 Hz"."""
     return tuple(
         f"{one} {two}"
         for one, two in pairwise(words)
@@ -125,7 +128,7 @@ def _run_in(words: tuple[str, ...]) -> tuple[str, ...]:
 def rows_in_common(a: JointLog, b: JointLog) -> tuple[slice, slice] | None:
     """Rows of two logs that have the same times, or None."""
     interval = a.interval
-    near = _SAME * interval
+    near = _SAME_TIME * interval
     if a.time.size == b.time.size and np.abs(a.time - b.time).max() <= near:
         return slice(0, a.time.size), slice(0, b.time.size)
     if not (_is_absolute(a) and _is_absolute(b)):
@@ -136,25 +139,25 @@ def rows_in_common(a: JointLog, b: JointLog) -> tuple[slice, slice] | None:
         for p in (a, b)
     ]
     one, two = a.time[rows[0]], b.time[rows[1]]
-    if one.size != two.size or one.size < _OVERLAP * min(a.time.size, b.time.size):
+    if one.size != two.size or one.size < _MIN_OVERLAP * min(a.time.size, b.time.size):
         return None
     return (rows[0], rows[1]) if one.size and np.abs(one - two).max() <= near else None
 
 
 def _is_absolute(part: JointLog) -> bool:
-    """Whether the clock ran long before the log: two of those agree only when recorded at once."""
-    return bool(part.time_column) and float(part.time[0]) > 3 * float(np.ptp(part.time))
+    """Whether the clock ran long before the log: two of those agree only in simultaneous logs."""
+    return bool(part.time_column) and float(part.time[0]) > _ABSOLUTE_START * float(np.ptp(part.time))
 
 
 def _jitter_alike(a: JointLog, b: JointLog) -> bool:
-    """Whether times stray from an even grid, the same way in both: no second recording repeats that."""
+    """Whether both clocks jitter the same way: a second recording does not repeat that."""
     steps = np.diff(a.time)
-    apart = np.abs(a.time - b.time).max() if a.time.size == b.time.size else np.inf
+    difference = np.abs(a.time - b.time).max() if a.time.size == b.time.size else np.inf
     lengths = np.unique(np.round(steps / a.interval, 3))
-    return bool(lengths.size > _LENGTHS and apart < 0.1 * np.std(steps))
+    return bool(lengths.size > _JITTER_LENGTHS and difference < _JITTER_DIFFERENCE * np.std(steps))
 
 
-def _at_once(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]:
+def _groups(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]:
     """Groups of joints among logs with the same times."""
     if len(cluster) < 2 or _has_copies(cluster):
         return []
@@ -178,7 +181,7 @@ def _at_once(cluster: Sequence[JointLog], is_all: bool) -> list[tuple[int, ...]]
 
 
 def _has_copies(cluster: Sequence[JointLog]) -> bool:
-    """Whether two logs hold one signal, value for value: two sensors never agree in their noise."""
+    """Whether two logs hold identical signals: two sensors never have the same noise."""
     return any(
         x.shape == y.shape and np.array_equal(x, y, equal_nan=True) and np.nanmax(x) > np.nanmin(x)
         for k, a in enumerate(cluster)
@@ -188,22 +191,22 @@ def _has_copies(cluster: Sequence[JointLog]) -> bool:
 
 
 def _is_repeated(a: JointLog, b: JointLog) -> bool:
-    """Whether both signals run alike in size and course, as in one joint's program run twice.
+    """Whether both signals agree in size and shape, as when one joint repeats a program.
 
-    Of two tables of one file either is enough: they may be raw and filtered, or wanted and measured.
+    For two tables of one file one signal is enough: they may be raw and filtered, or set and actual.
     """
     size = min(a.time.size, b.time.size)
-    apart = []
+    differences = []
     for x, y in zip(a.signals, b.signals, strict=True):
         one, two = x[:size] - np.nanmean(x[:size]), y[:size] - np.nanmean(y[:size])
-        apart.append(float(np.nanstd(one - two)) / max(float(np.nanstd(one)), 1e-300))
+        differences.append(float(np.nanstd(one - two)) / max(float(np.nanstd(one)), 1e-300))
     file, _, part = a.table.name.partition(": ")
     of_one_file = bool(part) and b.table.name.startswith(f"{file}: ")
-    return (min if of_one_file else max)(apart) < _ALIKE
+    return (min if of_one_file else max)(differences) < _REPEATED
 
 
 def _same_sines(a: JointLog, b: JointLog) -> bool:
-    """Whether each log's strongest line is in the other, over all and in most parts of the log."""
+    """Whether each log contains the strongest line of the other, overall and in most blocks."""
     size = min(a.time.size, b.time.size)
     blocks = max(1, min(64, size // 256))
     for x, y in zip(a.signals, b.signals, strict=True):
@@ -221,20 +224,20 @@ def _same_sines(a: JointLog, b: JointLog) -> bool:
 
 
 def _power(values: Floats) -> Floats:
-    """Spectrum of the steps of a signal, over its largest."""
+    """Power spectrum of the differences of a signal, normalised to its largest line."""
     steps = np.diff(np.where(np.isfinite(values), values, np.nanmean(values)))
     power = np.abs(np.fft.rfft((steps - steps.mean()) * np.hanning(steps.size))) ** 2
     return np.asarray(power / max(float(power.max()), 1e-300))
 
 
 def _share_line(one: Floats, two: Floats) -> bool:
-    at, other = int(one.argmax()), int(two.argmax())
-    return bool(
-        one[max(other - 1, 0) : other + 2].max() > _FAINT and two[max(at - 1, 0) : at + 2].max() > _FAINT
+    """Whether the strongest line of each spectrum is in the other as well."""
+    return all(
+        b[max(int(a.argmax()) - 1, 0) : int(a.argmax()) + 2].max() > _MIN_POWER
+        for a, b in ((one, two), (two, one))
     )
 
 
 def stem(name: str) -> str:
-    """What tells a table from others: the file without its ending, or the part of the file."""
-    file, _, part = name.partition(": ")
-    return part or PurePosixPath(file.replace("\\", "/")).stem
+    """Return the short name of a table: the file without its ending, or the part of the file."""
+    return name.partition(": ")[2] or log_path(name).stem

@@ -1,4 +1,4 @@
-"""Columns without names: which are positions and which torques, by their shape and their order."""
+"""Unnamed columns: positions and torques by their roughness and order."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ _NO_NAME = re.compile(
     r"(?:column|signal|unnamed|var|ch|channel|data)[ _:]*\d*(?: \(\d+\))?|\d+", re.IGNORECASE
 )
 _CLEAR = 0.05
-"""Two layouts are told apart when roughness differs by this much, as a logarithm per joint."""
-_SAMPLED = 200_000
+"""Difference in log-roughness per joint above which a layout is clear."""
+_MAX_SAMPLES = 200_000  # of which the roughness is taken
 
 
-def has_no_name(column: LogColumn) -> bool:
-    """Whether the file says nothing about a column: no unit, and at most a number for a name."""
+def is_unnamed(column: LogColumn) -> bool:
+    """Whether a column has no unit and no name beyond a number."""
     return not column.unit and _NO_NAME.fullmatch(column.name) is not None
 
 
 def pairs_by_shape(
     columns: Sequence[LogColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
-    """Pair 2n nameless columns as n positions and n torques.
+    """Pair 2n unnamed columns as n positions and n torques.
 
-    A position integrates what a torque does twice: it is the smoother one, and noise is less of it. The
-    order is that of most logs: all positions, then all torques, or joint by joint; either may be first.
+    A position is a torque integrated twice, hence the smoother signal. Usual orders are all positions,
+    then all torques, or joint by joint; either quantity may be first.
 
     Parameters
     ----------
     columns : sequence of LogColumn
         All but the time.
     reasons : list of Reason
-        Takes what is said about the proposal; none of it is sure.
+        Extended by the reasons for the proposal; none is certain.
 
     Returns
     -------
@@ -47,12 +47,12 @@ def pairs_by_shape(
     """
     columns = [c for c in columns if np.nanmax(c.values) > np.nanmin(c.values)]
     n, odd = divmod(len(columns), 2)
-    if odd or not 0 < n <= MAX_JOINTS or not all(has_no_name(c) for c in columns):
+    if odd or not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
     blocks = [(k, n + k) for k in range(n)]
-    turns = [(2 * k, 2 * k + 1) for k in range(n)]
-    layouts = [blocks, [(t, q) for q, t in blocks], turns, [(t, q) for q, t in turns]]
+    interleaved = [(2 * k, 2 * k + 1) for k in range(n)]
+    layouts = [blocks, [(t, q) for q, t in blocks], interleaved, [(t, q) for q, t in interleaved]]
     gains = [float(sum(rough[t] - rough[q] for q, t in layout)) / n for layout in layouts]
     best = int(np.argmax(gains))
     if gains[best] < gains[0] + _CLEAR:
@@ -75,11 +75,11 @@ def pairs_by_shape(
 
 
 def _roughness(values: Floats) -> float:
-    """Size of the second differences over that of the values: large for noise."""
-    finite = values[np.isfinite(values)][:_SAMPLED]
+    """Standard deviation of the second differences over that of the values: large for noise."""
+    finite = values[np.isfinite(values)][:_MAX_SAMPLES]
     if finite.size < 3 or not np.any(finite):
         return 1.0
-    finite = finite / np.abs(finite).max()  # damaged files hold numbers whose square is none
+    finite = finite / np.abs(finite).max()  # the squares of damaged numbers overflow
     size = float(np.std(finite))
     if size == 0:
         return 1.0

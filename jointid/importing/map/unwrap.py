@@ -1,4 +1,4 @@
-"""Encoders that know one turn only: their jumps by a turn are taken out."""
+"""Unwrap the positions of single-turn encoders."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from jointid.wording import counted
 
 _TURN = {"rad": 2 * np.pi, "mrad": 2e3 * np.pi, "deg": 360.0, "rev": 1.0}
 _COUNTERS = tuple(2.0**bits for bits in range(8, 33))
-"""Where counters overflow, whatever the counts per turn are."""
-_LARGEST = 1e12  # no encoder shows more; damaged files do
-_NEARLY = 0.2
-"""A wrap may miss the whole turn by this share of it, for what is moved in one sample."""
-_USUAL = 20.0
-"""... and by no more than so many usual steps of a motion."""
+"""Overflow of counters of 8 to 32 bits, whatever the counts per turn."""
+_MAX_POSITION = 1e12  # larger values are damage
+_MAX_MOTION = 0.2
+"""Motion in one sample that a wrap may contain, in turns."""
+_MAX_STEPS = 20.0
+"""The same in usual steps of the motion (90 % quantile)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Unwrapped:
-    """Positions without jumps by a turn."""
+    """Continuous positions."""
 
     values: Floats
     jumps: np.ndarray
-    """Index of the first value after each jump that was taken out; empty where there is none."""
+    """Index of the first value after each jump that was removed; may be empty."""
     turn: float
     """In the column's unit."""
 
-    def said(self, channel: Channel, first: str = "") -> str:
-        """Return a sentence for the user; ``first`` says where it begins."""
+    def note(self, channel: Channel, first: str = "") -> str:
+        """Return a sentence for the user; ``first`` names the place of the first jump."""
         times = counted(self.jumps.size, "time")
         return (
             f'"{channel.column}" shows one turn only and jumps by it {times} ({self.turn:.6g} '
@@ -40,7 +40,7 @@ class Unwrapped:
 
 
 def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
-    """Take the jumps of a single-turn encoder out of a column of positions.
+    """Remove the jumps of a single-turn encoder from a column of positions.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
     Unwrapped
     """
     none = Unwrapped(values, np.zeros(0, dtype=int), 0.0)
-    if values.size < 3 or np.abs(values).max() > _LARGEST:
+    if values.size < 3 or np.abs(values).max() > _MAX_POSITION:
         return none
     steps = np.diff(values)
     span = float(np.ptp(values))
@@ -65,12 +65,12 @@ def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
             continue
         turns = np.round(steps / turn)
         jumps = np.flatnonzero(turns)
-        if not jumps.size or jumps.size > _NEARLY * steps.size:
+        if not jumps.size or jumps.size > _MAX_MOTION * steps.size:
             continue
         left = np.abs(steps - turns * turn)
-        # A step of the motion itself is far smaller; at rest it is noise, or one count.
+        # Steps of the motion itself are far smaller; at rest they are noise, or one count.
         usual = float(np.quantile(np.delete(left, jumps), 0.9))
-        if left.max() > _NEARLY * turn or left[jumps].max() > max(_USUAL * usual, 1e-3 * turn):
+        if left.max() > _MAX_MOTION * turn or left[jumps].max() > max(_MAX_STEPS * usual, 1e-3 * turn):
             continue
         whole = np.concatenate([[0.0], np.cumsum(turns)])
         return Unwrapped(values - turn * whole, jumps + 1, turn)

@@ -1,4 +1,4 @@
-"""Zip archives of logs, and of the folders of ROS 2 bags: each file in them is a log of its own."""
+"""Zip archives of logs and of ROS 2 bag folders; each file is a separate log."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ _STUDY = "study.toml"
 _OFFICE = frozenset(
     {"[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml", "xl/workbook.bin"}
 )
-_PROSE = frozenset(
+_OTHER_ENDINGS = frozenset(
     {".md", ".pdf", ".png", ".jpg", ".jpeg", ".json", ".yaml", ".yml", ".toml", ".m", ".py"}
 )
-"""Endings of what lies beside logs."""
+"""Endings of files that accompany logs."""
 
 ReadFile: TypeAlias = Callable[[str, bytes], tuple[LogTable, ...]]
 ReadBag: TypeAlias = Callable[[str, Path], tuple[LogTable, ...]]
 
 
 def is_archive(name: str, source: bytes | Path) -> bool:
-    """Whether a file that begins like a zip archive is one of logs rather than a workbook.
+    """Whether a zip file is an archive of logs rather than a workbook.
 
     Parameters
     ----------
     name : str
-        Its ending decides where the content cannot.
+        Its ending decides if the content is ambiguous.
     source : bytes or Path
     """
     with suppress(JointIdError), open_container(source, marker=_BAG) as container:
@@ -58,7 +58,7 @@ def read_archive(
     Parameters
     ----------
     name : str
-        The archive's, for messages.
+        Name of the archive, for messages.
     source : bytes or Path
     read_file : callable
         Reads a log from its name and content.
@@ -68,13 +68,13 @@ def read_archive(
     Returns
     -------
     tuple of LogTable
-        File by file, in the order of their names; ``source`` says which. What could not be read is
-        said in a note of the first.
+        File by file, in the order of their names, given by ``source``. A note of the first table names
+        unreadable files.
 
     Raises
     ------
     JointIdError
-        When it holds no log, or too much.
+        When it holds no log, or exceeds the limits.
     """
     found: list[LogTable] = []
     problems: list[str] = []
@@ -88,7 +88,7 @@ def read_archive(
         bags = [str(PurePosixPath(f).parent) for f in files if PurePosixPath(f).name == _BAG]
         parts = [(bag, [f for f in files if str(PurePosixPath(f).parent) == bag]) for bag in bags]
         parts += [
-            (f, []) for f in files if str(PurePosixPath(f).parent) not in bags and not _is_prose(f)
+            (f, []) for f in files if str(PurePosixPath(f).parent) not in bags and not _is_other(f)
         ]
         if len(parts) > MAX_TABLES:
             raise JointIdError(
@@ -124,7 +124,7 @@ def _content(container: Container, file: str, label: str) -> bytes:
 
 
 def _bag(container: Container, label: str, files: list[str], read_bag: ReadBag) -> tuple[LogTable, ...]:
-    """Lay a bag's files side by side where its reader can open them."""
+    """Extract a bag to a temporary folder for its reader."""
     with TemporaryDirectory(prefix="jointid-") as folder:
         place = Path(folder, "bag")
         place.mkdir()
@@ -135,6 +135,6 @@ def _bag(container: Container, label: str, files: list[str], read_bag: ReadBag) 
         return read_bag(label, place)
 
 
-def _is_prose(file: str) -> bool:
+def _is_other(file: str) -> bool:
     path = PurePosixPath(file)
-    return path.suffix.lower() in _PROSE or path.stem.lower() in ("readme", "license", "licence")
+    return path.suffix.lower() in _OTHER_ENDINGS or path.stem.lower() in ("readme", "license", "licence")

@@ -1,4 +1,4 @@
-"""Arrays with names, as scientific files hold them, sorted into tables of equal length."""
+"""Named arrays of scientific files, grouped into tables of equal length."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class NamedArray:
     """One array of a file."""
 
     name: str
-    """Name, for instance with its fields: "log.axis1.position"."""
+    """Name, with fields where nested: "log.axis1.position"."""
     values: Any
     """Numbers, shape (N,), (1, N), (N, m) or (1, m, N)."""
     unit: str = ""
     labels: tuple[str, ...] = ()
-    """Names of the m columns, where the file has them."""
+    """Names of the m columns, if the file has them."""
     group: str = ""
-    """Arrays of different groups are never put into one table, but for a time of a group above."""
+    """Arrays of different groups form different tables; only a time may come from a parent group."""
 
 
 def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
@@ -46,7 +46,7 @@ def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
     file : str
         Name of the file, for messages.
     arrays : sequence of NamedArray
-        What is not numeric, too short or has three real dimensions is left out.
+        Arrays that are not numeric, too short or three-dimensional are left out.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
 def _time_above(
     grouped: Mapping[tuple[str, int], Sequence[LogColumn]], group: str, rows: int
 ) -> list[LogColumn]:
-    """Time of a group that has none of its own: from the groups that it lies in, the nearest first."""
+    """Time column for a group without one, from the nearest parent group."""
     place = group
     while True:
         times = [c for c in grouped.get((place, rows), ()) if _is_time(c)]
@@ -96,7 +96,7 @@ def _is_time(column: LogColumn) -> bool:
 
 
 def _as_columns(values: np.ndarray) -> np.ndarray | None:
-    """One row per sample; None for what is no signal."""
+    """Array with one row per sample; None if it is no signal."""
     if values.dtype.kind not in "biuf" or values.size < FEWEST_ROWS:
         return None
     if values.ndim == 3 and 1 in values.shape[:2]:

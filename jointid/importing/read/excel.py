@@ -8,8 +8,8 @@ from typing import Any
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
-from jointid.importing.read.optional_imports import extra
-from jointid.importing.read.text_tables import read_text_table
+from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
 
 
@@ -27,7 +27,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
     JointIdError
         When python-calamine is not installed, or no sheet holds a table.
     """
-    calamine = extra("python_calamine", "python-calamine", "Excel files")
+    calamine = import_optional("python_calamine", "python-calamine", "Excel files")
     workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
     tables: list[LogTable] = []
     problems: list[str] = []
@@ -39,7 +39,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
         rows = sheet.to_python(skip_empty_area=False)
         if not any(any(cell != "" for cell in row) for row in rows):
             continue
-        # As text the sheet goes through the same search for header, units and numbers as a CSV file.
+        # As text, a sheet gets the same search for header, units and numbers as a CSV file.
         text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
         try:
             table = read_text_table(f"{file}: {name}", text.encode())

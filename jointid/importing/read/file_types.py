@@ -1,8 +1,18 @@
-"""Which kind of file a log is, by its first bytes; the name decides only where these do not."""
+"""File type of a log, from its first bytes, else from its name."""
 
 from __future__ import annotations
 
 TEXT = "text"
+TYPE_NAMES = {
+    "matlab": "a MATLAB file",
+    "parquet": "Parquet",
+    "hdf5": "HDF5",
+    "excel": "a workbook",
+    "db3": "a ROS 2 bag",
+    "mcap": "MCAP",
+    "bag": "a ROS 1 bag",
+}
+"""Name of each binary type in messages."""
 
 _MAGIC = (
     (b"PAR1", "parquet"),
@@ -29,7 +39,7 @@ def kind_of(name: str, head: bytes) -> str:
     Parameters
     ----------
     name : str
-        File name; its ending counts when the content is not recognised.
+        File name; its ending is used when the content is not recognised.
     head : bytes
         At least the first 1024 bytes.
     """
@@ -37,12 +47,12 @@ def kind_of(name: str, head: bytes) -> str:
         if head.startswith(magic):
             return kind
     if any(head[512 * 2**k :].startswith(_HDF5_MAGIC) for k in range(4)):
-        return "hdf5"  # MATLAB 7.3 puts a text of its own before it
+        return "hdf5"  # MATLAB 7.3 adds a header in front
     if head.startswith(b"MATLAB 5.0 MAT-file") or head[126:128] in (b"IM", b"MI"):
         return "matlab"
     return _SUFFIXES.get(name.lower().rpartition(".")[2], TEXT)
 
 
 def is_zip(head: bytes) -> bool:
-    """Whether a file begins as a zip archive: of logs, of a bag, or a workbook."""
+    """Whether a file begins like a zip archive: logs, a bag, or a workbook."""
     return head.startswith(b"PK\x03\x04")

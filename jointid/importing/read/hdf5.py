@@ -1,4 +1,4 @@
-"""HDF5 files, MATLAB's version 7.3 among them: groups of arrays, and tables of compound type."""
+"""HDF5 files, including MATLAB 7.3: groups of arrays, and tables of compound type."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.hdf5_objects import own_object
 from jointid.importing.read.matlab import scope_arrays
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -37,7 +37,7 @@ def read_hdf5(file: str, path: str) -> tuple[LogTable, ...]:
     JointIdError
         When h5py is not installed, nothing in it is a log, or an object leads to another file.
     """
-    h5py = extra("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
+    h5py = import_optional("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
     with h5py.File(path, "r", locking=False) as root:
         reader = _Reader(h5py, file, root)
         arrays = list(reader.walk(root, "", _DEEPEST))
@@ -138,7 +138,7 @@ class _Reader:
         return values
 
     def _spend(self, item: Any) -> None:
-        """Refuse before reading: a few bytes of a file can stand for any number of equal values."""
+        """Check the size before reading: a few bytes can represent any number of equal values."""
         self._values += int(np.prod(item.shape, dtype=float)) * max(1, len(item.dtype.names or ()))
         require_few_values(self._file, self._values)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from jointid.errors import JointIdError
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 
 
 def own_object(file: str, group: Any, key: Any) -> Any:
@@ -34,7 +34,7 @@ def own_object(file: str, group: Any, key: Any) -> Any:
     JointIdError
         When it is a link to another file, or a dataset whose values lie in one or need a plugin.
     """
-    h5py = extra("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
+    h5py = import_optional("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
     if not isinstance(key, h5py.Reference):
         try:
             link = group.get(key, getlink=True)

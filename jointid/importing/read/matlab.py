@@ -11,7 +11,7 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.array_tables import NamedArray, tables_of
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -38,7 +38,7 @@ def read_matlab(file: str, data: bytes) -> tuple[LogTable, ...]:
     JointIdError
         When nothing in it is a log.
     """
-    scipy_io = extra("scipy.io", "scipy", "MATLAB files")
+    scipy_io = import_optional("scipy.io", "scipy", "MATLAB files")
     content = scipy_io.loadmat(
         io.BytesIO(data), struct_as_record=False, squeeze_me=True, verify_compressed_data_integrity=True
     )

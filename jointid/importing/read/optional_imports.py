@@ -1,4 +1,4 @@
-"""Libraries that only some kinds of log need."""
+"""Libraries that only some log formats need."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 from jointid.errors import JointIdError
 
 
-def extra(module: str, package: str, needed_for: str) -> Any:
-    """Return an optional library's module.
+def import_optional(module: str, package: str, needed_for: str) -> Any:
+    """Import a module of an optional library.
 
     Raises
     ------
     JointIdError
-        When it is not installed; the message says what to install.
+        When it is not installed; the message names the package.
     """
     try:
         return import_module(module)

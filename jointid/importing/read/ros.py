@@ -1,4 +1,4 @@
-"""ROS bags, of ROS 2 (SQLite or MCAP) or ROS 1: the topics of type sensor_msgs/msg/JointState."""
+"""Bags of ROS 2 (SQLite or MCAP) and ROS 1: topics of type sensor_msgs/msg/JointState."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jointid.importing.columns.log_table import (
     most_first,
     numbers,
 )
-from jointid.importing.read.optional_imports import extra
+from jointid.importing.read.optional_imports import import_optional
 from jointid.wording import listed
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -40,8 +40,8 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
     Returns
     -------
     tuple of LogTable
-        Columns "<joint> position", "<joint> effort" and so on; a joint that a message does not name is
-        NaN there. The time is the header's stamp, or the time of recording where no stamp is set.
+        Columns "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint.
+        The time is the header's stamp, or the time of recording if no stamp is set.
 
     Raises
     ------
@@ -49,8 +49,8 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
         When rosbags is not installed, a file's name cannot be used, or there is no such topic.
     """
     _require_plain_names(file, Path(path))
-    rosbag = extra(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
-    typesys = extra("rosbags.typesys", "rosbags", "ROS bags")
+    rosbag = import_optional(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
+    typesys = import_optional("rosbags.typesys", "rosbags", "ROS bags")
     stores = typesys.Stores
     store = typesys.get_typestore(stores.ROS1_NOETIC if version == 1 else stores.LATEST)
     deserialize = store.deserialize_ros1 if version == 1 else store.deserialize_cdr

@@ -1,34 +1,34 @@
-"""The process that reads binary logs: whatever a damaged file does to it, the caller lives on.
+"""Child process that reads binary logs, isolated from its caller.
 
-Libraries that parse binary formats in C can end the process over a damaged file, or ask for any amount
-of memory. Requests come as lines of JSON on standard input; each answer is a line of JSON, then the
-columns.
+Libraries that parse binary formats in C can crash on a damaged file, or allocate any amount of memory.
+The response is JSON and plain numbers, not a pickle: the files come from strangers.
 """
 
 from __future__ import annotations
 
-import json
-import warnings
+import os
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
+from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
+from jointid.importing.read.file_types import TYPE_NAMES
 
 
 def read_binary(kind: str, name: str, path: str) -> tuple[LogTable, ...]:
-    """Read a log of a known binary kind in this very process.
+    """Read a log of a known binary kind in this process.
 
     Raises
     ------
     Exception
-        Whatever the library raises; ``serve`` turns it into a message.
+        Whatever the library raises; ``answer`` turns it into a message.
     """
-    if kind in ("hdf5", "db3", "mcap", "bag"):
-        if kind == "hdf5":
-            from jointid.importing.read.hdf5 import read_hdf5
+    if kind == "hdf5":
+        from jointid.importing.read.hdf5 import read_hdf5
 
-            return read_hdf5(name, path)
+        return read_hdf5(name, path)
+    if kind in ("db3", "mcap", "bag"):
         from jointid.importing.read.ros import read_ros_bag
 
         return read_ros_bag(name, path, version=1 if kind == "bag" else 2)
@@ -46,75 +46,36 @@ def read_binary(kind: str, name: str, path: str) -> tuple[LogTable, ...]:
     return read_excel(name, data)
 
 
-def answer(request: dict[str, str]) -> tuple[dict[str, Any], tuple[LogTable, ...]]:
-    """Read one file; the header says what follows, or what is wrong."""
-    kind, name = request["kind"], request["name"]
+def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
+    """Read one file; return the description of its tables with all columns, or an error."""
+    kind, name, path = request["kind"], request["name"], request["path"]
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tables = read_binary(kind, name, request["path"])
-    except JointIdError as error:
-        return {"error": str(error)}, ()
-    except MemoryError:
-        return {
-            "error": f"{name} asks for more memory than a log may take: it is damaged or too large."
-        }, ()
-    except (KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # readers written in Rust raise outside Exception
-        reason = (
-            " ".join(str(error).replace(request["path"], "the file").split()) or type(error).__name__
+        tables = read_binary(kind, name, path)
+        return {"tables": [_described(table) for table in tables]}, b"".join(
+            column.values.data for table in tables for column in table.columns
         )
-        return {
-            "error": f"{name} cannot be read as {WORDS[kind]} ({reason:.200}): export the log again."
-        }, ()
-    header = {
-        "tables": [
-            {
-                "name": table.name,
-                "rows": table.rows,
-                "columns": [[c.name, c.unit, c.where] for c in table.columns],
-                "notes": table.notes,
-                "first_row": table.first_row,
-                "row_word": table.row_word,
-            }
-            for table in tables
-        ]
+    except JointIdError as error:
+        message = str(error)
+    except MemoryError:
+        message = f"{name} asks for more memory than a log may take: it is damaged or too large."
+    except BaseException as error:  # readers written in Rust raise outside Exception
+        reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
+        message = f"{name} cannot be read as {TYPE_NAMES[kind]} ({reason:.200}): export the log again."
+    return {"error": message}, b""
+
+
+def _described(table: LogTable) -> dict[str, Any]:
+    return {
+        "name": table.name,
+        "rows": table.rows,
+        "columns": [[column.name, column.unit, column.where] for column in table.columns],
+        "notes": table.notes,
+        "first_row": table.first_row,
+        "row_word": table.row_word,
     }
-    return header, tables
 
 
-WORDS = {
-    "matlab": "a MATLAB file",
-    "parquet": "Parquet",
-    "hdf5": "HDF5",
-    "excel": "a workbook",
-    "db3": "a ROS 2 bag",
-    "mcap": "MCAP",
-    "bag": "a ROS 1 bag",
-}
-"""What a user calls each kind."""
-
-
-def limit_memory(size: int) -> None:
-    """Bound this process's memory where the system can; where not, the limits of each reader remain."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    try:
-        resource.setrlimit(resource.RLIMIT_AS, (size, size))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except (ValueError, OSError):
-        return
-
-
-def serve(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answer requests until there are none."""
-    for line in requests:
-        header, tables = answer(json.loads(line))
-        answers.write(json.dumps(header).encode() + b"\n")
-        for table in tables:
-            for column in table.columns:
-                answers.write(column.values.tobytes())
-        answers.flush()
+def main(memory_bytes: int) -> None:
+    """Serve on standard input and output."""
+    os.environ["HDF5_PLUGIN_PRELOAD"] = "::"  # HDF5 loads no plugin for a filter that a file asks for
+    serve_here(answer, memory_bytes)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import ZONES_M, Outcome, Promise, promised, with_promise
+from jointid.cut.outcome import ZONES_M, Outcome, Prediction, predicted_cut, with_prediction
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
@@ -29,9 +29,9 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
     robot = cut_robot(analysis, settings.drive)
     assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
     before = _before(digest, method, settings, robot, assumed)
-    promise = _promise(digest, method, settings.after, robot)
-    awaited("Cutting", before, promise)
-    return with_promise(robot, settings.toolpath, assumed, before.result(), promise.result())
+    prediction = _prediction(digest, method, settings.after, robot)
+    awaited("Cutting", before, prediction)
+    return with_prediction(robot, settings.toolpath, assumed, before.result(), prediction.result())
 
 
 def pairs(
@@ -45,13 +45,13 @@ def pairs(
     robot, own = outcome.robot, settings.zone_m
     others = [settings.with_zone(zone) for zone in ZONES_M if zone != own]
     befores = {there.zone_m: _before(digest, method, there, robot, outcome.assumed) for there in others}
-    largest = _promise(digest, method, settings.with_zone(ZONES_M[-1]).after, robot)
+    largest = _prediction(digest, method, settings.with_zone(ZONES_M[-1]).after, robot)
     awaited("Cutting", *befores.values(), largest)
     afters = {}
     if largest.exception() is None:
-        edge = largest.result().edge
+        p95 = largest.result().p95
         small = [there for there in others if there.zone_m != ZONES_M[-1]]
-        afters = {there.zone_m: _after(digest, method, there.after, robot, edge) for there in small}
+        afters = {there.zone_m: _after(digest, method, there.after, robot, p95) for there in small}
     awaited("Cutting", *afters.values())
     found: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
     for zone in ZONES_M:
@@ -74,15 +74,15 @@ def _before(
     return _begin(key, settings, track, robot.arm, robot.elasticity, assumed)
 
 
-def _promise(digest: str, method: str, settings: CutSettings, robot: CutRobot) -> Future[Promise]:
-    return _begin(("promise", digest, method, settings), settings, promised, robot)
+def _prediction(digest: str, method: str, settings: CutSettings, robot: CutRobot) -> Future[Prediction]:
+    return _begin(("prediction", digest, method, settings), settings, predicted_cut, robot)
 
 
 def _after(
-    digest: str, method: str, settings: CutSettings, robot: CutRobot, edge: Elasticity
+    digest: str, method: str, settings: CutSettings, robot: CutRobot, p95: Elasticity
 ) -> Future[TrackingRun]:
-    key = ("after", digest, method, settings, *edge.K.tolist(), *edge.D.tolist())
-    return _begin(key, settings, track, robot.arm, edge, robot.elasticity)
+    key = ("after", digest, method, settings, *p95.K.tolist(), *p95.D.tolist())
+    return _begin(key, settings, track, robot.arm, p95, robot.elasticity)
 
 
 def offset_costs(

@@ -10,11 +10,14 @@ import streamlit as st
 
 from jointid import TrackingRun
 from jointid.cut.outcome import ZONES_M, Outcome, millimetres
-from jointid.figures.cut_shapes import Shape, shape_svg, shapes_svg, window
+from jointid.figures.cut_shapes import Shape, shape_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
+from jointid.reporting.drawing import to_svg
+from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
+from jointid.wording import capitalised
 
 _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
@@ -30,12 +33,12 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
     if not done:
         return
     rows = [
-        (name[:1].upper() + name[1:], [_shape(zone, runs, row, LIGHT) for zone, runs in done])
-        for row, name in enumerate(names)
+        (capitalised(name), colour, [(f"zone {1e3 * zone:g} mm", runs[row]) for zone, runs in done])
+        for row, (name, colour) in enumerate(zip(names, (LIGHT.nominal, LIGHT.identified), strict=True))
     ]
     st.download_button(
         "Save the figure (.svg)",
-        data=lambda: shapes_svg(rows, title=f"Cuts of {page.study.name or 'a study'}").encode(),
+        data=lambda: to_svg(cut_figure(rows), title=f"Cuts of {page.study.name or 'a study'}").encode(),
         file_name="cuts.svg",
         mime="image/svg+xml",
         on_click="ignore",
@@ -57,7 +60,7 @@ def _figure_7_html(
         colour = ink.identified if row else ink.nominal
         parts.append(
             f'<div style="padding:0.5rem 0 0.25rem">{key_line(colour)}'
-            f"<b>{escape(name[:1].upper() + name[1:])}</b></div>"
+            f"<b>{escape(capitalised(name))}</b></div>"
             '<div style="display:grid;grid-template-columns:repeat(3,minmax(0,1fr));gap:0.75rem;'
             'max-width:44rem">'
         )

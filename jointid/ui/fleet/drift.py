@@ -8,7 +8,7 @@ import numpy as np
 import streamlit as st
 
 from jointid.figures.fleet import drift_over_time
-from jointid.fleet.spread import LEAST, Drift, Spread, robot_drift, seconds
+from jointid.fleet.spread import MIN_VALUES, Drift, Spread, robot_drift, seconds
 from jointid.rounding import significant, with_error
 from jointid.ui.shared.charts import plot, side_by_side, table
 
@@ -80,7 +80,7 @@ def _drifts(spreads: Sequence[Spread], joint: int) -> dict[str, list[Drift]]:
 def _drift_in_words(drift: Drift) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
-        return f": {LEAST} dates or more tell a trend"
+        return f": {MIN_VALUES} dates or more tell a trend"
     if abs(change) < _CLEAR * error:
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
     return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"

@@ -17,7 +17,7 @@ from jointid.files.store import PARTS, Store
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import Job
 from jointid.fleet.local import Local
-from jointid.fleet.reading import read_apart
+from jointid.fleet.reading import read_untrusted
 from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
 from jointid.ui.shared.messages import show_error, show_warning
@@ -126,7 +126,7 @@ def _add(fleet: OpenFleet, name: str, data: bytes) -> None:
 
 @st.cache_resource(max_entries=8, show_spinner="Reading the results")
 def _read(digest: str, _data: bytes) -> tuple[Row, ...]:
-    return read_apart(_data)
+    return read_untrusted(_data)
 
 
 def _analyse(fleet: OpenFleet) -> None:

@@ -9,7 +9,7 @@ import streamlit as st
 
 from jointid.figures.fleet import distribution
 from jointid.fleet.row import Row
-from jointid.fleet.spread import LEAST, OUTSTANDING, Spread, fleet_spread
+from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, fleet_spread
 from jointid.rounding import significant, with_error
 from jointid.ui.fleet.studies import SIGNS, label
 from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
@@ -75,7 +75,7 @@ def _in_words(spread: Spread) -> str:
         share = 100 * spread.spread / abs(spread.median) if spread.median else float("nan")
         text = with_error(spread.median, spread.spread)
         return f"median {text} ({significant(share, 2)} %)"
-    return f"median {significant(spread.median, 3)}; {LEAST} studies or more tell a spread, in"
+    return f"median {significant(spread.median, 3)}; {MIN_VALUES} studies or more tell a spread, in"
 
 
 def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
@@ -83,14 +83,14 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     st.subheader("What stands out", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
-        f"A value stands out when it lies more than {OUTSTANDING:g} times as far from the median of "
+        f"A value stands out when it lies more than {OUTLIER_Z:g} times as far from the median of "
         f"{whose} as is expected: z = distance / √(s² + e²), with s the robust spread there (1.48 times "
         "the median distance from the median) and e the value's own standard error. A study that knows "
-        f"little does not stand out; fewer than {LEAST} studies tell no spread."
+        f"little does not stand out; fewer than {MIN_VALUES} studies tell no spread."
     )
     found = []
     for spread in spreads:
-        for k in np.flatnonzero(spread.outstanding):
+        for k in np.flatnonzero(spread.outliers):
             row = spread.rows[k]
             value = with_error(float(spread.value[k]), float(spread.error[k]))
             found.append(
@@ -107,8 +107,8 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
                     },
                 )
             )
-    if not any(len(spread.rows) >= LEAST for spread in spreads):
-        st.info(f"With fewer than {LEAST} studies nothing can be said to stand out.")
+    if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
+        st.info(f"With fewer than {MIN_VALUES} studies nothing can be said to stand out.")
         return
     if not found:
         st.success("Nothing stands out for this joint.")

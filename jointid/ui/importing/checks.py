@@ -10,6 +10,7 @@ import streamlit as st
 from jointid.importing import Guess
 from jointid.importing.map.reasons import Reason
 from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.wording import capitalised
 
 _HOW = (
     "What is marked To check is not in the log. Look it up in the controller's manual, or ask who "
@@ -93,5 +94,5 @@ class Checks:
 
 def _said(reason: Reason, part_of: str = "") -> str:
     """A reason in Markdown, under the name of its entry."""
-    name = reason.what.removesuffix(part_of)
-    return f"**{markdown_escape(name[:1].upper() + name[1:])}:** {markdown_escape(reason.text)}"
+    name = capitalised(reason.what.removesuffix(part_of))
+    return f"**{markdown_escape(name)}:** {markdown_escape(reason.text)}"

@@ -23,7 +23,7 @@ from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.more_joints import propose_joint
 from jointid.ui.importing.checks import Checks
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.wording import counted
+from jointid.wording import capitalised, counted
 
 T = TypeVar("T")
 
@@ -203,7 +203,7 @@ class Entries:
         scale = None
         if meaning := scales.get(unit):
             scale = place.number_input(
-                _upper(meaning),
+                capitalised(meaning),
                 value=base.scale if base.unit == unit and base.scale else 1.0,
                 format="%g",
                 key=self._id(f"{name} scale {meaning}"),
@@ -278,7 +278,3 @@ def joint_line(number: int, position: Channel, torque: Channel) -> str:
         name = markdown_escape(f'"{channel.column}" in {channel.unit}')
         parts.append(f"{role} {name}{scale} at the {_SIDES[channel.side]}{turned}")
     return f"**Joint {number}** {'; '.join(parts)}"
-
-
-def _upper(text: str) -> str:
-    return text[:1].upper() + text[1:]

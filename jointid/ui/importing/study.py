@@ -12,7 +12,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import Segment
 from jointid.importing.robot_inertia import KnownRobot
-from jointid.importing.study import date_in, study_name
+from jointid.importing.study import parse_date, study_name
 from jointid.rounding import plain
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
 from jointid.ui.shared.charts import NO_POSE
@@ -86,7 +86,7 @@ def ask_robot(
     with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
         nominal = _said(problems, lambda: ask_nominal(joints))
         robot, date = _ask_which()
-    day = _said(problems, lambda: date_in(date))
+    day = _said(problems, lambda: parse_date(date))
     if nominal is not None and known is not None:
         known = replace(known, nominal=nominal)
     problem = " ".join(problems)

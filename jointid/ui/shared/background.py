@@ -18,11 +18,18 @@ from typing import Any, ParamSpec, TypeVar
 import streamlit as st
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
-from jointid.background.pool import NoneReadyError, Pool
+from jointid.background.pool import NoWorkerError, Pool
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _MOST_PROCESSES = 4
+_PRELOADED = (
+    "jointid.study",
+    "jointid.cut.outcome",
+    "jointid.uncertainty.plan",
+    "jointid.uncertainty.sensitivity",
+)
+"""What the pages compute with: the first click need not wait for these imports."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
 _turn = Semaphore(1)
@@ -38,7 +45,7 @@ _threads = ThreadPoolExecutor(16, thread_name_prefix="background")
 
 @cache
 def _pool() -> Pool:
-    return Pool(min(_MOST_PROCESSES, os.cpu_count() or 1))
+    return Pool(min(_MOST_PROCESSES, os.cpu_count() or 1), _PRELOADED)
 
 
 def run_in_background(
@@ -75,11 +82,11 @@ def _computed(
     progress: Any = named.pop("progress", None)
     function: Callable[..., Found] = partial(compute, **named) if named else compute
     pool = _pool()
-    with suppress(NoneReadyError):
+    with suppress(NoWorkerError):
         found: Found = pool.call(function, *given, progress=progress, patience_s=_PATIENCE_S)
         return found
     if session != _at_work != "":
-        pool.begin()
+        pool.start()
     _at_work = session
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:

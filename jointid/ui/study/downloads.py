@@ -154,9 +154,3 @@ def show_study_files(study: Study, stem: str) -> None:
             "application/zip",
             hint="Reads faster.",
         )
-
-
-def file_stem(name: str) -> str:
-    """Return a study's name as the beginning of a file name."""
-    kept = "".join(c if c.isalnum() else "_" for c in name.lower())
-    return "_".join(part for part in kept.split("_") if part)[:60] or "study"

@@ -13,8 +13,7 @@ from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
-from jointid.ui.study.downloads import file_stem
-from jointid.wording import counted
+from jointid.wording import counted, file_stem
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}

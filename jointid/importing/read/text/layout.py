@@ -1,4 +1,4 @@
-"""How a text table is laid out: encoding, separator, decimal mark, header, units, first numbers."""
+"""Layout of a text table: encoding, separator, decimal mark, header, units, first numbers."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from dataclasses import dataclass, replace
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
-from jointid.importing.read.clock_times import is_clock
-from jointid.importing.read.text_numbers import (
-    explained,
+from jointid.importing.read.text.clock_times import is_clock
+from jointid.importing.read.text.numbers import (
     is_number,
+    marks_note,
     proven_thousands,
     thousands_in,
 )
 
 BLANKS = " "
-"""The separator of columns that any number of blanks keeps apart."""
+"""Separator of columns with any number of blanks between them."""
 MAX_LINE = 1 << 16
 """Longest line of a text table, characters."""
 
-_SAMPLED = 1 << 18  # characters of the beginning that are looked at
+_SAMPLED = 1 << 18  # characters examined at the beginning
 _SAMPLED_LINES = 1000
-_PROBED = 1 << 14  # characters of the middle and the end
+_PROBED = 1 << 14  # characters examined in the middle and at the end
 _SEPARATORS = (";", "\t", ",", "|", BLANKS)
 _NO_NUMBER = frozenset(
     {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
@@ -36,12 +36,12 @@ _COMMENT = re.compile(r"^\s*(?:#+|%+|//+|;+(?=\s*[A-Za-z#])|\*+|!+|\"?#)\s*")
 
 @dataclass(frozen=True)
 class TextLayout:
-    """What there is to know before the numbers are read."""
+    """Layout of a text table."""
 
     separator: str
     decimal: str
     names: tuple[str, ...]
-    """Names of all columns, units taken off; empty strings where the header names none."""
+    """Names of all columns without units; empty where the header has none."""
     units: tuple[str, ...]
     numeric: tuple[bool, ...]
     """Whether a column holds numbers."""
@@ -53,17 +53,17 @@ class TextLayout:
     """Number of that line; the first of the file is 1."""
     has_header: bool
     thousands: str = ""
-    """Mark between thousands, where there is one."""
+    """Thousands separator, if any."""
     notes: tuple[str, ...] = ()
 
 
 def decoded(file: str, data: bytes) -> str:
-    """Return the text of a file: UTF-8, UTF-16 or UTF-32 by mark or by their zero bytes, else Latin-1.
+    """Decode a file: UTF-8, UTF-16 or UTF-32 by byte order mark or zero bytes, else Latin-1.
 
     Raises
     ------
     JointIdError
-        When it is no text.
+        When it is not text.
     """
     head = data[:4096]
     encoding = next((e for mark, e in _MARKS if data.startswith(mark)), "")
@@ -93,12 +93,12 @@ def decoded(file: str, data: bytes) -> str:
 
 
 def find_layout(file: str, text: str) -> TextLayout:
-    """Find the reading of a text that makes most of it numbers.
+    """Find the layout with which most cells of a text are numbers.
 
     Raises
     ------
     JointIdError
-        When no separator makes a table of at least two columns of numbers.
+        When no separator gives at least two columns of numbers.
     """
     lines = _head_lines(file, text)
     probes = _probe_lines(text)
@@ -122,7 +122,7 @@ def find_layout(file: str, text: str) -> TextLayout:
             written = sum(bool(cell) for row in table for cell in row)
             score = (round(len(table) / len(rows) * numbers / max(written, 1), 3), numbers / len(table))
             if separator == BLANKS and found is not None and found[2].isspace():
-                score = (score[0], 0.0)  # a blank between thousands parts no columns
+                score = (score[0], 0.0)  # the blank separates thousands, not columns
             if score > best:
                 best, found = score, (separator, decimal, thousands, first, width)
     if found is None:
@@ -140,12 +140,12 @@ def find_layout(file: str, text: str) -> TextLayout:
         for cell, numeric in zip(row, layout.numeric, strict=False)
         if numeric and is_number(cell, decimal, thousands)
     ]
-    note = explained(file, said, decimal, thousands)
+    note = marks_note(file, said, decimal, thousands)
     return replace(layout, notes=(note,) if note else ())
 
 
 def split_line(line: str, separator: str) -> list[str]:
-    """Cells of one line, without blanks and quotes around them; a blank line has none."""
+    """Cells of one line, without surrounding blanks and quotes; none for a blank line."""
     if not line.strip():
         return []
     if separator == BLANKS:
@@ -159,7 +159,7 @@ def split_line(line: str, separator: str) -> list[str]:
 
 
 def is_missing(cell: str) -> bool:
-    """Whether a cell says that there is no value."""
+    """Whether a cell denotes a missing value."""
     return cell.lower() in _NO_NUMBER
 
 
@@ -199,7 +199,7 @@ def _probe_lines(text: str) -> list[str]:
 
 
 def _body(cells: Sequence[list[str]], decimal: str, thousands: str) -> tuple[int, int] | None:
-    """First line of the numbers, and how many cells each line has."""
+    """First line of numbers, and the number of cells per line."""
     counts = [sum(is_number(cell, decimal, thousands) for cell in row) for row in cells]
     widths = Counter(len(row) for row, count in zip(cells, counts, strict=True) if count >= 2)
     if not widths:
@@ -245,7 +245,7 @@ def _described(
 def _header(
     above: Sequence[str], separator: str, decimal: str, width: int
 ) -> tuple[list[str] | None, list[str]]:
-    """Names, and the units that a row of their own gives, from the lines above the numbers."""
+    """Names, and units if they have a separate row, from the lines above the numbers."""
     units = [""] * width
     written = [line for line in above if line.strip()]
     for line in reversed(written[-4:]):
@@ -265,7 +265,7 @@ def _header(
 
 
 def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
-    """Cells of a header line, filled up or cut where only empty ones are too many; else None."""
+    """Cells of a header line, padded or stripped of empty cells to the width; None if it has another."""
     for candidate in (line, _COMMENT.sub("", line)):
         if separator == BLANKS:
             choices = [

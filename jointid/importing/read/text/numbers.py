@@ -1,4 +1,4 @@
-"""Numbers as texts hold them: which mark is the decimal one, and which one only parts thousands."""
+"""Numbers in texts: decimal marks and thousands separators."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from functools import cache
 from jointid.errors import JointIdError
 
 THOUSANDS = {".": ",'’\u00a0\u202f ", ",": ".'’\u00a0\u202f "}
-"""By the decimal mark: what may stand between thousands."""
+"""Possible thousands separators, by decimal mark."""
 
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][-+]?\d+)?")
 _LONGEST = 64
 
 
 def is_number(cell: str, decimal: str, thousands: str = "") -> bool:
-    """Whether a cell is a number; with "," as decimal mark a point is none.
+    """Whether a cell is a number; with "," as decimal mark, a point is not allowed.
 
     Parameters
     ----------
     cell : str
     decimal : {".", ","}
     thousands : str, optional
-        Mark that may stand before each three digits: "1.234,5".
+        Separator allowed before each three digits: "1.234,5".
     """
     if len(cell) > _LONGEST:
         return False
@@ -43,7 +43,7 @@ def value_of(cell: str, decimal: str, thousands: str = "") -> float:
 
 
 def thousands_in(text: str, decimal: str, separator: str) -> list[str]:
-    """Marks that stand between thousands somewhere in a text, if any are used so at all."""
+    """Thousands separators that occur in a text."""
     return [
         mark
         for mark in THOUSANDS[decimal]
@@ -52,7 +52,7 @@ def thousands_in(text: str, decimal: str, separator: str) -> list[str]:
 
 
 def proven_thousands(text: str, decimal: str, separator: str) -> str:
-    """Return the mark between thousands that one number with both marks proves, else nothing."""
+    """Return the thousands separator proven by a number with both marks, else ""."""
     mark = "." if decimal == "," else ","
     if mark == separator or mark not in text:
         return ""
@@ -60,29 +60,29 @@ def proven_thousands(text: str, decimal: str, separator: str) -> str:
 
 
 def without_thousands(body: str, thousands: str) -> str | None:
-    """Take the marks out of a whole text; None when one stands where it does not part thousands."""
+    """Remove the separators from a text; None if one does not separate thousands."""
     mark = re.escape(thousands)
     if re.search(rf"{mark}(?!\d{{3}}(?!\d))|(?<!\d){mark}|\d{{4}}{mark}", body):
         return None
     return body.replace(thousands, "")
 
 
-def explained(file: str, cells: Iterable[str], decimal: str, thousands: str) -> str:
-    """Return a sentence about how marks are read, when it is worth one.
+def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) -> str:
+    """Return a note on how decimal marks and thousands separators are read, or "".
 
     Parameters
     ----------
     file : str
         For messages.
     cells : iterable of str
-        The numbers of the table, or of a part of it.
+        Numbers of the table, or of a part of it.
     decimal, thousands : str
-        The reading that fits them.
+        The reading in use.
 
     Raises
     ------
     JointIdError
-        When the numbers fit another reading as well.
+        When another reading is possible.
     """
     other = "." if decimal == "," else ","
     marked = [cell for cell in cells if "," in cell or "." in cell or (thousands and thousands in cell)]

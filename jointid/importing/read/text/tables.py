@@ -1,4 +1,4 @@
-"""The numbers of a text table, fast when it is regular and with the exact line when it is not."""
+"""Numbers of a text table: fast if it is regular, else line by line with exact places in errors."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from jointid.errors import JointIdError
 from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import LogColumn, LogTable, numbers, require_few_values
-from jointid.importing.read.clock_times import ClockCells
-from jointid.importing.read.text_layout import (
+from jointid.importing.read.text.clock_times import ClockCells
+from jointid.importing.read.text.layout import (
     BLANKS,
     MAX_LINE,
     TextLayout,
@@ -24,7 +24,7 @@ from jointid.importing.read.text_layout import (
     is_missing,
     split_line,
 )
-from jointid.importing.read.text_numbers import is_number, value_of, without_thousands
+from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
 
 _NULLS = [
@@ -47,7 +47,7 @@ _NULLS += ["-", "--", "None", "none", "#N/A", "1.#QNAN"]
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
-    """Read a text table whose layout is found from the text itself.
+    """Read a text table; its layout is detected.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     Returns
     -------
     LogTable
-        Without the columns that hold text. Cells that are no numbers are NaN, and a note says so.
+        Without columns of text. Cells that are not numbers are NaN; a note counts them.
 
     Raises
     ------
     JointIdError
-        When it is no table, or a line in its middle has another number of cells.
+        When it is not a table, or a line in its middle has another number of cells.
     """
     text = decoded(file, data)
     layout = find_layout(file, text)
@@ -77,7 +77,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     columns = []
     for k, column in zip(wanted, values, strict=True):
         if np.isnan(column).all() and not layout.names[k]:
-            continue  # what a separator at the end of every line makes
+            continue  # an effect of a separator at the end of every line
         unit = "s" if layout.clock[k] else layout.units[k]
         columns.append(LogColumn(layout.names[k], numbers(column), unit, f"column {k + 1}"))
     left_out = [
@@ -97,7 +97,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
 
 
 def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats] | None:
-    """Read a body whose every line is regular; None when one is not."""
+    """Read a body of regular lines; None if one is irregular."""
     separator = layout.separator
     if separator == BLANKS:
         body = re.sub(r"[ \t]+", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
@@ -131,7 +131,7 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
 def _read_slowly(
     file: str, layout: TextLayout, body: str, wanted: list[int], notes: list[str]
 ) -> list[Floats]:
-    """Read line by line, note the cells that are no numbers, refuse a line that is no row."""
+    """Read line by line: note cells that are not numbers, refuse lines that are not rows."""
     width = len(layout.numeric)
     rows: list[list[float]] = []
     clocks = {

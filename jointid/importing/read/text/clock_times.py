@@ -1,4 +1,4 @@
-"""Times of day, and dates with them, as controllers write them: to seconds from the first."""
+"""Times of day, with or without dates, converted to seconds from the first."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 
 _DAY_S = 86400.0
-_NEAR_S = 3600.0
-"""A log that goes on over a change of date has no pause as long as this."""
+_MAX_PAUSE_S = 3600.0
+"""Longest pause of a log that continues over a change of date."""
 _MONTHS = {
     name: month
     for month, line in enumerate(
@@ -66,7 +66,7 @@ class ClockCells:
         self._codes: list[int] = []
 
     def read(self, cell: str) -> float | None:
-        """Return the seconds of the day; None for what is no time. To be called for every row."""
+        """Return the seconds of the day, None for other text. Call for every row."""
         found = _CLOCK.fullmatch(cell) if len(cell) <= 64 else None
         self._codes.append(-1)
         if found is None:
@@ -79,12 +79,12 @@ class ClockCells:
         return hours * 3600.0 + int(found["minutes"]) * 60.0 + seconds
 
     def seconds(self, of_day: Floats) -> tuple[Floats, str]:
-        """Return the seconds from the first of all rows that were read, and a note or "".
+        """Return seconds from the first row, for all rows read, and a note or "".
 
         Raises
         ------
         JointIdError
-            When the log spans dates that can be read in more than one way.
+            When the log spans dates of ambiguous order.
         """
         dates = [date for date in self._dates if date]
         note = ""
@@ -96,7 +96,7 @@ class ClockCells:
         return (of_day - known[0] if known.size else of_day), note
 
     def _days(self, dates: list[str], of_day: Floats) -> tuple[dict[str, int], str]:
-        """Day number of each date: by the one order that can be, or that lets the log go on."""
+        """Day number of each date, by the only valid order or the one that makes the log continuous."""
         readings: dict[str, dict[str, int]] = {}
         for order in ("day.month.year", "month.day.year"):
             days = [_day_number(date, order) for date in dates]
@@ -104,12 +104,12 @@ class ClockCells:
                 known = [day for day in days if day is not None]
                 readings[order] = {date: day - known[0] for date, day in zip(dates, known, strict=True)}
         distinct = list({tuple(days.values()): order for order, days in readings.items()}.values())
-        going_on = [order for order in distinct if self._goes_on(readings[order], of_day)]
+        continuous = [order for order in distinct if self._is_continuous(readings[order], of_day)]
         if len(distinct) == 1:
             return readings[distinct[0]], ""
-        if len(going_on) == 1:
-            return readings[going_on[0]], (
-                f'{self._place}: the dates are read as {going_on[0]} ("{dates[0]}", "{dates[1]}"), '
+        if len(continuous) == 1:
+            return readings[continuous[0]], (
+                f'{self._place}: the dates are read as {continuous[0]} ("{dates[0]}", "{dates[1]}"), '
                 "because the log then goes on without a pause."
             )
         if not distinct:
@@ -123,17 +123,17 @@ class ClockCells:
             "cut the log between the two."
         )
 
-    def _goes_on(self, days: dict[str, int], of_day: Floats) -> bool:
+    def _is_continuous(self, days: dict[str, int], of_day: Floats) -> bool:
         codes = np.asarray(self._codes)
         at = np.array([days.get(date, 0) for date in self._dates])
         total = (of_day + _DAY_S * np.append(at, 0)[codes])[codes >= 0]
         changes = np.flatnonzero(np.diff(codes[codes >= 0]))
         pauses = np.diff(total)[changes]
-        return bool(np.all((pauses > -_NEAR_S) & (pauses < _NEAR_S)))
+        return bool(np.all((pauses > -_MAX_PAUSE_S) & (pauses < _MAX_PAUSE_S)))
 
 
 def _day_number(date: str, order: str) -> int | None:
-    """Days from a fixed one; None when there is no such date."""
+    """Proleptic day number; None for an invalid date."""
     parts = [part for part in re.split(r"[-./ ]+", date) if part]
     if len(parts[0]) == 4:
         year, month, day = parts

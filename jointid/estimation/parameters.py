@@ -1,0 +1,147 @@
+"""Named blocks of the parameter vector: stiffness, damping, friction, delay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate, pairwise
+from math import prod
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats
+
+
+class Block(NamedTuple):
+    """One named block of a parameter vector."""
+
+    name: str
+    shape: tuple[int, ...]
+    """Shape of its values; () is a single number."""
+    labels: tuple[str, ...]
+    """Name of each number for messages and tables, in C order."""
+
+
+@dataclass(frozen=True)
+class ParameterLayout:
+    """Order and shapes of the blocks of a parameter vector of P numbers."""
+
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    def of(
+        cls, n: int, *, friction: bool = False, curve_parts: int = 0, delay: bool = False
+    ) -> ParameterLayout:
+        """Layout of n joints: K and D, then friction with its curve, then the delay, as far as fitted.
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+        friction : bool
+            Coulomb and viscous friction, one number of each per joint.
+        curve_parts : int
+            Numbers per joint of a friction curve that varies with speed.
+        delay : bool
+            One delay of the torque.
+        """
+        joints = range(1, n + 1)
+        blocks = [Block(letter, (n,), tuple(f"{letter}{j}" for j in joints)) for letter in "KD"]
+        if friction:
+            curve = (f"friction curve {c + 1} of joint {j}" for j in joints for c in range(curve_parts))
+            blocks += [
+                Block("coulomb", (n,), tuple(f"Coulomb friction {j}" for j in joints)),
+                Block("viscous", (n,), tuple(f"viscous friction {j}" for j in joints)),
+                Block("curve", (n, curve_parts), tuple(curve)),
+            ]
+        if delay:
+            blocks.append(Block("delay", (), ("delay",)))
+        return cls(tuple(blocks))
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        ends = accumulate((prod(block.shape) for block in self.blocks), initial=0)
+        return {b.name: slice(*ab) for b, ab in zip(self.blocks, pairwise(ends), strict=True)}
+
+    @cached_property
+    def size(self) -> int:
+        """Number of parameters P."""
+        return sum(prod(block.shape) for block in self.blocks)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Label of every parameter, in their order."""
+        return tuple(label for block in self.blocks for label in block.labels)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._slices
+
+    def __getitem__(self, name: str) -> slice:
+        """Place of a block in the vector."""
+        return self._slices[name]
+
+    def span(self, first: str, last: str) -> slice:
+        """Place of the blocks from ``first`` to ``last``."""
+        return slice(self._slices[first].start, self._slices[last].stop)
+
+    def pack(self, **values: ArrayLike) -> Floats:
+        """Parameter vector, shape (P,), from the values of its blocks; those not given are zero."""
+        p = np.zeros(self.size)
+        for name, value in values.items():
+            p[self._slices[name]] = np.ravel(value)
+        return p
+
+    def named(self, p: Floats) -> Parameters:
+        """View of a parameter vector, shape (P,), by the names of its blocks."""
+        return Parameters(self, p)
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """A parameter vector by the names of its blocks; ``name in p.layout`` says what it holds."""
+
+    layout: ParameterLayout
+    vector: Floats
+    """Shape (P,)."""
+
+    def __getitem__(self, name: str) -> Floats:
+        """Values of a block, in its shape."""
+        shape = next(block.shape for block in self.layout.blocks if block.name == name)
+        return self.vector[self.layout[name]].reshape(shape)
+
+    @property
+    def K(self) -> Floats:
+        """Stiffness, shape (n,), N·m/rad."""
+        return self["K"]
+
+    @property
+    def D(self) -> Floats:
+        """Damping, shape (n,), N·m·s/rad."""
+        return self["D"]
+
+    @property
+    def coulomb(self) -> Floats:
+        """Coulomb friction, shape (n,), N·m."""
+        return self["coulomb"]
+
+    @property
+    def viscous(self) -> Floats:
+        """Viscous friction, shape (n,), N·m·s/rad."""
+        return self["viscous"]
+
+    @property
+    def curve(self) -> Floats:
+        """Weights of the parts of each joint's friction curve, shape (n, parts), N·m."""
+        return self["curve"]
+
+    @property
+    def delay(self) -> float:
+        """Seconds by which the torque lags; 0 where it is not fitted."""
+        return float(self["delay"]) if "delay" in self.layout else 0.0
+
+
+def elasticity_labels(n: int) -> tuple[str, ...]:
+    """K1 ... Kn, D1 ... Dn: the order of a fit's estimate and covariance."""
+    return ParameterLayout.of(n).labels

@@ -1,0 +1,1 @@
+"""Text tables: layout, numbers and times of day."""

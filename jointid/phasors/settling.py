@@ -1,0 +1,39 @@
+"""Settling test: does the first quarter of a record agree with its second half?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+
+FEWEST = 4
+"""Blocks below which there is no test."""
+
+
+def settling_change(local: Complexes, block: np.ndarray, count: np.ndarray) -> tuple[Floats, Floats]:
+    """Change of a local phasor from the first quarter of the blocks to the second half.
+
+    Parameters
+    ----------
+    local : ndarray, shape (r, K, c)
+        Phasor of each block, of r records with c signals; the level common to all blocks may be
+        subtracted. Entries beyond a record's blocks are ignored.
+    block : ndarray, shape (K,)
+        Numbers of the blocks, from 0.
+    count : ndarray, shape (r, 1)
+        Number of blocks of each record.
+
+    Returns
+    -------
+    change, noise : ndarray, shape (r, c)
+        Magnitude of the change and its standard error; NaN with fewer than four blocks.
+    """
+    early = (block < count // 4)[..., None]
+    late = ((block >= count // 2) & (block < count))[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        n_early, n_late = early.sum(axis=1), late.sum(axis=1)
+        first, second = (local * early).sum(axis=1) / n_early, (local * late).sum(axis=1) / n_late
+        variance = (np.abs((local - second[:, None]) * late) ** 2).sum(axis=1) / (n_late - 1)
+        noise = np.sqrt(variance * (1 / n_early + 1 / n_late))
+    enough = count >= FEWEST
+    return np.where(enough, np.abs(first - second), np.nan), np.where(enough, noise, np.nan)

@@ -1,0 +1,83 @@
+"""Exact step of the arm and motors under a constant torque, with set-valued Coulomb friction."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from jointid.arrays import Floats
+from jointid.joints import Elasticity, Inertia
+
+
+class Step(NamedTuple):
+    """Time step under a constant motor torque: x ← [E G] [x; torque], x = θm, θa, θ̇m, θ̇a."""
+
+    EG: Floats  # (4n, 5n)
+    resistance: Floats  # (n, 1), torque that changes a motor's velocity by 1 rad/s over the step
+    older: bool  # under the torque of one sample earlier, because of the delay
+
+
+def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Floats, Floats]:
+    """Equation (1) as ẋ = A x + B τ with x = θm, θa, θ̇m, θ̇a."""
+    n, K, D = inertia.n, np.diag(elasticity.K), np.diag(elasticity.D)
+    none, one = np.zeros((n, n)), np.eye(n)
+    forces = np.block([[-K, K, -D - np.diag(viscous), D], [K, -K, D, -D]])
+    mass = np.block([[np.diag(inertia.M), none], [none, inertia.M2]])
+    kinematics = np.block([[none, none, one, none], [none, none, none, one]])
+    B = np.vstack([none, none, np.diag(1 / inertia.M), none])
+    return np.vstack([kinematics, np.linalg.solve(mass, forces)]), B
+
+
+def constant_torque(A: Floats, B: Floats, duration: float, older: bool) -> Step:
+    """Exact step under a constant torque, by one matrix exponential."""
+    states, n = B.shape
+    extended = np.zeros((states + n, states + n))
+    extended[:states] = np.hstack([A, B])
+    EG = np.ascontiguousarray(expm(extended * duration)[:states])
+    return Step(EG, 1 / np.diagonal(EG[2 * n : 3 * n, 4 * n :])[:, None], older)
+
+
+def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
+    """Advance Z = [x; torque] in place over one step with Coulomb friction, set-valued at rest.
+
+    The friction torque of the step is its time average: its full value against the motion of a sliding
+    motor; the holding torque of a sticking one, up to the full value; for a motor that reverses, the
+    full value in one direction up to the instant of rest and in the other after it.
+
+    Parameters
+    ----------
+    Z : ndarray, shape (5n, R)
+    step : Step
+    coulomb : ndarray, shape (n, 1)
+        F_c, N·m.
+    """
+    n = len(coulomb)
+    EG, resistance, _ = step
+    motors = slice(2 * n, 3 * n)
+    # The torque of one motor moves another only through springs and arm, within a step by ten orders of
+    # magnitude less than its own motor: the motors are independent.
+    velocity = Z[motors]
+    momentum = resistance * velocity  # per length of the step, so a torque
+    needed = resistance * (EG[motors] @ Z)  # friction that would stop the motor at the end
+    sign = np.sign(velocity)
+    friction = sign * coulomb
+    stops = sign * (needed - friction) <= 0
+    if not stops.any():
+        Z[4 * n :] -= friction
+        Z[: 4 * n] = EG @ Z
+        return
+    other = needed - momentum  # torque of all but friction, on average
+    sticks = stops & (np.abs(other) <= coulomb)
+    reverses = stops & ~sticks
+    share = np.divide(momentum, friction - other, out=np.zeros_like(friction), where=reverses)
+    after = np.sign(other) * coulomb
+    friction += reverses * (1 - share) * (after - friction)
+    np.copyto(friction, needed, where=sticks)
+    stayed = sticks & (velocity == 0)
+    theta = Z[:n].copy()
+    Z[4 * n :] -= friction
+    Z[: 4 * n] = EG @ Z
+    np.copyto(Z[motors], 0.0, where=sticks)
+    np.copyto(Z[:n], theta, where=stayed)
