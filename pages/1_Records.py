@@ -2,13 +2,10 @@
 
 import streamlit as st
 
-from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import table
-from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import quality_table
+from jointid.ui.study.data_quality import show_quality
 
 page = open_page("Records")
 st.title("Records", anchor=False)
@@ -47,19 +44,4 @@ with views[2]:
     )
     st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 
-st.subheader("Quality of every record", anchor=False)
-try:
-    table(quality_table(records, cached.phasors(page.digest, page.study)))
-except JointIdError as error:
-    show_error(error)
-with st.expander("What the columns mean"):
-    st.markdown(
-        "These are the figures of the joint that moves most.\n"
-        "- **θ** is the motor's angle, **τ** its torque.\n"
-        "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
-        "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. Friction makes it.\n"
-        "- **Settl.**, settling: how much the sine of the first quarter differs from that of the second "
-        "half. Above 1 % the robot had not settled.\n"
-        "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
-        "- **Jitter**: largest distance of a sample from its place on an even grid."
-    )
+show_quality(page)

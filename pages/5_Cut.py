@@ -51,14 +51,5 @@ show_figure_7(page, settings, outcome, name)
 
 show_time_series(page, settings, outcome)
 
-st.subheader("How well K must be known", anchor=False)
-st.write(
-    "The largest path error when the servo assumes K̂ where the robot has the identified K, with this "
-    "path and controller. On the map, lines join equal errors."
-)
-try:
-    show_tolerance(page, settings, outcome)
-except JointIdError as error:
-    show_error(error)
-
+show_tolerance(page, settings, outcome)
 show_assumptions()

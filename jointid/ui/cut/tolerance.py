@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import streamlit as st
 
+from jointid import JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.robot import CutRobot
@@ -14,6 +15,7 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.background import awaited, run_in_background
 from jointid.ui.shared.charts import choose_segment, plot
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import result_cache
 
@@ -23,9 +25,21 @@ _RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    """Cost of some errors of K̂, and on demand a map of a few hundred cuts."""
-    cut = settings.after  # neither depends on the nominal controller
-    begun = cached_cuts.offset_costs(page.digest, page.method, cut, outcome.robot)
+    """Show the path error for some errors of K̂, and on demand a map of a few hundred cuts."""
+    st.subheader("How well K must be known", anchor=False)
+    st.write(
+        "The largest path error when the servo assumes K̂ where the robot has the identified K, with "
+        "this path and controller. On the map, lines join equal errors."
+    )
+    try:
+        _show_costs(page, settings, outcome)
+        _show_map(page, settings, outcome)
+    except JointIdError as error:
+        show_error(error)
+
+
+def _show_costs(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    begun = cached_cuts.offset_costs(page.digest, page.method, settings.after, outcome.robot)
     awaited("Cutting", begun)
     exact, *off = begun.result()[0].tolist()
     costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
@@ -34,8 +48,12 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
         f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
     )
+
+
+def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     span = choose_segment("Range of K̂/K", _RANGES, "cut_map_range")
-    key = ("tolerance map", page.digest, page.method, cut, span)
+    robot = outcome.robot
+    key = ("tolerance map", page.digest, page.method, settings.after, span)
     tolerance: ToleranceMap | None = result_cache().get(key)
     if tolerance is None:
         place = st.empty()
@@ -52,7 +70,6 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         def show(done: float) -> None:
             bar.progress(min(done, 1.0), f"Cutting: {done:.0%}")
 
-        robot = outcome.robot
         ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
         tolerance = run_in_background(
             tolerance_map,
@@ -66,7 +83,6 @@ def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
         )
         result_cache().put(key, tolerance)
         place.empty()
-    robot = outcome.robot
     plot(
         tolerance_heatmap(
             tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark
