@@ -1,4 +1,4 @@
-"""What was logged."""
+"""The records as logged."""
 
 import streamlit as st
 

@@ -1,4 +1,4 @@
-"""What knowing the springs is worth, in millimetres."""
+"""Path error before and after the identification."""
 
 import streamlit as st
 

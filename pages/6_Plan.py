@@ -1,4 +1,4 @@
-"""The next experiment: which few records would tell most."""
+"""Experiment planning: the records that reduce the error bars most."""
 
 import streamlit as st
 

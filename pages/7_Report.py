@@ -1,4 +1,4 @@
-"""What is handed on: a report for people, files for other tools."""
+"""The report, and files for other tools."""
 
 import streamlit as st
 

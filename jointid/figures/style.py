@@ -16,7 +16,7 @@ Trace = dict[str, Any]
 Axis = dict[str, Any]
 
 JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
-"""Joints are told apart by their marker as well as by their place."""
+"""Joints differ by marker as well as by place."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Colours:
     nominal: str
     identified: str
     quiet: str
-    """Grids, and what stands behind the data, such as noise."""
+    """Grids and background data such as noise."""
 
 
 LIGHT = Colours(measured="#000000", nominal="#D55E00", identified="#0072B2", quiet="#767676")

@@ -1,4 +1,4 @@
-"""The animated cut: a canvas component that runs in the browser by itself, without the server."""
+"""The animated cut: a canvas component that runs in the browser without the server."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
 
 
 def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[str, Any]:
-    """Return what the browser needs; tracks as float32, which travel as Arrow."""
+    """Return the component's data; tracks as float32, sent as Arrow."""
     ink, arm = colours(dark), outcome.robot.arm
     before = f"{nominal_name}: {millimetres(outcome.before_m)}"
     after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
@@ -148,7 +148,7 @@ def _sheet(run: TrackingRun) -> list[float]:
 
 
 def _cell(arm: PlanarArm, outcome: Outcome) -> list[float]:
-    """Window of the arm's view: base, elbow with what sticks out behind it, and sheet."""
+    """Window of the arm's view: base, elbow with crank, and sheet."""
     first, second = arm.link_angles(outcome.before.joint_angle_rad[0])
     elbow = arm.length_m[0] * np.array([np.cos(first), np.sin(first)])
     back = -_CRANK_M * np.array([np.cos(second), np.sin(second)])

@@ -37,7 +37,7 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
 def pairs(
     digest: str, method: str, settings: CutSettings, outcome: Outcome
 ) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
-    """Cuts before and after with the corner zones of Figure 7, or why there are none.
+    """Cuts before and after with the corner zones of Figure 7, or their error message.
 
     All are cut by the robots that cut its largest zone, so that the figure stays as it is while the
     zone of ``settings`` changes, but where the two are the same.
@@ -97,7 +97,7 @@ def offset_costs(
 def _begin(
     key: Hashable, settings: CutSettings, compute: Callable[..., Found], who: object, *springs: object
 ) -> Future[Found]:
-    """Begin a computation about a cut; settings that allow none come out of its ``result()``."""
+    """Begin a computation on a cut; ``result()`` raises for settings that allow none."""
     try:
         path, servo = settings.toolpath, settings.servo
     except JointIdError as error:
@@ -109,7 +109,7 @@ def _begin(
 
 
 def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
-    """What the identification changes on the paper's path; its cuts are shared with the page about them.
+    """Return the outcome on the paper's path; its cuts are shared with the page Cut.
 
     None where no cut applies.
 

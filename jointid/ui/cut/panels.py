@@ -25,7 +25,7 @@ CUT_PAGE = "pages/5_Cut.py"
 
 
 def show_rule(robot: CutRobot) -> None:
-    """Say whose robot cuts."""
+    """State which robot cuts."""
     (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
@@ -38,7 +38,7 @@ def headline(outcome: Outcome) -> str:
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """What the two path errors are."""
+    """Explain the two path errors."""
     if outcome.distribution is None:
         show_warning(f"What the identification promises is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
@@ -54,7 +54,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
 
 
 def _robot(robot: CutRobot) -> str:
-    """Whose springs the robot before has."""
+    """Springs of the robot before the identification."""
     springs = _springs(robot.elasticity)
     if robot.rule == "demonstration":
         return f"the example arm with the paper's springs, {springs}."
@@ -68,7 +68,7 @@ def _robot(robot: CutRobot) -> str:
 
 
 def _servo(outcome: Outcome) -> str:
-    """What the servo before assumes."""
+    """Assumptions of the servo before the identification."""
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo takes the joints as rigid."
@@ -88,7 +88,7 @@ def remainder(
     friction: CutFriction | None,
     where: str = "the table at the end says",
 ) -> str:
-    """Say what remains where the springs are known better than this cut can show.
+    """Describe the remaining error where the springs no longer matter.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def remainder(
 
 
 def promise(outcome: Outcome, settings: CutSettings) -> str:
-    """What the path error after the identification is."""
+    """Explain the path error after the identification."""
     if outcome.distribution is None:
         return "a robot with exactly the identified springs; how far they are off is not known."
     if not outcome.springs_matter:
@@ -170,7 +170,7 @@ def _three(values: Iterable[float]) -> str:
 
 
 def show_assumptions() -> None:
-    """What the paper states about its cuts, and what is assumed here."""
+    """List the paper's statements on its cuts, and the assumptions made here."""
     with st.expander("What the paper states, and what is our assumption"):
         st.markdown(
             "**The paper states**: rectangles of 28 × 45 mm, cut at 300 mm/s in a horizontal plane with "

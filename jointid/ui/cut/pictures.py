@@ -1,4 +1,4 @@
-"""Pictures of cuts within the text: Figure 7 of the paper, and what the overview borrows from it."""
+"""Pictures of cuts: Figure 7 of the paper, and the parts shared with the overview."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pieces of the fleet's page: how many studies, how they are spread, what stands out."""
+"""Panels of the fleet page: headline, spread, outliers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def show_headline(rows: Sequence[Row]) -> None:
 
 
 def choose(rows: Sequence[Row]) -> tuple[int, bool]:
-    """Ask which joint, and what studies are compared with; returns the joint from 1."""
+    """Ask for the joint, from 1, and whether studies are compared within their robot."""
     joints = max((row.joints for row in rows), default=0)
     left, right = st.columns(2)
     with left:
@@ -79,7 +79,7 @@ def _in_words(spread: Spread) -> str:
 
 
 def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
-    """Which values stand out, and by which rule."""
+    """Outliers, and their criterion."""
     st.subheader("What stands out", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(

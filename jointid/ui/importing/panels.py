@@ -42,7 +42,7 @@ class Runs:
 
 
 def map_columns(log: Log) -> tuple[Mapping, str]:
-    """Show a log and the entries of its mapping; return it, and what of it is not confirmed.
+    """Show a log and the entries of its mapping; return it, and its unconfirmed part in words.
 
     Without a mapping the page ends here.
     """

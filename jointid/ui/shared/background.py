@@ -29,7 +29,7 @@ _PRELOADED = (
     "jointid.uncertainty.plan",
     "jointid.uncertainty.sensitivity",
 )
-"""What the pages compute with: the first click need not wait for these imports."""
+"""Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
 _turn = Semaphore(1)

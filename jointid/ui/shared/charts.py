@@ -31,7 +31,7 @@ def plot(figure: Any, description: str, *, key: str | None = None) -> None:
 
 
 def side_by_side(count: int) -> list[DeltaGenerator]:
-    """Return places for ``count`` figures: two beside each other, on a phone one below the other."""
+    """Return places for ``count`` figures: two in a row, on a phone one."""
     if count == 1:
         return [st.container()]
     rows = [st.columns(2) for _ in range(-(-count // 2))]

@@ -1,4 +1,4 @@
-"""The pages in the order of the method, each with a line that says what it does."""
+"""The pages in the order of the method, each with a one-line description."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Step:
     """Relative to app.py."""
     name: str
     line: str
-    """What it does, in one line."""
+    """Description in one line."""
 
 
 OVERVIEW = Step("app.py", "Study", "The answer, and what to know before it is trusted.")

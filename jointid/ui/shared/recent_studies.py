@@ -1,4 +1,4 @@
-"""The studies kept at this address: open, rename, delete, and what the store has to say."""
+"""The studies kept at this address: open, rename, delete; notes of the store."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def show_refused() -> None:
                 "Table",
                 names,
                 index=culprit,
-                key=f"peeked_table_{refused.file}_{hash(refused.message)}",  # each refusal begins anew
+                key=f"peeked_table_{refused.file}_{hash(refused.message)}",  # per refusal
             )
             _show_table(refused.tables[names.index(name)])
     st.button("Dismiss", key="dismiss_refused", on_click=lambda: st.session_state.pop("refused", None))

@@ -1,4 +1,4 @@
-"""Does the model hold: prediction of what was left out, residuals, harmonics, poses, amplitudes."""
+"""Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
 from __future__ import annotations
 

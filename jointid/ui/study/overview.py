@@ -1,4 +1,4 @@
-"""The pieces of the first screen."""
+"""Panels of the first screen."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 
 
 def show_heading(study: Study) -> None:
-    """Name, where it comes from, and what it holds."""
+    """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     f = sorted(record.frequency_hz for record in study.records)
     band = f"{plain(round(f[0], 3))} Hz"
@@ -43,7 +43,7 @@ def show_heading(study: Study) -> None:
 
 
 def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
-    """K and D of every joint with ± one standard error, against what the controller assumes."""
+    """K and D of every joint with ± one standard error, against the nominal values."""
     n = fit.n
     if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
         with st.container(horizontal=True):
@@ -112,7 +112,7 @@ def _finding(finding: Finding) -> None:
 
 
 def freed_note(fit: ElasticityFit) -> str:
-    """Say what "without friction" means in a figure's legend, when it stands there."""
+    """Explain "without friction" in a figure's legend, if present."""
     words = without(fit)
     return (
         f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
@@ -122,7 +122,7 @@ def freed_note(fit: ElasticityFit) -> str:
 
 
 def show_steps(study: Study) -> None:
-    """The way on: each step of the method in a line, and the study as a file."""
+    """Links to the steps of the method, and the study as a file."""
     for step in METHOD:
         name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
         name.page_link(step.path, label=f"**{step.name}**")

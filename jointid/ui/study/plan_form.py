@@ -1,4 +1,4 @@
-"""The next experiment by form: limits in, suggested records out, and a plan of one's own."""
+"""Experiment planning: limits, suggested records, and an own plan."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from jointid.uncertainty.plan import (
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What the next records may be."""
+    """Limits of the planned records."""
 
     count: int
     seconds: float
@@ -177,7 +177,7 @@ def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
 def predicted(
     page: Page, columns: dict[str, list[float | None]], analysis: Analysis, pose: str
 ) -> PredictedErrors:
-    """Predict what an edited plan would tell.
+    """Predict the standard errors of an edited plan.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A simulated robot by form: what was entered becomes a study."""
+"""The form of a simulated robot, and its study."""
 
 from __future__ import annotations
 

@@ -41,15 +41,8 @@ _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
     """Return a function that shows progress at ``place`` after half a second."""
-    began = monotonic()
-
-    def show(done: float) -> None:
-        taken = monotonic() - began
-        if taken > _PATIENCE_S and done > 0:
-            left = taken * (1 - done) / done
-            show_progress(done, f"{what}: {done:.0%}, {left:.0f} s left", place)
-
-    return show
+    began, show = monotonic(), steps_at(place)
+    return lambda done: show(done, what) if monotonic() > began + _PATIENCE_S and done > 0 else None
 
 
 def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
