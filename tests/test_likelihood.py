@@ -115,7 +115,13 @@ def simulated(
     )
 
 
-@pytest.mark.parametrize("inertia", [PARALLELOGRAM, SERIAL], ids=["parallelogram", "serial"])
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        pytest.param(PARALLELOGRAM, id="parallelogram"),
+        pytest.param(SERIAL, id="serial", marks=pytest.mark.long),
+    ],
+)
 def test_joints_that_stick_leave_the_answer(inertia: Inertia) -> None:
     """Set-valued friction in closed loop: the motors stand for up to a fifth of the period."""
     fit = identify_elasticity(extract_phasors(simulated(inertia, coulomb=COULOMB)), inertia)
