@@ -213,7 +213,7 @@ class TestStudy:
     def test_nominal_values_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
         seen: list[Any] = []
         monkeypatch.setattr(
-            "jointid.importing.study_from_logs",
+            "jointid.ui.importing.panels.study_from_logs",
             lambda *_, nominal, **__: seen.append(nominal) or _refuse(),
         )
         at = drop(page, ("one.csv", long_log()))
@@ -230,7 +230,7 @@ class TestStudy:
     def test_robot_and_date_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
         seen: list[Any] = []
         monkeypatch.setattr(
-            "jointid.importing.study_from_logs", lambda *_, **given: seen.append(given) or _refuse()
+            "jointid.ui.importing.panels.study_from_logs", lambda *_, **given: seen.append(given) or _refuse()
         )
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import robot").set_value("cell 7")
@@ -429,7 +429,7 @@ class TestCorrectedRuns:
 def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Inertia] = []
     monkeypatch.setattr(
-        "jointid.importing.study_from_logs",
+        "jointid.ui.importing.panels.study_from_logs",
         lambda logs, parts, inertia, **_: seen.append(inertia) or _refuse(),
     )
     at = drop(page, ("one.csv", long_log()))
