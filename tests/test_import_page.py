@@ -230,7 +230,8 @@ class TestStudy:
     def test_robot_and_date_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
         seen: list[Any] = []
         monkeypatch.setattr(
-            "jointid.ui.importing.panels.study_from_logs", lambda *_, **given: seen.append(given) or _refuse()
+            "jointid.ui.importing.panels.study_from_logs",
+            lambda *_, **given: seen.append(given) or _refuse(),
         )
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import robot").set_value("cell 7")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import streamlit as st
 
@@ -18,6 +19,7 @@ from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.wording import counted
 
+Number = TypeVar("Number", int, float)
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
     "Rigid": "rigid",
@@ -162,14 +164,14 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         with two:
             st.markdown("**Controller**")
             rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
-            delay = _whole(
+            delay = _number(
                 "Delay (samples)",
                 EVERYDAY_SERVO.delay_samples,
                 (0, 5),
                 "delay",
                 "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
             )
-            bits = _whole(
+            bits = _number(
                 "Encoder (bits per turn), 0: ideal",
                 EVERYDAY_SERVO.encoder_bits or 0,
                 (0, 24),
@@ -270,9 +272,7 @@ def nominal_name(assumption: Assumption) -> str:
     }[assumption]
 
 
-def _number(label: str, value: float, limits: tuple[float, float], key: str) -> float:
-    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params")
-
-
-def _whole(label: str, value: int, limits: tuple[int, int], key: str, hint: str) -> int:
+def _number(
+    label: str, value: Number, limits: tuple[Number, Number], key: str, hint: str | None = None
+) -> Number:
     return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params", help=hint)
