@@ -23,7 +23,7 @@ from jointid.estimation.residual import Problem, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import unit_diagonal
+from jointid.small_matrices import NO_EFFECT, unit_diagonal
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
@@ -32,6 +32,8 @@ _INSEPARABLE = 1e-10
 parameters cannot be separated."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
+_LEAST_DAMPING = 1e-12
+"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +140,11 @@ def gain_of_delay(
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:
+    if problem.rows == 0:
+        raise JointIdError(
+            "No motor moves visibly in any record, so that friction cannot be told from elasticity: "
+            "move the motors more, or log their positions with more digits."
+        )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
@@ -157,7 +164,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
-        size = np.where(size > 0, size, 1.0)
+        size = np.where(size > NO_EFFECT, size, 1.0)
         near = _TOLERANCE * np.sqrt(max(1.0, 2 * cost / problem.rows))
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
@@ -173,7 +180,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
                 return p, normal
             damping = max(10 * damping, 1e-6)
         p, (cost, gradient, normal) = trial, new
-        damping /= 10
+        damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
 
 
@@ -187,6 +194,9 @@ def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats
 def inverse_normal(problem: Problem, normal: Floats) -> Floats:
     """Inverse of the normal matrix; zero in rows and columns of parameters without any effect."""
     seen, size, scaled = unit_diagonal(normal)
+    if not np.all(seen[: 2 * problem.n]):
+        name = problem.layout.labels[int(np.argmin(seen))]
+        raise JointIdError(f"The records do not determine {name}: move joint {name[1:]} more.")
     values, vectors = np.linalg.eigh(scaled)
     if values[0] < _INSEPARABLE:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]

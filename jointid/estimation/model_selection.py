@@ -264,7 +264,7 @@ class _Search:
         for model, estimate in fitted.items():
             if self._is_significant(model, estimate):
                 free = estimate.parameter_count - estimate.p.size
-                penalty = float(np.log(rows)) * estimate.p.size + 2 * free
+                penalty = float(np.log(np.maximum(rows, 1))) * estimate.p.size + 2 * free
                 criterion[model] = 2 * estimate.cost / misfit + penalty
         return criterion
 

@@ -21,6 +21,7 @@ from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import propagated
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
@@ -135,7 +136,7 @@ class Residual:
         r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
             r -= sliding_friction(problem.friction, p, s.shape[1])
-        return cls(problem, p, r, E @ CE, CE, stiff, lag)
+        return cls(problem, p, r, propagated(E, CE), CE, stiff, lag)
 
     def jacobian(self, weighted_residual: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
