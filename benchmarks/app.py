@@ -28,7 +28,7 @@ PAGES = (
     "Transfer matrix",
     "Elasticity",
     "Cut",
-    "Next experiment",
+    "Plan",
     "Report",
     "Study",
 )

@@ -7,7 +7,7 @@ from jointid.ui.fleet.drift import show_drift
 from jointid.ui.fleet.files import open_fleet, show_samples_button
 from jointid.ui.fleet.panels import choose, show_headline, show_outstanding, show_spread, spreads_of
 from jointid.ui.fleet.studies import show_failed, show_studies
-from jointid.ui.shared.charts import is_dark
+from jointid.ui.shared.charts import download, is_dark
 from jointid.ui.shared.page import start
 
 start("Fleet")
@@ -33,12 +33,11 @@ if any(row.is_good for row in rows):
     show_drift(spreads, joint, dark=is_dark())
 show_failed(rows)
 show_studies(fleet, rows)
-st.download_button(
+download(
     "Save these results (.parquet)",
-    data=lambda: to_parquet(rows),
-    file_name="results.parquet",
-    mime="application/vnd.apache.parquet",
-    on_click="ignore",
-    help="One row per study: K1, K1_error, D1 and so on, verdict, errors; misfit is the square of what "
+    lambda: to_parquet(rows),
+    "results.parquet",
+    "application/vnd.apache.parquet",
+    hint="One row per study: K1, K1_error, D1 and so on, verdict, errors; misfit is the square of what "
     "is left over what noise explains, 1 is ideal; a digest is a fingerprint: equal data, equal digest.",
 )

@@ -1,14 +1,11 @@
-"""What was logged."""
+"""The records as logged."""
 
 import streamlit as st
 
-from jointid import JointIdError
 from jointid.figures import spectra, waveforms
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import plot, side_by_side, table
-from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import quality_table
+from jointid.ui.study.data_quality import show_quality
 
 page = open_page("Records")
 st.title("Records", anchor=False)
@@ -32,44 +29,19 @@ fitted = cached.fitted_sine(page.digest, number, page.study)
 views = st.tabs(["A few periods", "Whole record", "Spectrum"])
 for view, periods in zip(views, (4.0, None), strict=False):
     with view:
-        for joint, place in enumerate(side_by_side(record.n)):
-            place.markdown(f"**Joint {joint + 1}**")
-            with place:
-                what = f"Angle and torque of joint {joint + 1} over time with the fitted sine"
-                figure = page.drawn(
-                    f"waveforms {number} {joint} {periods}",
-                    lambda joint=joint, periods=periods: waveforms(
-                        record, joint, fitted, periods=periods, dark=page.dark
-                    ),
-                )
-                # A short record is no longer than a few periods: equal figures need keys of their own.
-                plot(figure, what, key=f"waveforms_{joint}_{periods}")
+        page.show_per_joint(
+            f"waveforms {number} {periods}",
+            lambda joint, periods=periods: waveforms(
+                record, joint, fitted, periods=periods, dark=page.dark
+            ),
+            "Angle and torque of joint {0} over time with the fitted sine",
+        )
 with views[2]:
-    for joint, place in enumerate(side_by_side(record.n)):
-        place.markdown(f"**Joint {joint + 1}**")
-        with place:
-            what = f"Spectra of angle and torque of joint {joint + 1}"
-            figure = page.drawn(
-                f"spectra {number} {joint}",
-                lambda joint=joint: spectra(record, joint, dark=page.dark),
-            )
-            plot(figure, what, key=f"spectra_{joint}")
-with views[2]:
+    page.show_per_joint(
+        f"spectra {number}",
+        lambda joint: spectra(record, joint, dark=page.dark),
+        "Spectra of angle and torque of joint {0}",
+    )
     st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
 
-st.subheader("Quality of every record", anchor=False)
-try:
-    table(quality_table(records, cached.phasors(page.digest, page.study)))
-except JointIdError as error:
-    show_error(error)
-with st.expander("What the columns mean"):
-    st.markdown(
-        "These are the figures of the joint that moves most.\n"
-        "- **θ** is the motor's angle, **τ** its torque.\n"
-        "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
-        "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. Friction makes it.\n"
-        "- **Settl.**, settling: how much the sine of the first quarter differs from that of the second "
-        "half. Above 1 % the robot had not settled.\n"
-        "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
-        "- **Jitter**: largest distance of a sample from its place on an even grid."
-    )
+show_quality(page)

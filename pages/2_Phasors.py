@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid.figures import phasor_plane
-from jointid.ui.shared.charts import csv_bytes, plot, table
+from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_columns, phasor_table
 
@@ -47,10 +47,6 @@ st.caption(
     "they tell the same thing twice."
 )
 table(phasor_table(phasors))
-st.download_button(
-    "Save the phasors (.csv)",
-    data=lambda: csv_bytes(phasor_columns(phasors)),
-    file_name="phasors.csv",
-    mime="text/csv",
-    on_click="ignore",
+download(
+    "Save the phasors (.csv)", lambda: csv_bytes(phasor_columns(phasors)), "phasors.csv", "text/csv"
 )

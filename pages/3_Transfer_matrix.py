@@ -2,12 +2,14 @@
 
 import streamlit as st
 
-from jointid.figures import element_response, single_record
-from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_warning
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.matrix_elements import choose_element, choose_pose, show_how_well_known
-from jointid.ui.study.overview import freed_note
+from jointid.ui.study.matrix_elements import (
+    choose_element,
+    choose_pose,
+    show_element,
+    show_how_well_known,
+)
 
 page = open_page("Transfer matrix")
 st.title("Transfer matrix", anchor=False)
@@ -39,39 +41,5 @@ if not analysis.transfer_matrices:
 pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
 matrix = analysis.transfer_matrices[pose]
-name = f"H{i + 1}{j + 1}"
-
-figure = page.drawn(
-    f"element {i} {j} {pose}", lambda: element_response(analysis, i, j, pose=pose, dark=page.dark)
-)
-if i == j and n > 1:
-    left, right = st.columns(2)
-    with left:
-        st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
-        alone = page.drawn(
-            f"single {i} {pose}", lambda: single_record(analysis, i, pose=pose, dark=page.dark)
-        )
-        plot(
-            alone,
-            f"Acceleration over torque of joint {i + 1} from single records, over frequency",
-            key="alone",
-        )
-    with right:
-        figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
-        st.markdown(f"**All records together**{figure_number}: {name}")
-        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
-    st.caption(
-        "Both figures share their scale. A peak that stands on the left only is made by the other "
-        "joints' controllers." + freed_note(analysis.fit)
-    )
-else:
-    if i == j:
-        st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
-    plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
-    if i != j:
-        st.caption(
-            f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."
-            + freed_note(analysis.fit)
-        )
-
+show_element(page, analysis, pose, i, j)
 show_how_well_known(matrix, dark=page.dark)

@@ -1,11 +1,11 @@
-"""The next experiment: which few records would tell most."""
+"""Experiment planning: the records that reduce the error bars most."""
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.figures.plan import worst_error
 from jointid.rounding import significant
-from jointid.ui.shared.charts import csv_bytes, plot, table
+from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.plan_form import (
@@ -19,8 +19,8 @@ from jointid.ui.study.plan_form import (
 )
 from jointid.wording import counted
 
-page = open_page("Next experiment")
-st.title("Next experiment", anchor=False)
+page = open_page("Plan")
+st.title("Plan", anchor=False)
 st.write(
     "From the springs and the noise that were found follows how well K and D would be known after any "
     "further record. Tried are many frequencies, each with several phases between the joints and as "
@@ -43,13 +43,12 @@ st.caption(
     + ("; the motors' friction comes on top." if analysis.fit.friction is not None else ".")
     + " Errors are those of noise; errors of the inertias do not fall with more records."
 )
-st.download_button(
+download(
     "Save these records (.csv)",
-    data=lambda: csv_bytes(suggested_columns(found)),
-    file_name="next_records.csv",
-    mime="text/csv",
-    on_click="ignore",
-    help="With the motor angles, for a controller that follows positions.",
+    lambda: csv_bytes(suggested_columns(found)),
+    "next_records.csv",
+    "text/csv",
+    hint="With the motor angles, for a controller that follows positions.",
 )
 plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
 

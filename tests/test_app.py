@@ -186,7 +186,7 @@ class TestOpeningAFile:
         frame = at.dataframe[0].value
         assert list(frame["theta_m1_rad"]) == [0.1, 0.2, 0.3]
         assert figures(at) == 2 + 1
-        at = shown(at.button(key="put_away").click().run())
+        at = shown(at.button(key="dismiss_refused").click().run())
         assert not at.error
         assert figures(at) == 2
 

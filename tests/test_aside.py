@@ -1,4 +1,4 @@
-"""Computations aside: in a process of their own the same to the last bit, else here and in turn."""
+"""Background computations: in a worker process equal to the last bit, else here and in turn."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ import pytest
 from jointid import JointIdError, Study, analyse, load_study
 from jointid.background.child_process import Child
 from jointid.background.pool import NoWorkerError, Pool
-from jointid.ui.shared import background as aside_module
-from jointid.ui.shared.background import Kept, aside
+from jointid.ui.shared import background
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.results import ResultCache
 from jointid.uncertainty.resampling import jackknife
 
 SAMPLE = Path(__file__).parents[1] / "sample_data" / "single_joint"
@@ -61,8 +62,8 @@ def ready() -> Iterator[Pool]:
 def pool(monkeypatch: pytest.MonkeyPatch) -> Iterator[Pool]:
     """The pages' pool, without processes, and nobody's turn."""
     mine = Pool(1)
-    monkeypatch.setattr(aside_module, "_pool", lambda: mine)
-    monkeypatch.setattr(aside_module, "_at_work", "")
+    monkeypatch.setattr(background, "_pool", lambda: mine)
+    monkeypatch.setattr(background, "_at_work", "")
     yield mine
     mine.stop()
 
@@ -138,7 +139,7 @@ def test_a_call_that_ends_its_process_twice_is_given_up(ready: Pool) -> None:
 def test_without_processes_it_is_computed_here(pool: Pool) -> None:
     with pytest.raises(NoWorkerError):
         pool.call(len, "abc")
-    assert aside(os.getpid) == os.getpid()
+    assert run_in_background(os.getpid) == os.getpid()
 
 
 @pytest.mark.parametrize(
@@ -157,7 +158,7 @@ def test_a_process_that_cannot_begin_is_done_without_for_a_while(
         until(lambda: not pool._started)
     pool.start()
     assert not pool._started, "not at once again"
-    assert aside(os.getpid) == os.getpid()
+    assert run_in_background(os.getpid) == os.getpid()
     monkeypatch.setattr(pool, "_retry_after_s", 0.0)
     assert answers(pool) != os.getpid()
 
@@ -190,17 +191,17 @@ def held() -> Iterator[tuple[Callable[[], str], Event, Event]]:
 def test_the_second_session_has_processes_begin(
     pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(aside_module, "_LONGEST_TURN_S", 0.01)
+    monkeypatch.setattr(background, "_LONGEST_TURN_S", 0.01)
     long, began, end = held
     with ThreadPoolExecutor(1) as threads:
-        monkeypatch.setattr(aside_module, "_session", lambda: "one")
-        first = threads.submit(aside, long)
+        monkeypatch.setattr(background, "_session", lambda: "one")
+        first = threads.submit(run_in_background, long)
         assert began.wait(PATIENCE_S)
-        assert aside(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
+        assert run_in_background(os.getpid) == os.getpid(), "a long turn holds nobody up for good"
         assert not pool._started, "one alone needs none"
-        monkeypatch.setattr(aside_module, "_session", lambda: "other")
-        assert aside(os.getpid) == os.getpid()
-        assert answers(pool) == aside(os.getpid) != os.getpid()
+        monkeypatch.setattr(background, "_session", lambda: "other")
+        assert run_in_background(os.getpid) == os.getpid()
+        assert answers(pool) == run_in_background(os.getpid) != os.getpid()
         assert not first.done()
         end.set()
         assert first.result(PATIENCE_S) == "long"
@@ -212,13 +213,13 @@ def test_the_turn_is_free_again_after_an_error(pool: Pool) -> None:
 
     for _ in range(3):
         with pytest.raises(ValueError, match="no"):
-            aside(fails)
-    assert aside_module._turn.acquire(blocking=False)
-    aside_module._turn.release()
+            run_in_background(fails)
+    assert background._turn.acquire(blocking=False)
+    background._turn.release()
 
 
 def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None:
-    kept, calls = Kept(2), list[int]()
+    kept, calls = ResultCache(most_bytes=0, always_kept=2), list[int]()
 
     def fails() -> None:
         calls.append(1)

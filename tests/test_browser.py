@@ -34,7 +34,7 @@ PAGES = {
     "Transfer_matrix": "Transfer matrix",
     "Elasticity": "Elasticity",
     "Cut": "Cut",
-    "Plan": "Next experiment",
+    "Plan": "Plan",
     "Report": "Report and export",
     "Simulate": "Simulate a robot",
     "Import_a_log": "Import a log",

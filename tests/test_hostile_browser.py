@@ -25,7 +25,7 @@ from jointid import Study
 from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
-METHOD = ["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Next experiment"]
+METHOD = ["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"]
 FOLDED = "[data-testid=stExpander] details:not([open]) > summary:not(:has-text('error bars'))"
 """The checks of the error bars take longest and show no name."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -24,6 +24,8 @@ from jointid.importing import (
 )
 from jointid.ui.importing.segments import Row, apply_edits, chosen_segments
 from jointid.ui.shared import workspace
+from jointid.ui.shared.method_steps import ACTIONS
+from jointid.verdict.evidence import Action
 
 APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/9_Import_a_log.py"
@@ -81,6 +83,17 @@ def send(at: AppTest, M: str, M2: str) -> AppTest:
     at.text_input(key="import M2").set_value(M2)
     widget(at, "button", "Open as study").click()
     return shown(at.run())
+
+
+def test_every_action_of_a_finding_has_its_place_on_a_page(page: AppTest) -> None:
+    """The verdict says what to edit, without a page's label; the app says where."""
+    at = drop(page, ("one.csv", long_log()))
+    labels = [*(e.label for e in at.expander), *(s.value for s in at.subheader)]
+    assert set(ACTIONS) == {*get_args(Action), ""} - {""}
+    for step, part in ACTIONS.values():
+        assert step.path == PAGE
+        assert step.name == at.title[0].value
+        assert sum(label.startswith(part) for label in labels) == 1, (part, labels)
 
 
 class TestMapping:
@@ -200,7 +213,7 @@ class TestStudy:
     def test_nominal_values_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
         seen: list[Any] = []
         monkeypatch.setattr(
-            "jointid.importing.study_from_logs",
+            "jointid.ui.importing.panels.study_from_logs",
             lambda *_, nominal, **__: seen.append(nominal) or _refuse(),
         )
         at = drop(page, ("one.csv", long_log()))
@@ -217,7 +230,8 @@ class TestStudy:
     def test_robot_and_date_are_taken(self, page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
         seen: list[Any] = []
         monkeypatch.setattr(
-            "jointid.importing.study_from_logs", lambda *_, **given: seen.append(given) or _refuse()
+            "jointid.ui.importing.panels.study_from_logs",
+            lambda *_, **given: seen.append(given) or _refuse(),
         )
         at = drop(page, ("one.csv", long_log()))
         at.text_input(key="import robot").set_value("cell 7")
@@ -416,7 +430,7 @@ class TestCorrectedRuns:
 def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[Inertia] = []
     monkeypatch.setattr(
-        "jointid.importing.study_from_logs",
+        "jointid.ui.importing.panels.study_from_logs",
         lambda logs, parts, inertia, **_: seen.append(inertia) or _refuse(),
     )
     at = drop(page, ("one.csv", long_log()))

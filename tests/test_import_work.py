@@ -14,6 +14,7 @@ from jointid import JointIdError
 from jointid.importing import MappedLog, find_segments
 from jointid.ui.importing import watched_work as importing_work
 from jointid.ui.importing.watched_work import Job, Progress, StoppedError
+from jointid.ui.shared.results import result_cache
 
 
 def script() -> None:
@@ -23,7 +24,7 @@ def script() -> None:
     from jointid.ui.importing.watched_work import StoppedError, Watch
 
     tasks = st.session_state["tasks"]
-    watch = Watch("Go on", len(tasks))
+    watch = Watch(len(tasks))
     for key, task in tasks.items():
         try:
             st.write(f"{key}: {watch.do(key, f'Doing {key}', task)}")
@@ -35,7 +36,7 @@ def script() -> None:
 
 @pytest.fixture
 def page() -> AppTest:
-    importing_work._done = importing_work._Done()
+    result_cache.clear()
     return AppTest.from_function(script, default_timeout=30)
 
 

@@ -10,8 +10,10 @@ from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
 from jointid.exporting import from_json, from_toml, identification, to_json
+from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
-from jointid.ui.study import downloads
+from jointid.ui.shared.results import result_cache
+from jointid.ui.study import downloads, report_panel
 
 APP = Path(__file__).parents[1] / "app.py"
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
@@ -45,16 +47,18 @@ def test_every_file_is_offered(app: AppTest, joints: int) -> None:
 
 
 @pytest.mark.parametrize("joints", KEYS)
-def test_the_report_is_made_on_demand_and_kept(app: AppTest, joints: int) -> None:
-    downloads._reports().clear()
+def test_the_report_is_made_on_demand_and_kept(
+    app: AppTest, studies: dict[int, Study], joints: int
+) -> None:
+    result_cache.clear()
     at = opened(app, joints)
     at = at.button(key="make_report").click().run()
     assert not at.exception
     assert not at.error
     assert {"Report as PDF", "Report as HTML"} <= set(offered(at))
-    ((digest, method), made), *others = downloads._reports().items()
-    assert not others
-    assert method == at.selectbox(key="estimator").value
+    digest = study_digest(studies[joints])
+    made = report_panel.made_report(digest, at.selectbox(key="estimator").value)
+    assert made is not None
     assert made.pdf.startswith(b"%PDF-")
     assert digest in made.html
     again = at.run()

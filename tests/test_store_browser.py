@@ -200,6 +200,6 @@ def test_a_damaged_study_is_told_and_the_app_goes_on(
     chosen(page, "paper")
     expect(page.get_by_text("mine.zip was damaged")).to_be_visible()
     with answered(page):
-        page.get_by_role("button", name="Noted").click()
+        page.get_by_role("button", name="Dismiss").click()
     expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
     assert (server.data / "damaged" / file.name).read_bytes() == data

@@ -131,7 +131,7 @@ def test_a_note_of_the_store_is_shown_until_it_is_read(studies: dict[int, Study]
     again = begun(**address)
     assert again.title[0].value == studies[2].name
     assert any("mine.zip was damaged" in warning.value for warning in again.warning)
-    again = shown(again.button(key=f"noted_{address['study']}").click().run())
+    again = shown(again.button(key=f"dismiss_{address['study']}").click().run())
     assert not any("mine.zip" in warning.value for warning in again.warning)
 
 

@@ -1,4 +1,4 @@
-"""The cut over time, a corner of it, and the path error that an identification promises."""
+"""The cut over time, one corner, and the predicted distribution of the path error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jointid.cut.tracking import TrackingRun
 from jointid.figures.style import Trace, colours, figure, line, linear_axis
 
 _STRIDE = 4
-"""Every millisecond is enough to look at."""
+"""One point per millisecond."""
 
 
 def path_error_over_time(outcome: Outcome, *, dark: bool = False) -> go.Figure:
@@ -53,9 +53,8 @@ def corner_detail(outcome: Outcome, corner: int = 0, *, dark: bool = False) -> g
     half = max(2.2 * largest, 0.9 * zone, 0.004)
     traces = []
     runs = _both(outcome, dark)
-    wanted = outcome.before.wanted_m
     for name, xy, time, colour, width in [
-        ("wanted", wanted, outcome.before.time_s, ink.quiet, 5),
+        ("reference path", outcome.before.wanted_m, outcome.before.time_s, ink.quiet, 5),
         *((name, run.tool_m, run.time_s, colour, 2) for name, run, colour in runs),
     ]:
         near = (time > begin - 0.06) & (time < end + 0.02)

@@ -16,7 +16,7 @@ _MOST_LEVELS = 5
 _LEAST_DECADES = 0.3
 """Errors that differ by less than this look alike: their differences hardly matter."""
 _RAYS = ((-1, 1), (1, -1), (-1, 0), (0, 1), (1, 0), (0, -1), (-1, -1), (1, 1))
-"""Directions in which a contour's label may stand, the preferred ones first."""
+"""Directions of a contour's label, the preferred ones first."""
 _LABEL_SHARE = (0.13, 0.06)
 """Room that a label needs, as shares of the map's width and height."""
 _LEVELS_MM = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)

@@ -15,7 +15,7 @@ _MOST_BINS = 40
 _PAPER = {False: "#FFFFFF", True: "#0E1117"}
 """Edges of the bars, so that neighbours of the same height stay apart."""
 _WIDE = 6.0
-"""How many robust spreads from the median the figures reach; what lies beyond stands at their edge."""
+"""Range of the figures in robust spreads from the median; values beyond are drawn at the edge."""
 
 
 def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:

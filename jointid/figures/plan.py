@@ -1,4 +1,4 @@
-"""The next experiment: what every further record is worth."""
+"""Experiment planning: worst error over the number of added records."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ Shape = dict[str, Any]
 
 _FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
 
-_JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
+JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
 """Markers of the joints, which distinguish them as their place does."""
 
 
@@ -30,7 +30,7 @@ class Colours:
     nominal: str
     identified: str
     quiet: str
-    """Grids, and what stands behind the data, such as noise."""
+    """Grids and background data such as noise."""
 
 
 LIGHT = Colours(measured="#000000", nominal="#D55E00", identified="#0072B2", quiet="#767676")
@@ -82,7 +82,7 @@ def plain_text(text: str, *, most: int = 80) -> str:
 
 def joint_symbol(joint: int) -> str:
     """Return the marker of a joint, counted from 0."""
-    return _JOINT_SYMBOLS[joint % len(_JOINT_SYMBOLS)]
+    return JOINT_SYMBOLS[joint % len(JOINT_SYMBOLS)]
 
 
 def line(x: Floats, y: Floats, name: str, colour: str, **more: Any) -> Trace:

@@ -1,4 +1,4 @@
-"""How far the answer can be trusted: ellipses, influence, prediction, residuals, harmonics."""
+"""Uncertainty: ellipses, influence, prediction, residuals, harmonics."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = F
 
 
 def influence_strip(jackknife: Jackknife, names: Sequence[str], *, dark: bool = False) -> go.Figure:
-    """What leaving out each frequency changes, in standard errors: one strip per parameter."""
+    """Change by leaving out each frequency, in standard errors: one strip per parameter."""
     ink = colours(dark)
     change = jackknife.influence.T[::-1]
     trace: Trace = {

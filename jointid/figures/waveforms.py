@@ -1,4 +1,4 @@
-"""What was logged: waveforms with their fitted sine, spectra, and columns that could not be used."""
+"""Waveforms with their fitted sine, spectra, and raw columns."""
 
 from __future__ import annotations
 

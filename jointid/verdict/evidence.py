@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -14,6 +15,9 @@ from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
 from jointid.rounding import significant
 from jointid.transfer_matrix import TransferMatrix
+
+Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
+"""What a remedy asks a person to do, apart from measuring again: the app knows where that is done."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class Finding:
     weight: float
     """Importance, for the order: from 100 for problems, from 10 for warnings, 5 for "good", from 0 for
     notes; plus the relative change in K or D, if known."""
+    action: Action = ""
+    """What the remedy edits; empty when nothing, or only the study's files."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +71,19 @@ class Evidence:
         return index, self.inertias[int(index[0])]
 
 
-def problem(title: str, detail: str, remedy: str, effect: float) -> Finding:
+def problem(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
     """Return a finding that makes the answer unusable."""
-    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect))
+    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect), action)
 
 
-def warning(title: str, detail: str, remedy: str, effect: float) -> Finding:
+def warning(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
     """Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
-    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect))
+    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect), action)
 
 
-def note(title: str, detail: str, remedy: str, effect: float) -> Finding:
+def note(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
     """Return a finding that the answer accounts for; otherwise it would change by ``effect``."""
-    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)))
+    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)), action)
 
 
 def good(title: str, detail: str) -> Finding:

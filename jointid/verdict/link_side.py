@@ -22,7 +22,6 @@ from jointid.estimation.elasticity import identify_elasticity
 from jointid.joints import Elasticity, Inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, percent, problem
-from jointid.verdict.places import IMPORT
 from jointid.wording import listed
 
 _CLOSE = 0.05
@@ -72,9 +71,10 @@ def link_side_finding(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Fi
             f"they leave {percent(arm.left)}, with K of about "
             f"{', '.join(number(k) for k in arm.K)} N·m/rad.",
             "Choose the columns of the motors' encoders as positions "
-            f"{IMPORT} ({columns} in a study's tables). An encoder behind the gear does not show "
+            f"({columns} in a study's tables). An encoder behind the gear does not show "
             "what the motor does, whatever its gear ratio.",
             2.0,
+            "edit mapping",
         ),
     )
 

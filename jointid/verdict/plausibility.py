@@ -22,7 +22,6 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, problem
 from jointid.verdict.link_side import link_side_finding
-from jointid.verdict.places import ENTRIES, FILE, INERTIAS
 from jointid.verdict.scale_causes import (
     COMMON_FACTORS,
     LARGEST_GEAR_RATIO,
@@ -306,9 +305,10 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
         return problem(
             "M2 looks given on the arm side",
             f"With gear ratios of about {gears} it would fit the torques at low frequency. {proof}",
-            f"Say {INERTIAS} that M2 is given on the joint side, or divide element ij of M2 {FILE} by "
-            "the gear ratios n_i·n_j.",
+            "Enter M2 as given on the joint side, or divide element ij of M2 in study.toml by the gear "
+            "ratios n_i·n_j.",
             float(np.log10(hypothesis.gear.max() ** 2)),
+            "edit inertias",
         )
     factor = hypothesis.torque / hypothesis.angle
     wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(hypothesis.angle, 1))
@@ -321,10 +321,11 @@ def _told(hypothesis: _Hypothesis, phasors: Phasors, as_is: float, mended: float
         return problem(
             f"The sign of the {what} of {joints} looks reversed",
             f"At low frequency the torque is −1 times what M and M2 say. {proof}",
-            f"Set the direction of the {what} of {joints} to reversed {ENTRIES}, or reverse the sign of "
+            f"Set the direction of the {what} of {joints} to reversed on import, or reverse the sign of "
             f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
             "positions.",
             1.0,
+            "edit mapping",
         )
     return diagnose_factor(
         factor, proof=proof, duration_s=float(phasors.duration_s.max()), good=mended <= GOOD, side=side

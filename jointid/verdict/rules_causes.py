@@ -14,7 +14,6 @@ from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
 from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
-from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""
@@ -102,8 +101,8 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         return
     worst = int(np.nanargmax(share))
     remedy = (
-        f'If the drive explains it, add {_in_a_file(1e3 * lag)} ms to "Torque acts after its sample by" '
-        f"{ENTRIES}, or {_in_a_file(lag)} s to torque_delay_s under [timing] {FILE}."
+        f"If the drive explains it, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
+        f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml."
     )
     remedy = half_a_sample(evidence, lag) or remedy
     yield note(
@@ -113,6 +112,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         f"{'high' if without[worst] > p[worst] else 'low'}.",
         remedy,
         float(share[worst]),
+        "edit mapping",
     )
 
 
@@ -128,13 +128,12 @@ def half_a_sample(evidence: Evidence, lag: float) -> str:
     if not any(held) and abs(samples - 0.5) < 0.1:
         return (
             "The torque lags by half a sample. If the controller holds the torque from one sample to "
-            f'the next, tick "Torque held from sample to sample" {IMPORT}, or set torque_hold = true '
-            f"{FILE}."
+            "the next, mark it as held on import, or set torque_hold = true in study.toml."
         )
     if all(held) and abs(samples + 0.5) < 0.1:
         return (
-            "The torque leads by half a sample: it is probably not held. Untick that "
-            f"{IMPORT}, or set torque_hold = false {FILE}."
+            "The torque leads by half a sample: it is probably not held. Mark it as not held on "
+            "import, or set torque_hold = false in study.toml."
         )
     return ""
 
@@ -163,10 +162,11 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         f"The poses disagree on {elasticity_labels(evidence.fit.n)[worst]}",
         f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
-        f"Check M2 of each pose first, {INERTIAS} (as TOML) or under [poses] {FILE}. "
+        "Check M2 of each pose first, under [poses] in the TOML of the inertias or of the study. "
         "If the inertias are right, the gear hardens: its stiffness then "
         "depends on the load, which depends on the pose.",
         float(apart[worst]),
+        "edit inertias",
     )
 
 

@@ -18,7 +18,6 @@ from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.validation import compensated_phasors
 from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, warning
 from jointid.verdict.inertia_check import InertiaCheck, check_inertia
-from jointid.verdict.places import FILE, INERTIAS
 from jointid.verdict.plausibility import low_frequency_inertia
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 
@@ -47,9 +46,10 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         f"{number(check.given[worst], 4)}. With inertias of their own choice what is left falls from "
         f"{number(np.sqrt(check.misfit_given), 2)} to {number(np.sqrt(check.misfit_found), 2)} times "
         f"what noise explains, and {names[k]} changes by {percent(change[k])}.",
-        f"Check M and M2 {INERTIAS} or {FILE}: the pose, the payload, the gear ratios and the motors' "
+        "Check M and M2: the pose, the payload, the gear ratios and the motors' "
         "data sheets. An error of the torque constant scales all inertias alike.",
         float(change.max()),
+        "edit inertias",
     )
 
 
@@ -79,9 +79,9 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 f"{element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² or so; given is "
                 f"{number(given[i, j])}. The equations leave {number(np.sqrt(fit.misfit), 2)} times "
                 "what the noise explains.",
-                f"Check M and M2 {INERTIAS} or {FILE}: another pose or drive, a missing "
-                "payload, wrong gear ratios.",
+                "Check M and M2: another pose or drive, a missing payload, wrong gear ratios.",
                 float(off[i, j]),
+                "edit inertias",
             )
 
 

@@ -10,6 +10,7 @@ from jointid.estimation.linear_fit import LINEAR
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
 from jointid.verdict.evidence import (
+    Action,
     Evidence,
     Finding,
     note,
@@ -20,7 +21,6 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.places import FILE, IMPORT
 from jointid.verdict.rules_causes import distortion, half_a_sample
 from jointid.wording import counted
 
@@ -38,17 +38,18 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
             yield problem(
                 f"K{j + 1} is negative",
                 f"The estimate is {number(fit.K[j], 4)} N·m/rad, which is no spring.",
-                f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios {IMPORT}, "
-                f"and M and M2 there or {FILE}.",
+                f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
                 2.0,
+                "edit mapping",
             )
         elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
             yield warning(
                 f"D{j + 1} is negative",
                 f"The estimate is {number(fit.D[j])} N·m·s/rad, which would feed energy into the arm.",
                 "The torque probably leads or lags: check whether it is held, and after which time it "
-                f"acts, {IMPORT}; torque_hold and torque_delay_s {FILE}.",
+                "acts: on import, or torque_hold and torque_delay_s in study.toml.",
                 2.0,
+                "edit mapping",
             )
 
 
@@ -75,6 +76,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if fit.misfit <= 3:
         return
+    action: Action = ""
     remedy = "Friction, a torque delay or wrong inertias are the usual causes."
     if fit.method in LINEAR or fit.friction is None:
         odd = distortion(evidence)
@@ -83,7 +85,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
                 "Use the automatic estimator." if fit.method in LINEAR else "Check the inertias too."
             )
     if fit.delay is not None and (mended := half_a_sample(evidence, fit.delay)):
-        remedy = mended
+        remedy, action = mended, "edit mapping"
     elif fit.friction is not None:
         remedy = (
             "Friction is allowed for already. Wrong inertias, a gear that hardens and disturbances "
@@ -96,6 +98,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         "The error bars are widened by that factor.",
         remedy,
         float(share),
+        action,
     )
 
 

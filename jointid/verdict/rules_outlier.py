@@ -18,7 +18,6 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Evidence, Finding, number, problem
-from jointid.verdict.places import FILE, RUNS
 
 _SUSPECTS = 8
 """Number of records left out one at a time: those with a stiffness furthest from the median."""
@@ -46,7 +45,7 @@ _KNOWN = (
 )
 """Torque over angle, measured over expected; signal, description and remedy."""
 
-_LEAVE_OUT = f"untick its run {RUNS}, or take its [[records]] out {FILE}"
+_LEAVE_OUT = "untick its run on import, or take its [[records]] out of study.toml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,7 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
         "others. "
     )
     title, cause, remedy = _told(found, label, n)
-    return problem(title, detail + cause, remedy, 10.0)
+    return problem(title, detail + cause, remedy, 10.0, "edit runs")
 
 
 def find_outlier(

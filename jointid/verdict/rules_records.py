@@ -22,7 +22,6 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.places import ENTRIES, FILE, RUNS
 from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
 
@@ -45,9 +44,10 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
             f"{phasors.labels[worst]} says {number(stated[worst], 5)} Hz; the motor angle has "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
-            f"Correct the frequency of the run {RUNS}, or the unit of time {ENTRIES}; of a study on "
-            f"disk, frequency_hz {FILE} or the column time_s.",
+            "Correct the frequency of the run or the unit of time on import; of a study on disk, "
+            "frequency_hz in study.toml or the column time_s.",
             float(off[worst]),
+            "edit runs",
         )
 
 
@@ -80,6 +80,7 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
             f"{steady}",
             remedy,
             float(moving[worst]),
+            "edit runs" if "start_s" in remedy else "",
         )
 
 
@@ -101,8 +102,8 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
         return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(steady) == 1 else "these times"
     return " ".join(parts), (
-        f"Let the records begin at {ones}: by the start of the run {RUNS}, or by start_s of the record "
-        f"{FILE}. {'Measure the others again. ' if never else ''}Next time: wait longer before "
+        f"Let the records begin at {ones}: by the start of the run on import, or by start_s in "
+        f"study.toml. {'Measure the others again. ' if never else ''}Next time: wait longer before "
         "recording."
     )
 
@@ -137,8 +138,10 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             "A record is in the study twice",
             f"{some(pairs)} hold the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
             "counted twice makes the error bars too small, by up to 30 %.",
-            f"Untick one of each pair {RUNS}, or take its [[records]] out {FILE}; or measure again.",
+            "Leave one of each pair out on import, or take its [[records]] out of study.toml; or "
+            "measure again.",
             0.4 * _worst_error(evidence),
+            "edit runs",
         )
 
 

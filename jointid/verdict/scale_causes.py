@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.verdict.evidence import Finding, number, problem
-from jointid.verdict.places import ENTRIES, FILE, IMPORT, INERTIAS
+from jointid.verdict.evidence import Action, Finding, number, problem
 from jointid.wording import capitalised
 
 _DEGREES = np.pi / 180
@@ -45,14 +44,14 @@ _KNOWN = (
         "looks given in degrees",
         "position",
         "a position in degrees that was taken for radians (180/π = 57.3)",
-        f"Set the unit of the position of {{}} to deg {ENTRIES}, or multiply it by π/180",
+        "Set the unit of the position of {} to deg on import, or multiply it by π/180",
     ),
     _Cause(
         1 / _DEGREES,
         "looks converted from degrees though it is in radians",
         "position",
         "a position in radians that was taken for degrees (180/π = 57.3)",
-        f"Set the unit of the position of {{}} to rad {ENTRIES}, or multiply it by 180/π",
+        "Set the unit of the position of {} to rad on import, or multiply it by 180/π",
     ),
     _Cause(
         _DEGREES**2,
@@ -73,28 +72,28 @@ _KNOWN = (
         "looks given in revolutions",
         "position",
         "a position in revolutions that was taken for radians (2π)",
-        f"Set the unit of the position of {{}} to rev {ENTRIES}, or multiply it by 2π",
+        "Set the unit of the position of {} to rev on import, or multiply it by 2π",
     ),
     _Cause(
         1 / (2 * np.pi),
         "looks converted from revolutions though it is in radians",
         "position",
         "a position in radians that was taken for revolutions (2π)",
-        f"Set the unit of the position of {{}} to rad {ENTRIES}, or divide it by 2π",
+        "Set the unit of the position of {} to rad on import, or divide it by 2π",
     ),
     _Cause(
         1e3,
         "looks given in mN·m",
         "torque",
         "a torque in mN·m that was taken for N·m",
-        f"Set the unit of the torque of {{}} to mN·m {ENTRIES}, or divide it by 1000",
+        "Set the unit of the torque of {} to mN·m on import, or divide it by 1000",
     ),
     _Cause(
         1e-3,
         "looks given in mrad",
         "position",
         "a position in mrad that was taken for rad",
-        f"Set the unit of the position of {{}} to mrad {ENTRIES}, or divide it by 1000",
+        "Set the unit of the position of {} to mrad on import, or divide it by 1000",
     ),
 )
 _COMMON = (
@@ -103,7 +102,7 @@ _COMMON = (
         "Time is probably in milliseconds, but was taken for seconds",
         "time",
         "accelerations go with the square of time, 1000² = 10⁶",
-        f"Set the unit of time to ms {ENTRIES}, or divide the time by 1000; the frequencies then "
+        "Set the unit of time to ms on import, or divide the time by 1000; the frequencies then "
         "are 1000 times higher",
     ),
     _Cause(
@@ -111,7 +110,7 @@ _COMMON = (
         "Time is probably in seconds, but was taken for milliseconds",
         "time",
         "accelerations go with the square of time, 1000² = 10⁶",
-        f"Set the unit of time to s {ENTRIES}, or multiply the time by 1000; the frequencies then "
+        "Set the unit of time to s on import, or multiply the time by 1000; the frequencies then "
         "are 1000 times lower",
     ),
     _Cause(
@@ -119,7 +118,7 @@ _COMMON = (
         "Time is probably in microseconds, but was taken for seconds",
         "time",
         "accelerations go with the square of time, (10⁶)² = 10¹²",
-        f"Set the unit of time to µs {ENTRIES}, or divide the time by 10⁶; the frequencies then "
+        "Set the unit of time to µs on import, or divide the time by 10⁶; the frequencies then "
         "are 10⁶ times higher",
     ),
     _Cause(
@@ -127,7 +126,7 @@ _COMMON = (
         "Time is probably in seconds, but was taken for microseconds",
         "time",
         "accelerations go with the square of time, (10⁶)² = 10¹²",
-        f"Set the unit of time to s {ENTRIES}, or multiply the time by 10⁶; the frequencies then "
+        "Set the unit of time to s on import, or multiply the time by 10⁶; the frequencies then "
         "are 10⁶ times lower",
     ),
     _Cause(
@@ -135,9 +134,10 @@ _COMMON = (
         "M and M2 are probably in kg·cm²",
         "inertia",
         "1 kg·cm² is 10⁻⁴ kg·m²",
-        f"Set the unit of M and M2 to kg·cm² {INERTIAS}, or divide them by 10⁴ {FILE}",
+        "Set the unit of the entered M and M2 to kg·cm², or divide them by 10⁴ in study.toml",
     ),
 )
+_ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias"}
 COMMON_FACTORS = tuple(cause.factor for cause in _COMMON)
 """Factors that a wrong unit of time, or of M and M2, makes in all joints."""
 POSITION_OR_TORQUE_FACTORS = tuple(cause.factor for cause in _KNOWN)
@@ -198,14 +198,18 @@ def diagnose_factor(
         minus = " Reverse its sign as well." if sign else ""
         if grams:
             remedies.append(
-                f"Look up the unit of M and M2: if it is g·m², divide them by 1000 {FILE}, or set it "
-                f"{INERTIAS}. If they are right:"
+                "Look up the unit of M and M2: if it is g·m², set it where they are entered, or divide "
+                "them by 1000 in study.toml. If they are right:"
             )
         remedies.append(f"{cause.remedy.format(whose)}{_column(cause.signal, joints)}.{minus}")
     # A gear ratio may have the same size by chance.
-    remedies.append(f"If the units are right, check the gear ratio {IMPORT}.")
+    remedies.append("If the units are right, check the gear ratio.")
     return problem(
-        capitalised("; ".join(titles)), f"{' '.join(details)} {proof}", " ".join(remedies), effect
+        capitalised("; ".join(titles)),
+        f"{' '.join(details)} {proof}",
+        " ".join(remedies),
+        effect,
+        "edit mapping",
     )
 
 
@@ -228,7 +232,7 @@ def _common_cause(
             f" What then remains is {_values(rest, left)} in {_joints(left, factor.size)}: "
             f"{_unknown_remedy(rest, left)}"
         )
-    return problem(cause.title, detail, f"{cause.remedy}.{also}", effect)
+    return problem(cause.title, detail, f"{cause.remedy}.{also}", effect, _ACTIONS[cause.signal])
 
 
 def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
@@ -266,6 +270,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         f"{reversed_too}{rate} {proof}",
         _unknown_remedy(factor, wrong),
         effect,
+        "edit mapping",
     )
 
 
@@ -283,11 +288,10 @@ def _unknown_remedy(factor: Floats, joints: Sequence[int] | np.ndarray) -> str:
     indices = [int(j) for j in joints]
     each = [f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices]
     return (
-        f"Check {IMPORT} whether position and torque are of the motor or behind the gear, with which "
-        "ratio; and "
-        "the torque's unit: per cent of the rated torque, or amperes, need the rated torque or the "
-        f"torque constant: the torque times {', '.join(each)} fits{_column('torque', indices)}."
-        + _hint([float(factor[j]) for j in indices])
+        "Check on import whether position and torque are of the motor or behind the gear, with "
+        "which ratio; and the torque's unit: per cent of the rated torque, or amperes, need the rated "
+        f"torque or the torque constant: the torque times {', '.join(each)} fits"
+        f"{_column('torque', indices)}." + _hint([float(factor[j]) for j in indices])
     )
 
 

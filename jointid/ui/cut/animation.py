@@ -1,4 +1,4 @@
-"""The animated cut: a canvas component that runs in the browser by itself, without the server."""
+"""The animated cut: a canvas component that runs in the browser without the server."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _HTML = f"""
     <canvas class="cut" role="img"></canvas></figure>
   <div class="readout">
     <span>Time <span class="value time">0.000 s</span></span>
-    <span><span class="key wanted"></span>wanted</span>
+    <span><span class="key reference"></span>reference path</span>
     <span><span class="key nominal"></span><span class="nominal-name">nominal</span>
       <span class="value nominal-error"></span></span>
     <span><span class="key identified"></span>identified
@@ -80,7 +80,7 @@ def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
 
 
 def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[str, Any]:
-    """Return what the browser needs; tracks as float32, which travel as Arrow."""
+    """Return the component's data; tracks as float32, sent as Arrow."""
     ink, arm = colours(dark), outcome.robot.arm
     before = f"{nominal_name}: {millimetres(outcome.before_m)}"
     after = f"identified: {millimetres(outcome.after.max_contour_error_m)}"
@@ -98,12 +98,12 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
         "nominal": ink.nominal,
         "identified": ink.identified,
         "nominal_name": nominal_name,
-        "description": f"Tool paths over the wanted path. Largest path error, {before}; {after}.",
+        "description": f"Tool paths over the reference path. Largest path error, {before}; {after}.",
     }
 
 
 def tracks(before: TrackingRun, after: TrackingRun) -> Any:
-    """Time, wanted, nominal and identified tool position, both contour errors: (frames, 9), float32."""
+    """Time, reference, nominal and identified position, both contour errors: (frames, 9), float32."""
     frames = max(2, int(np.ceil(before.time_s[-1] / _FRAME_S)) + 1)
     time = np.linspace(0.0, before.time_s[-1], frames)
     columns = [time]
@@ -121,7 +121,7 @@ def magnifications(outcome: Outcome) -> list[int]:
 
 
 def _reach(run: TrackingRun) -> float:
-    """How far the tool is drawn from the wanted one, m; not only across the path."""
+    """Largest distance of the tool from its reference at the same time, m."""
     return run.max_tracking_error_m
 
 
@@ -136,7 +136,7 @@ def _margin(run: TrackingRun) -> float:
 
 
 def _window(run: TrackingRun) -> list[float]:
-    """Window of the cut's view: the wanted path with room for the error; x, y, width, height in m."""
+    """Window of the cut's view: the reference path with room for the error; x, y, width, height in m."""
     return _box(run.wanted_m, _margin(run))
 
 
@@ -148,7 +148,7 @@ def _sheet(run: TrackingRun) -> list[float]:
 
 
 def _cell(arm: PlanarArm, outcome: Outcome) -> list[float]:
-    """Window of the arm's view: base, elbow with what sticks out behind it, and sheet."""
+    """Window of the arm's view: base, elbow with crank, and sheet."""
     first, second = arm.link_angles(outcome.before.joint_angle_rad[0])
     elbow = arm.length_m[0] * np.array([np.cos(first), np.sin(first)])
     back = -_CRANK_M * np.array([np.cos(second), np.sin(second)])

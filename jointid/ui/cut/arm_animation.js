@@ -1,4 +1,4 @@
-// The cut at true time on two canvases: the whole arm, and the tool paths around the wanted one.
+// The cut at true time on two canvases: the whole arm, and the tool paths around the reference path.
 //
 // Streamlit calls the default function again whenever the data change and runs its clean-up only when
 // the component goes away. So what runs is remembered by its parent element and stopped first.
@@ -42,7 +42,7 @@ class CutAnimation {
     this.schedule();
   }
 
-  // Columns: time, wanted x y, nominal x y, identified x y, contour errors of both; s, m.
+  // Columns: time, reference x y, nominal x y, identified x y, contour errors of both; s, m.
   read(table) {
     const column = (index) => {
       const values = table.getChildAt(index).toArray();
@@ -52,7 +52,7 @@ class CutAnimation {
     this.frames = t.length;
     this.end = t[t.length - 1];
     this.interval = this.end / (t.length - 1);
-    this.wanted = { x: wx, y: wy };
+    this.reference = { x: wx, y: wy };
     this.nominal = { x: nx, y: ny, error: ne };
     this.identified = { x: ix, y: iy, error: ie };
   }
@@ -210,16 +210,16 @@ class CutAnimation {
     const k = Math.min(Math.floor(place), this.frames - 2);
     const share = Math.min(place - k, 1);
     const at = (values) => values[k] + share * (values[k + 1] - values[k]);
-    const wanted = { x: at(this.wanted.x), y: at(this.wanted.y) };
+    const reference = { x: at(this.reference.x), y: at(this.reference.y) };
     const tool = (track) => ({
-      x: wanted.x + this.magnification * (at(track.x) - wanted.x),
-      y: wanted.y + this.magnification * (at(track.y) - wanted.y),
+      x: reference.x + this.magnification * (at(track.x) - reference.x),
+      y: reference.y + this.magnification * (at(track.y) - reference.y),
     });
-    const now = { k, wanted, nominal: tool(this.nominal), identified: tool(this.identified) };
+    const now = { k, reference, nominal: tool(this.nominal), identified: tool(this.identified) };
     const style = getComputedStyle(this.root);
     this.ink = {
       text: style.color,
-      wanted: "#999999",
+      reference: "#999999",
       nominal: this.data.nominal,
       identified: this.data.identified,
       paper: style.getPropertyValue("--st-background-color").trim() || "#ffffff",
@@ -253,7 +253,7 @@ class CutAnimation {
   drawCut(now) {
     const view = this.view(this.cut, this.data.window_m);
     const { pen } = view;
-    this.trace(view, this.wanted, this.frames - 1, { colour: this.ink.wanted, width: 6, alpha: 0.55 });
+    this.trace(view, this.reference, this.frames - 1, { colour: this.ink.reference, width: 6, alpha: 0.55 });
     for (const name of this.drawn) {
       const whole = { colour: this.ink[name], width: 1, alpha: 0.55 };
       this.trace(view, this[name], this.frames - 1, whole, true);
@@ -275,7 +275,7 @@ class CutAnimation {
   trace(view, track, last, stroke, magnified = false, tip = undefined) {
     const { pen } = view;
     const m = magnified ? this.magnification : 1;
-    const { x: wx, y: wy } = this.wanted;
+    const { x: wx, y: wy } = this.reference;
     pen.beginPath();
     for (let k = 0; k <= last; k += 1) {
       pen.lineTo(view.x(wx[k] + m * (track.x[k] - wx[k])), view.y(wy[k] + m * (track.y[k] - wy[k])));
@@ -313,13 +313,13 @@ class CutAnimation {
     const view = this.view(this.arm, this.data.cell_m);
     const { pen } = view;
     const [l1, l2] = this.data.length_m;
-    // The sheet, with the wanted path on it.
-    pen.fillStyle = this.ink.wanted;
+    // The sheet, with the reference path on it.
+    pen.fillStyle = this.ink.reference;
     pen.globalAlpha = 0.18;
     const [sx, sy, sw, sh] = this.data.sheet_m;
     pen.fillRect(view.x(sx), view.y(sy + sh), sw * view.scale, sh * view.scale);
     pen.globalAlpha = 1;
-    this.trace(view, this.wanted, this.frames - 1, { colour: this.ink.text, width: 1.2, alpha: 0.9 });
+    this.trace(view, this.reference, this.frames - 1, { colour: this.ink.text, width: 1.2, alpha: 0.9 });
     for (const name of this.drawn) {
       const pose = reach(now[name], l1, l2);
       if (!pose) continue; // magnified out of reach
@@ -350,7 +350,7 @@ class CutAnimation {
       pen.stroke();
     };
     const base = { x: 0, y: 0 };
-    pen.strokeStyle = this.ink.wanted;
+    pen.strokeStyle = this.ink.reference;
     pen.globalAlpha = 0.4;
     link(base, elbow, 24);
     link(elbow, tool, 16);

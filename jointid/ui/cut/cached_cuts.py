@@ -6,22 +6,19 @@ from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from typing import TypeVar
 
-import streamlit as st
-
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
 from jointid.cut.outcome import ZONES_M, Outcome, Prediction, predicted_cut
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
-from jointid.cut.tolerance import ToleranceMap, errors_of_mismatch
+from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared.background import Kept, awaited
+from jointid.ui.shared.background import awaited
+from jointid.ui.shared.results import result_cache
 
 Found = TypeVar("Found")
-MapKey = tuple[str, str, CutSettings, str]
 OFFSETS = (0.01, 0.03, 0.10)
-"""Errors of K̂ whose cost is said in figures."""
-_MOST_MAPS = 60
+"""Relative errors of K̂ in the table of path errors."""
 
 
 def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
@@ -40,7 +37,7 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
 def pairs(
     digest: str, method: str, settings: CutSettings, outcome: Outcome
 ) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
-    """Cuts before and after with the corner zones of Figure 7, or why there are none.
+    """Cuts before and after with the corner zones of Figure 7, or their error message.
 
     All are cut by the robots that cut its largest zone, so that the figure stays as it is while the
     zone of ``settings`` changes, but where the two are the same.
@@ -68,11 +65,6 @@ def pairs(
         except JointIdError as error:
             found.append((zone, str(error)))
     return found
-
-
-@st.cache_resource(show_spinner=False)
-def _cuts() -> Kept:
-    return Kept(600)
 
 
 def _before(
@@ -105,7 +97,7 @@ def offset_costs(
 def _begin(
     key: Hashable, settings: CutSettings, compute: Callable[..., Found], who: object, *springs: object
 ) -> Future[Found]:
-    """Begin a computation about a cut; settings that allow none come out of its ``result()``."""
+    """Begin a computation on a cut; ``result()`` raises for settings that allow none."""
     try:
         path, servo = settings.toolpath, settings.servo
     except JointIdError as error:
@@ -113,11 +105,11 @@ def _begin(
         refused.set_exception(error)
         return refused
     options = {"servo": servo, "friction": settings.friction}
-    return _cuts().begin(key, compute, who, path, *springs, **options)
+    return result_cache().begin(key, compute, who, path, *springs, **options)
 
 
 def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
-    """What the identification changes on the paper's path; its cuts are shared with the page about them.
+    """Return the outcome on the paper's path; its cuts are shared with the page Cut.
 
     None where no cut applies.
 
@@ -130,21 +122,3 @@ def overview(digest: str, method: str, analysis: Analysis) -> Outcome | None:
     if robot.rule == "demonstration":
         return None
     return outcome(digest, method, usual(robot), analysis)
-
-
-@st.cache_resource(show_spinner=False)
-def _maps() -> dict[MapKey, ToleranceMap]:
-    return {}
-
-
-def kept_map(key: MapKey) -> ToleranceMap | None:
-    """Return a tolerance map that was computed before."""
-    return _maps().get(key)
-
-
-def keep_map(key: MapKey, tolerance: ToleranceMap) -> None:
-    """Keep a tolerance map; a function that shows progress cannot be cached by itself."""
-    maps = _maps()
-    maps[key] = tolerance
-    while len(maps) > _MOST_MAPS:
-        maps.pop(next(iter(maps)), None)

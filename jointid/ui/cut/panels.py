@@ -1,39 +1,31 @@
-"""The pieces of the page about the cut, and the small one for the first screen."""
+"""Panels of the page Cut, and its summary for the first screen."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from html import escape
 
-import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
-from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
-from jointid.cut.tolerance import tolerance_map
 from jointid.figures.cut_shapes import Shape, window
-from jointid.figures.cut_tolerance import tolerance_heatmap
 from jointid.figures.style import colours
 from jointid.rounding import significant
-from jointid.ui.cut import cached_cuts as cut_cached
+from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.background import aside, awaited
-from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted
 
 CUT_PAGE = "pages/5_Cut.py"
-_WIDE = 21
-_RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
 
 def show_rule(robot: CutRobot) -> None:
-    """Say whose robot cuts."""
+    """State which robot cuts."""
     (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
 
 
@@ -46,12 +38,12 @@ def headline(outcome: Outcome) -> str:
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
-    """What the two path errors are."""
+    """Explain the two path errors."""
     if outcome.distribution is None:
         show_warning(f"What the identification promises is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
-        "Path error is the largest distance of the tool from the wanted path, simulated.\n"
+        "Path error is the largest distance of the tool from the reference path, simulated.\n"
         f"- **Before, {millimetres(outcome.before_m)}**: {_robot(outcome.robot)} "
         f"{_servo(outcome)}\n"
         f"- **After, {after}**: {promise(outcome, settings)}\n"
@@ -62,7 +54,7 @@ def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
 
 
 def _robot(robot: CutRobot) -> str:
-    """Whose springs the robot before has."""
+    """Springs of the robot before the identification."""
     springs = _springs(robot.elasticity)
     if robot.rule == "demonstration":
         return f"the example arm with the paper's springs, {springs}."
@@ -76,7 +68,7 @@ def _robot(robot: CutRobot) -> str:
 
 
 def _servo(outcome: Outcome) -> str:
-    """What the servo before assumes."""
+    """Assumptions of the servo before the identification."""
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
         return "Its servo takes the joints as rigid."
@@ -96,7 +88,7 @@ def remainder(
     friction: CutFriction | None,
     where: str = "the table at the end says",
 ) -> str:
-    """Say what remains where the springs are known better than this cut can show.
+    """Describe the remaining error where the springs no longer matter.
 
     Parameters
     ----------
@@ -129,7 +121,7 @@ def remainder(
 
 
 def promise(outcome: Outcome, settings: CutSettings) -> str:
-    """What the path error after the identification is."""
+    """Explain the path error after the identification."""
     if outcome.distribution is None:
         return "a robot with exactly the identified springs; how far they are off is not known."
     if not outcome.springs_matter:
@@ -177,86 +169,32 @@ def _three(values: Iterable[float]) -> str:
     return ", ".join(significant(float(value), 3) for value in values)
 
 
-def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    """Cost of some errors of K̂, and on demand a map of a few hundred cuts."""
-    cut = settings.after  # neither depends on the nominal controller
-    begun = cut_cached.offset_costs(page.digest, page.method, cut, outcome.robot)
-    awaited("Cutting", begun)
-    exact, *off = begun.result()[0].tolist()
-    costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
-    heads = ["exact", *(f"± {100 * offset:g} %" for offset in cut_cached.OFFSETS)]
-    st.markdown(
-        f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
-        f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
-    )
-    chosen = st.segmented_control(
-        "Range of K̂/K",
-        _RANGES,
-        default=_RANGES[0],
-        required=True,
-        key="cut_map_range",
-        bind="query-params",
-    )
-    span = chosen or _RANGES[0]
-    key = (page.digest, page.method, cut, span)
-    tolerance = cut_cached.kept_map(key)
-    if tolerance is None:
-        place = st.empty()
-        if not place.button(
-            f"Compute the map ({_WIDE * _WIDE} cuts)",
-            key="cut_map",
-            help="Takes a few seconds. Later visits with the same settings show it at once.",
-        ):
-            return
-        with place.container():
-            bar = st.progress(0.0, "Cutting")
-            st.button("Stop", key="cut_map_stop", help="Ends the computation; nothing is kept of it.")
-
-        def show(done: float) -> None:
-            bar.progress(min(done, 1.0), f"Cutting: {done:.0%}")
-
-        robot = outcome.robot
-        ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
-        tolerance = aside(
-            tolerance_map,
-            robot.arm,
-            outcome.toolpath,
-            robot.elasticity,
-            *ratios,
-            servo=settings.servo,
-            friction=settings.friction,
-            progress=show,
+def show_assumptions() -> None:
+    """List the paper's statements on its cuts, and the assumptions made here."""
+    with st.expander("What the paper states, and what is our assumption"):
+        st.markdown(
+            "**The paper states**: rectangles of 28 × 45 mm, cut at 300 mm/s in a horizontal plane with "
+            "three corner zones; K = 43, 7.5 N·m/rad and D = 0.10, 0.015 N·m·s/rad seen from the "
+            "motors; a largest error of several millimetres with non-optimal parameters at the "
+            "largest zone.\n\n"
+            "**Our assumption**, because the paper prints none of it: link lengths, masses, gear ratios "
+            "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
+            "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
+            "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
+            "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
+            "non-optimal.\n\n"
+            "**Both robots are simulated.** The identified values are the best that is known of the "
+            "real robot, so the robot before has exactly these springs. After the identification the "
+            "servo has them too, and what is left is the uncertainty of the fit: the blue path is that "
+            "of a robot at the 95 % point of the path error. Errors of the inertias, flexible links and "
+            "gear backlash are in neither."
         )
-        cut_cached.keep_map(key, tolerance)
-        place.empty()
-    robot = outcome.robot
-    plot(
-        tolerance_heatmap(
-            tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark
-        ),
-        "Largest path error over the ratios of assumed to true stiffness",
-        key="cut_map_figure",
-    )
-    path_error = tolerance.max_contour_error_m
-    st.caption(
-        f"Errors on this map: {millimetres(path_error.min())} to {millimetres(path_error.max())}."
-    )
-
-
-def _ratios(robot: CutRobot, joint: int, span: str) -> Floats:
-    """K̂/K within 10 %, from 1/3 to 3, or as far as four standard errors."""
-    if span == _RANGES[2]:
-        error = float(np.sqrt(robot.covariance[joint, joint]) / robot.elasticity.K[joint])
-        most = 1 + float(np.clip(4 * error, 1e-5, 2.0))
-    else:
-        most = 3.0 if span == _RANGES[1] else 1 / 0.9
-    return np.geomspace(1 / most, most, _WIDE)
 
 
 def outcome_panel(page: Page, analysis: Analysis) -> None:
     """Path error before and after with a small picture of the cut, for the first screen."""
     try:
-        outcome = cut_cached.overview(page.digest, page.method, analysis)
+        outcome = cached_cuts.overview(page.digest, page.method, analysis)
     except JointIdError as error:
         show_note(f"What this is worth on a path is not known. {error}")
         return

@@ -1,4 +1,4 @@
-"""Pictures of cuts within the text: Figure 7 of the paper, and what the overview borrows from it."""
+"""Pictures of cuts: Figure 7 of the paper, and the parts shared with the overview."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from jointid.figures.cut_shapes import Shape, shape_svg, window
 from jointid.figures.style import LIGHT, Colours, colours
 from jointid.reporting.drawing import to_svg
 from jointid.reporting.figures import cut_figure
-from jointid.ui.cut import cached_cuts as cut_cached
+from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.page import Page
 from jointid.wording import capitalised
@@ -24,7 +24,7 @@ _COLUMN = "min-width:0;text-align:center;font-size:0.9rem;line-height:1.35"
 
 def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: str) -> None:
     """Three corner zones, nominal above, identified below, with the picture as a file."""
-    pairs = cut_cached.pairs(page.digest, page.method, settings, outcome)
+    pairs = cached_cuts.pairs(page.digest, page.method, settings, outcome)
     names = (nominal, "identified")
     own = settings if settings.zone_m in ZONES_M else settings.with_zone(0.0)
     html = page.drawn(f"figure 7 {own}", lambda: _figure_7_html(pairs, names, colours(page.dark)))

@@ -1,8 +1,9 @@
-"""What a person may change about the cut, and what the paper says of it."""
+"""The settings of the cut, and their controls."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import streamlit as st
 
@@ -14,9 +15,11 @@ from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M, Assumption, CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.cut.toolpath import Toolpath
+from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.wording import counted
 
+Number = TypeVar("Number", int, float)
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
     "Rigid": "rigid",
@@ -24,10 +27,10 @@ NOMINAL: dict[str, Assumption] = {
     "3 K": "stiff",
     "Custom": "custom",
 }
-"""Choices of the nominal controller, as a person reads them."""
+"""Choices of the nominal controller by their label."""
 
 _BEGUN = "cut_custom_begun"
-"""The study for which the fields of the custom controller were filled."""
+"""Key of the study for which the custom controller's fields were filled."""
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
 """Figure 7's path at its largest zone; sides and speed are the paper's."""
 _FRICTION = ("As this study found", "None", "Custom")
@@ -45,7 +48,7 @@ _HINT = (
 
 @dataclass(frozen=True)
 class CutSettings:
-    """Everything that decides how the cut comes out, besides the study; a key for caches."""
+    """All settings of a cut besides the study; a key of the cache."""
 
     assumption: Assumption
     custom_K: tuple[float, ...]
@@ -69,7 +72,7 @@ class CutSettings:
 
     @property
     def toolpath(self) -> Toolpath:
-        """The wanted path."""
+        """The reference path."""
         return rectangle(
             width_m=self.width_m,
             height_m=self.height_m,
@@ -91,7 +94,7 @@ class CutSettings:
 
     @property
     def after(self) -> CutSettings:
-        """What of it decides the cut after the identification: all but the nominal controller."""
+        """The settings of the cut after the identification: all but the nominal controller."""
         return replace(self, assumption="rigid", custom_K=(), custom_D=())
 
     def with_zone(self, zone_m: float) -> CutSettings:
@@ -100,7 +103,7 @@ class CutSettings:
 
 
 def usual(robot: CutRobot) -> CutSettings:
-    """Settings of which nothing was changed: the paper's path, and the servo that a study comes with."""
+    """Default settings: the paper's path and the everyday servo."""
     return CutSettings(
         assumption="study" if robot.nominal else "rigid",
         custom_K=(),
@@ -124,28 +127,19 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     Parameters
     ----------
     robot : CutRobot
-        The robot of the study as it comes, with the drive that suits its inertias.
+        The robot of the study, with the drive that suits its inertias.
     digest : str
-        Of the study: what was typed for one robot says nothing of another.
+        Of the study: entries for one robot do not apply to another.
 
     Raises
     ------
     JointIdError
-        When what was typed is not a number.
+        When an entry is not a number.
     """
     left, right = st.columns([3, 2])
     with left:
         names = [name for name, value in NOMINAL.items() if value != "study" or robot.nominal]
-        chosen = st.segmented_control(
-            "Nominal controller",
-            names,
-            default=names[0],
-            required=True,
-            key="cut_nominal",
-            bind="query-params",
-            help=_HINT,
-        )
-    assumption = NOMINAL[chosen or names[0]]
+        assumption = NOMINAL[choose_segment("Nominal controller", names, "cut_nominal", hint=_HINT)]
     with right:
         zone = st.slider(
             "Corner zone (mm)",
@@ -170,14 +164,14 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
         with two:
             st.markdown("**Controller**")
             rate = _number("Control rate (Hz)", EVERYDAY_SERVO.sample_rate_hz, (500.0, 8000.0), "rate")
-            delay = _whole(
+            delay = _number(
                 "Delay (samples)",
                 EVERYDAY_SERVO.delay_samples,
                 (0, 5),
                 "delay",
                 "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
             )
-            bits = _whole(
+            bits = _number(
                 "Encoder (bits per turn), 0: ideal",
                 EVERYDAY_SERVO.encoder_bits or 0,
                 (0, 24),
@@ -233,7 +227,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
 
 
 def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
-    """Ask for nominal K and D in the study's units; they begin as its nominal or identified values."""
+    """Ask for nominal K and D in the study's units; defaults are its nominal or identified values."""
     start = robot.of_the_study(robot.nominal or robot.elasticity)
     values = numbers_out(_rounded(start.K)), numbers_out(_rounded(start.D))
     changed = st.session_state.get(_BEGUN, digest) != digest
@@ -256,7 +250,7 @@ def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
 
 
 def _rounded(values: Floats) -> list[float]:
-    """Values with five digits, as a person would type them."""
+    """Values with five digits."""
     return [float(f"{value:.5g}") for value in values]
 
 
@@ -268,7 +262,7 @@ def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
 
 
 def nominal_name(assumption: Assumption) -> str:
-    """What the controller before the identification is called in a figure."""
+    """Return the name of the controller before the identification in a figure."""
     return {
         "study": "nominal",
         "rigid": "nominal (rigid)",
@@ -278,9 +272,7 @@ def nominal_name(assumption: Assumption) -> str:
     }[assumption]
 
 
-def _number(label: str, value: float, limits: tuple[float, float], key: str) -> float:
-    return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params")
-
-
-def _whole(label: str, value: int, limits: tuple[int, int], key: str, hint: str) -> int:
+def _number(
+    label: str, value: Number, limits: tuple[Number, Number], key: str, hint: str | None = None
+) -> Number:
     return st.number_input(label, *limits, value, key=f"cut_{key}", bind="query-params", help=hint)

@@ -21,7 +21,14 @@ from jointid.fleet.reading import read_untrusted
 from jointid.fleet.row import Row
 from jointid.fleet.table import to_parquet
 from jointid.ui.shared.messages import show_error, show_warning
-from jointid.ui.shared.workspace import keep_part, place_for, sample_paths, store, workspace
+from jointid.ui.shared.workspace import (
+    keep_part,
+    noting_problems,
+    place_for,
+    sample_paths,
+    store,
+    workspace,
+)
 from jointid.wording import counted
 
 _UPLOADER = "fleet_uploader"
@@ -30,17 +37,17 @@ _KEPT = "fleet_kept"
 _PART = "fleet"
 _LIMITS = Limits(time_s=120.0, memory_bytes=2 << 30)
 _MOST_WORKERS = 2
-"""Of a server's cores, one person's page takes two at most."""
+"""Worker processes of one session."""
 _LONG_S = 5.0
-"""After which what is left is said."""
+"""After this time the remaining time is shown."""
 
 
 @dataclass
 class OpenFleet:
-    """What this session has open."""
+    """The fleet of this session."""
 
     rows: dict[str, Row] = field(default_factory=dict)
-    """By digest of the study's files, or by what else tells rows apart."""
+    """By digest of the study's files, or by digest and path for rows of a table."""
     todo: dict[str, tuple[str, bytes]] = field(default_factory=dict)
     """Studies that have no row yet: name and zip, by digest."""
     studies: dict[str, bytes] = field(default_factory=dict)
@@ -48,7 +55,7 @@ class OpenFleet:
     problems: list[str] = field(default_factory=list)
     stopped: bool = False
     saved: str = ""
-    """Digest of the table that the store holds; empty when it holds another, or none."""
+    """Digest of the table in the store; empty when it differs."""
     unkept: bool = False
     """Whether the store could not take the rows."""
     columns: dict[str, list[str]] = field(default_factory=dict)
@@ -61,7 +68,7 @@ class OpenFleet:
 
 
 def open_fleet() -> OpenFleet:
-    """Ask for files, analyse studies among them, and return what is open."""
+    """Ask for files, analyse the studies among them, and return the fleet."""
     fleet = _current()
     _restore(fleet)
     st.file_uploader(
@@ -95,7 +102,7 @@ def _current() -> OpenFleet:
 
 
 def _take() -> None:
-    """Take up what was dropped; the uploader forgets it when the page is left."""
+    """Take the dropped files; the uploader loses them when the page is left."""
     fleet = _current()
     fleet.problems, fleet.stopped = [], False
     for file in st.session_state.get(_UPLOADER) or []:
@@ -130,13 +137,13 @@ def _read(digest: str, _data: bytes) -> tuple[Row, ...]:
 
 
 def _analyse(fleet: OpenFleet) -> None:
-    """Analyse what has no row yet; every row counts at once, so that a stop loses none."""
+    """Analyse the studies without a row; each row is kept at once, also after a stop."""
     if not fleet.todo:
         return
     if fleet.stopped:
         left, right = st.columns([4, 1], vertical_alignment="center")
         left.info(f"{counted(len(fleet.todo), 'study')} not analysed yet.")
-        right.button("Go on", on_click=_go_on, width="stretch")
+        right.button("Resume", on_click=_resume, width="stretch")
         return
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
     total, count, failed, began = len(jobs), 0, 0, time.monotonic()
@@ -145,7 +152,7 @@ def _analyse(fleet: OpenFleet) -> None:
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
 
     def tell() -> None:
-        """Say how far it is; Streamlit raises here when Stop was clicked or the page is left."""
+        """Show the progress; Streamlit raises here after a click on Stop or a change of page."""
         bar.progress(count / total, _how_far(count, total, failed, time.monotonic() - began))
 
     tell()
@@ -179,19 +186,17 @@ def _stop() -> None:
     _current().stopped = True
 
 
-def _go_on() -> None:
+def _resume() -> None:
     _current().stopped = False
 
 
 def _close() -> None:
     st.session_state[_OPEN] = OpenFleet()
     st.session_state[_KEPT] = True
-    try:
+    with noting_problems():
         if (place := place_for(_PART)) is not None:
             for entry in store().entries(place):
                 store().delete(place, entry.id)
-    except JointIdError as error:
-        st.session_state["store_problem"] = str(error)
 
 
 # --- kept at the address
@@ -225,7 +230,7 @@ def _write(to: Store, place: str, digest: str, data: bytes) -> None:
 
 
 def _restore(fleet: OpenFleet) -> None:
-    """Bring back, once per session, what was open at this address."""
+    """Restore the fleet of this address, once per session."""
     if st.session_state.get(_KEPT):
         return
     st.session_state[_KEPT] = True

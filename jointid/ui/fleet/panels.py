@@ -1,4 +1,4 @@
-"""The pieces of the fleet's page: how many studies, how they are spread, what stands out."""
+"""Panels of the fleet page: headline, spread, outliers."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from jointid.fleet.row import Row
 from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, fleet_spread
 from jointid.rounding import significant, with_error
 from jointid.ui.fleet.studies import SIGNS, label
-from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
 from jointid.wording import counted
 
-_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 _VERDICTS = ("good", "warning", "problem")
 
@@ -36,38 +35,29 @@ def show_headline(rows: Sequence[Row]) -> None:
 
 
 def choose(rows: Sequence[Row]) -> tuple[int, bool]:
-    """Ask which joint, and what studies are compared with; returns the joint from 1."""
+    """Ask for the joint, from 1, and whether studies are compared within their robot."""
     joints = max((row.joints for row in rows), default=0)
     left, right = st.columns(2)
     with left:
-        joint = st.segmented_control(
-            "Joint",
-            range(1, joints + 1),
-            default=1,
-            required=True,
-            format_func=lambda j: f"Joint {j}",
-            key="fleet_joint",
-            bind="query-params",
+        joint = choose_segment(
+            "Joint", range(1, joints + 1), "fleet_joint", format_func=lambda j: f"Joint {j}"
         )
     choices = ["the fleet", "the same robot"]
     with right:
-        against = st.segmented_control(
+        against = choose_segment(
             "Every study is compared with",
             choices,
-            default=choices[0],
-            required=True,
-            key="fleet_against",
-            bind="query-params",
-            help="Where robots differ by design, compare each with its own studies.",
+            "fleet_against",
+            hint="Where robots differ by design, compare each with its own studies.",
         )
-    return min(int(joint or 1), joints), against == choices[1]
+    return min(joint, joints), against == choices[1]
 
 
 def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
     """Stiffness and damping side by side, with their median and spread in words."""
     for spread, place in zip(spreads, side_by_side(len(spreads)), strict=True):
         with place:
-            quantity, unit = spread.name[0], _UNITS[spread.name[0]]
+            quantity, unit = spread.name[0], UNITS[spread.name[0]]
             st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)} {unit}")
             plot(
                 distribution(spread, dark=dark),
@@ -89,7 +79,7 @@ def _in_words(spread: Spread) -> str:
 
 
 def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
-    """Which values stand out, and by which rule."""
+    """Outliers, and their criterion."""
     st.subheader("What stands out", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(

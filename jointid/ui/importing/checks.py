@@ -1,4 +1,4 @@
-"""What of a mapping was guessed: reasons while they stand, and a tick for what a log cannot prove."""
+"""Guesses of a mapping: their reasons, and a tick box for each that a log cannot prove."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ class Checks:
         self.sure: list[str] = []
         """Reasons that need no look."""
         self.assumed: list[str] = []
-        """Ratios and scales that are 1 because nobody gave them."""
+        """Ratios and scales left at 1."""
         self.unsure: list[str] = []
-        """What else is marked "To check"."""
+        """Other guesses marked "To check"."""
 
     def add(self, reasons: Iterable[Reason]) -> None:
-        """Take in the reasons for what was proposed later."""
+        """Add the reasons of later proposals."""
         self._reasons |= {reason.what: reason for reason in reasons}
 
-    def say_how(self) -> None:
-        """Say what to do about what is marked, if anything is."""
+    def show_instructions(self) -> None:
+        """Explain the mark, if anything is marked."""
         if self.unsure or self.assumed:
             st.caption(_HOW)
 
@@ -52,23 +52,23 @@ class Checks:
         return any(not r.sure and not r.what.startswith(_CALM) for r in self._reasons.values())
 
     def ask(
-        self, name: str, *stands: tuple[str, bool], part_of: str = "", assumed: Sequence[str] = ()
+        self, name: str, *entries: tuple[str, bool], part_of: str = "", assumed: Sequence[str] = ()
     ) -> None:
-        """Say what was guessed without being sure, with a box to tick, and remember the other reasons.
+        """Show uncertain guesses with a tick box, and collect the other reasons.
 
         Parameters
         ----------
         name : str
-            What the box is about: "joint 1".
-        *stands : tuple of str and bool
-            Entries, and whether each still is what was guessed; a reason goes with its guess.
+            Subject of the box: "joint 1".
+        *entries : tuple of str and bool
+            Entries, and whether each is as guessed; only then its reason applies.
         part_of : str, optional
             End of the entries' names that ``name`` says already.
         assumed : sequence of str, optional
             Ratios and scales of this part that are 1.
         """
         found = [
-            self._reasons[what] for what, stands_yet in stands if stands_yet and what in self._reasons
+            self._reasons[what] for what, as_guessed in entries if as_guessed and what in self._reasons
         ]
         self.sure += [_said(r) for r in found if r.sure]
         check = [reason for reason in found if not reason.sure]
@@ -79,7 +79,7 @@ class Checks:
         self.unsure += [r.what for r in check if not r.what.startswith(("gear ratio", "scale"))]
 
     def _ticked(self, name: str, text: str) -> bool:
-        """Draw the question; whether it was answered. Another question begins without a tick."""
+        """Draw the question and return whether it is ticked; a changed question starts unticked."""
         left, right = st.columns([4, 1.3], vertical_alignment="center")
         question = blake2b(f"{name} {text}".encode(), digest_size=8).hexdigest()
         ticked = right.checkbox(

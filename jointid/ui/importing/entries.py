@@ -1,4 +1,4 @@
-"""Every entry of a mapping as a widget, with the reasons for what was guessed."""
+"""Every entry of a mapping as a widget, with the reasons of the guess."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Entries:
         self.used: set[str] = set()
 
     def ask(self) -> Mapping:
-        """Draw what the entries come to, what is to check of it, and below, folded, all entries."""
+        """Draw the summary with its checks, and below, folded, all entries."""
         self._summary = st.container(border=True)
         with st.expander(
             "All entries: columns, units, sides, directions, and why they are so",
@@ -57,7 +57,7 @@ class Entries:
             held, delay = self._timing()
             st.caption("  \n".join(self.checks.sure))
         with self._summary:
-            self.checks.say_how()
+            self.checks.show_instructions()
         for number, (position, torque, _) in enumerate(self.asked, start=1):
             for role, channel in (("position", position), ("torque", torque)):
                 if not channel.column:
@@ -170,19 +170,19 @@ class Entries:
         self, j: int, position: Channel, torque: Channel, ratio: float, then: tuple[Channel, Channel]
     ) -> None:
         end = f" of joint {j + 1}"
-        stands = []
+        entries = []
         for role, now, was in (("position", position, then[0]), ("torque", torque, then[1])):
             same = now.column == was.column
-            stands += [
+            entries += [
                 (f"{role}{end}", same),
                 (f"unit of {role}{end}", same and now.unit == was.unit),
                 (f"scale of {role}{end}", same and (now.unit, now.scale) == (was.unit, was.scale)),
                 (f"side of {role}{end}", same and now.side == was.side),
             ]
-        stands.append((f"gear ratio{end}", JOINT in (position.side, torque.side) and ratio == 1.0))
+        entries.append((f"gear ratio{end}", JOINT in (position.side, torque.side) and ratio == 1.0))
         assumed = _assumed(j, position, torque, ratio)
         with self._summary:
-            self.checks.ask(f"joint {j + 1}", *stands, part_of=end, assumed=assumed)
+            self.checks.ask(f"joint {j + 1}", *entries, part_of=end, assumed=assumed)
 
     def _channel(
         self,
@@ -193,7 +193,7 @@ class Entries:
         scales: MappingType[str, str],
         place: DeltaGenerator,
     ) -> Channel:
-        """Ask for a column; the scale of its unit, which no log says, is asked for at ``place``."""
+        """Ask for a column, and at ``place`` for the scale of its unit, which no log states."""
         one, two, three, four = st.columns([3, 1.5, 1.5, 2])
         name = f"{role} {j}"
         column = self._select(
@@ -254,14 +254,14 @@ def _assumed(j: int, position: Channel, torque: Channel, ratio: float) -> list[s
 
 
 def time_line(column: str, unit: str, rate_hz: float | None, joints: int) -> str:
-    """Say in a line where the time comes from, and of how many joints."""
+    """Describe the time column and the number of joints in one line."""
     where = "row number" if not column else f'"{column}"'
     at = f"{where}, {rate_hz:g} Hz" if rate_hz is not None else f"{where} in {unit}"
     return f"**Time** {markdown_escape(at)} · {counted(joints, 'joint')}"
 
 
 def joint_line(number: int, position: Channel, torque: Channel) -> str:
-    """Say in a line where angle and torque of a joint come from."""
+    """Describe the columns of a joint in one line."""
     parts = []
     for role, channel, scales in (
         ("position", position, POSITION_SCALES),

@@ -1,4 +1,4 @@
-"""Dropped logs, read once; they stay with the session when the page is left."""
+"""Dropped logs, read once and kept in the session."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Log:
 
 
 def drop_logs(forget: Callable[[], None]) -> list[Log]:
-    """Ask for files, read them, say what could not be read, and ask which tables to use.
+    """Ask for files, read them with their errors shown, and ask which tables to use.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
         right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
-    watch = Watch("Read on", len(files))
+    watch = Watch(len(files))
     for file in files:
         try:
             tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))
@@ -100,12 +100,12 @@ def dropped() -> list[Dropped]:
 
 
 def hold(files: list[Dropped]) -> None:
-    """Have these files open, whatever the uploader holds: it forgets them when the page is left."""
+    """Hold these files open: the uploader loses them when the page is left."""
     st.session_state[_HELD] = st.session_state[_FILES] = files
 
 
 def _joined(logs: list[Log]) -> list[Log]:
-    """Join logs that look like joints recorded at once, unless they are to stay runs."""
+    """Join logs that look like simultaneously recorded joints, if confirmed."""
     keys = tuple(log.key for log in logs)
     result = dict(zip(keys, logs, strict=True))
     for group in _at_once(keys, [log.table for log in logs]):
@@ -145,7 +145,7 @@ def _join(key: str, _tables: list[LogTable]) -> LogTable:
 
 
 def _take(forget: Callable[[], None]) -> None:
-    """Add what was uploaded to what was open before, or take away again what was uploaded."""
+    """Open the uploaded files beside the held ones, and close those removed from the uploader."""
     files: dict[str, Dropped] = {file.digest: file for file in st.session_state.get(_HELD, [])}
     for file in st.session_state.get(_UPLOADER) or []:
         data = file.getvalue()

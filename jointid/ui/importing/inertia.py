@@ -1,4 +1,4 @@
-"""The inertias as the user has them, numbers, TOML or the arm's links; as the motors feel them after."""
+"""The inertias as numbers, TOML or links of the arm, converted to the motor side."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _HELP = (
 
 
 def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
-    """Ask for the inertias of a robot; None as long as some are missing.
+    """Ask for the inertias of a robot; None while some are missing.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def inertias_given() -> bool:
 
 
 def ask_nominal(joints: int) -> Elasticity | None:
-    """Ask for the K and D that the controller assumes; None when they are left empty.
+    """Ask for the controller's nominal K and D; None when left empty.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _take_toml() -> None:
     number = st.session_state.get(_UPLOADS, 0)
     file = st.session_state.get(f"import_toml_file {number}")
     if file is not None:
-        # What is no text shows as such: the reading of it says what is wrong.
+        # A file that is no text is refused by the TOML reader.
         st.session_state["import toml"] = file.getvalue()[: 1 << 20].decode("utf-8-sig", "replace")
         st.session_state[_UPLOADS] = number + 1
 

@@ -1,4 +1,4 @@
-"""The mapping step: what each column is, guessed, with reasons, and every entry to be corrected."""
+"""The mapping step: the guessed role of each column, with reasons, open to correction."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ from jointid.importing import (
 from jointid.ui.importing.checks import Checks
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.inertia import inertias_given
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
-from jointid.ui.shared.workspace import keep_part, place_for, store
+from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
 from jointid.wording import listed
 
 _SAVED = "import_mappings"
@@ -81,10 +82,8 @@ def keep_mapping(table: LogTable, mapping: Mapping) -> None:
         for entry in to.entries(place)[_MOST_KNOWN:]:
             to.delete(place, entry.id)
 
-    try:
+    with noting_problems("The mapping is known in this session only. "):
         keep_part(_PART, write)
-    except JointIdError as error:
-        st.session_state["store_problem"] = f"The mapping is known in this session only. {error}"
 
 
 def _known(signature: str) -> Mapping | None:
@@ -93,17 +92,15 @@ def _known(signature: str) -> Mapping | None:
     place = place_for(_PART)
     if place is not None and signature not in known:
         known[signature] = None
-        try:
+        with noting_problems("The mapping used before is not known any more. "):
             found = [entry for entry in store().entries(place) if entry.digest == signature]
             if found:
                 known[signature] = mapping_from_json(store().read(place, found[0].id))
-        except JointIdError as error:
-            st.session_state["store_problem"] = f"The mapping used before is not known any more. {error}"
     return known.get(signature)
 
 
 def mappings_to_json() -> dict[str, Any]:
-    """Return what this session knows of its mappings as values that JSON can hold."""
+    """Return the mappings of this session as JSON values."""
     parts: dict[str, Any] = {
         key: {k: mapping_to_json(m) for k, m in st.session_state.get(key, {}).items()}
         for key in (_SAVED, _BASE)
@@ -112,7 +109,7 @@ def mappings_to_json() -> dict[str, Any]:
 
 
 def mappings_from_json(values: dict[str, Any]) -> None:
-    """Take up what ``mappings_to_json`` returned.
+    """Restore the result of ``mappings_to_json``.
 
     Raises
     ------
@@ -132,7 +129,7 @@ def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str, bool]:
     mapping : Mapping
         What the entries say.
     not_confirmed : str
-        What of it was assumed, as a line.
+        Unconfirmed assumptions, in one line.
     clear : bool
         Whether it was clear from the start which column is what.
 
@@ -177,7 +174,7 @@ def of_mapping(key: str) -> bool:
 
 
 def offer_again() -> None:
-    """Say of every mapping, from now on, that it was used before."""
+    """Mark every mapping as used before."""
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
 
 
@@ -186,13 +183,9 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
     with st.expander("Keep these entries as a file, or take them from a file"):
         left, right = st.columns(2)
         if mapping is not None:
-            left.download_button(
-                "Save the mapping (.json)",
-                mapping_to_json(mapping),
-                "mapping.json",
-                "application/json",
-                on_click="ignore",
-            )
+            with left:
+                text = mapping_to_json(mapping)
+                download("Save the mapping (.json)", text, "mapping.json", "application/json")
         version = st.session_state.get(_VERSION, 0)
         file = right.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:

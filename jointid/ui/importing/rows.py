@@ -1,4 +1,4 @@
-"""Lines of the table of sine runs as the user left them; they outlive the page and the session."""
+"""Rows of the table of sine runs with their corrections, kept beyond page and session."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Row:
 
 
 def last_rows() -> dict[str, list[Row]]:
-    """Return the rows of each log, by what was found in it."""
+    """Return the rows by digest of the segments found in their log."""
     rows: dict[str, list[Row]] = st.session_state.setdefault(_LAST, {})
     return rows
 
@@ -47,7 +47,7 @@ def rows_to_json() -> dict[str, list[dict[str, Any]]]:
 
 
 def rows_from_json(values: dict[str, list[dict[str, Any]]]) -> None:
-    """Take up what ``rows_to_json`` returned.
+    """Restore the result of ``rows_to_json``.
 
     Raises
     ------

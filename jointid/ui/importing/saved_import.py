@@ -20,7 +20,7 @@ from jointid.ui.importing.files import Dropped, dropped, hold
 from jointid.ui.importing.mapping import mappings_from_json, mappings_to_json, of_mapping, offer_again
 from jointid.ui.importing.rows import forget_rows, rows_from_json, rows_to_json
 from jointid.ui.shared.messages import show_warning
-from jointid.ui.shared.workspace import keep_part, place_for, store
+from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
 
 _PART = "import"
 _DRAFT = "entries"
@@ -36,7 +36,7 @@ _SHARE = 4
 
 @contextmanager
 def kept_import() -> Iterator[None]:
-    """Bring back what was open at this address, once per session; keep what the page leaves open."""
+    """Restore the import of this address once per session; keep its state at the end of the page."""
     if _WRITTEN not in st.session_state:
         st.session_state[_WRITTEN] = ""
         _restore()
@@ -47,7 +47,7 @@ def kept_import() -> Iterator[None]:
 
 
 def keep_import() -> None:
-    """Write what is open to the store, when anything of it has changed."""
+    """Write the open logs and entries to the store if they have changed."""
     files = dropped()
     text = json.dumps(_snapshot(files)) if files else ""
     digest = blake2b(text.encode(), digest_size=16).hexdigest() if text else ""
@@ -65,8 +65,8 @@ def keep_import() -> None:
         st.session_state.pop(_PROBLEM, None)
 
 
-def say_what_is_kept() -> None:
-    """Say what of the import could not be kept, or is not what it was."""
+def show_storage_state() -> None:
+    """Show whether the import is kept, and what could not be kept or restored."""
     if problem := st.session_state.get(_PROBLEM):
         show_warning(problem)
     for problem in st.session_state.get(_LOST, []):
@@ -86,7 +86,7 @@ def say_what_is_kept() -> None:
         for note in store().notes(place):
             left, right = st.columns([4, 1], vertical_alignment="center")
             show_warning(note.text, left)
-            right.button("Noted", key=f"noted_{note.id}", on_click=_dismiss, args=(place, note.id))
+            right.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=(place, note.id))
 
 
 def _dismiss(place: str, note: str) -> None:
@@ -96,17 +96,15 @@ def _dismiss(place: str, note: str) -> None:
 
 
 def forget_import() -> None:
-    """Take what is open out of the store; the session has it until it is closed or ends."""
+    """Remove the import from the store; it stays open in this session."""
     keep_import()
-    try:
+    with noting_problems():
         _empty()
         st.session_state[_MADE] = st.session_state[_WRITTEN]
-    except JointIdError as error:
-        st.session_state["store_problem"] = str(error)
 
 
 def clear_entries() -> None:
-    """Forget what was entered for the robot and the runs of logs that are closed; mappings stay."""
+    """Clear the entries of the robot and the runs; mappings stay."""
     for key in [key for key in st.session_state if str(key).startswith(_ENTRY)]:
         if not of_mapping(str(key)):
             del st.session_state[key]
@@ -161,7 +159,7 @@ def _is_plain(value: object) -> bool:
 
 
 def _restore() -> None:
-    """Fill the session from the store; what cannot be used is said, the rest is opened."""
+    """Fill the session from the store; show which files are lost."""
     place = place_for(_PART)
     if place is None or dropped():
         return

@@ -43,7 +43,7 @@ def _measured(
 
 
 def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, str]) -> list[Row]:
-    """Show all segments of all logs in one table; what was typed outlives the page and other logs.
+    """Show the segments of all logs in one table; corrections outlive the page.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def apply_edits(rows: Sequence[Row], edits: Mapping[str, Any], logs: Mapping[str
 
 
 def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
-    """Return the segment that a row means, measured again where it was corrected; None when unfinished.
+    """Return the segment of a row, measured again after a correction; None while unfinished.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
 def chosen_segments(
     rows: Sequence[Row], logs: Mapping[str, MappedLog], mapping_json: Mapping[str, str]
 ) -> tuple[dict[str, list[Segment]], dict[str, list[Segment]], list[str]]:
-    """Return the segments to use and those left out, by log in order of time, and what is wrong."""
+    """Return the segments to use, those left out, by log in order of time, and the problems."""
     kept: dict[str, list[Segment]] = {key: [] for key in logs}
     dropped: dict[str, list[Segment]] = {key: [] for key in logs}
     problems = []
@@ -145,9 +145,9 @@ def settle(
     logs: Mapping[str, MappedLog],
     mapping_json: Mapping[str, str],
 ) -> bool:
-    """Put corrected rows back with what was measured of them; whether the table has to be drawn anew.
+    """Replace corrected rows by their measured segments; return whether the table must be redrawn.
 
-    Nothing happens while a row is unfinished: a table that is drawn anew takes the cursor away.
+    Does nothing while a row is unfinished: redrawing takes the cursor away.
     """
     if all(row.found for row in rows) or any(None in (row.start_s, row.stop_s) for row in rows):
         return False
@@ -254,7 +254,7 @@ def _one(log: str, segments: Sequence[Segment]) -> str:
 
 
 def _digest(found: Mapping[str, Sequence[Segment]]) -> str:
-    """What tells two tables apart, rounded: another gear ratio changes the last bits only."""
+    """Identify a table; rounded, because another gear ratio changes the last bits only."""
     rows = [
         (log, [f"{s.start_s:.6g} {s.stop_s:.6g} {s.frequency_hz:.4g}" for s in part])
         for log, part in found.items()

@@ -1,4 +1,4 @@
-"""What a log does not say: inertias, poses and a name; then the study."""
+"""Entries that no log contains: inertias, poses and a name."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import parse_date, study_name
 from jointid.rounding import plain
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
+from jointid.ui.shared.charts import NO_POSE
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.wording import counted
@@ -23,12 +24,11 @@ T = TypeVar("T")
 
 ROBOT = "the-robot"
 """Where the page asks for the inertias."""
-_NO_POSE = "as in [inertia]"
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """What was entered."""
+    """The entered robot."""
 
     name: str
     known: KnownRobot
@@ -38,15 +38,15 @@ class Robot:
     date: datetime.date | None = None
 
 
-def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
-    """Say in a line how far the import is, and what comes next.
+def show_next_step(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
+    """Show the state of the import and its next step in one line.
 
     Parameters
     ----------
     runs : mapping of str to sequence of Segment
-        Those to be used, by log.
+        Runs to use, by log.
     to_check : bool
-        Whether something of the mapping is open.
+        Whether part of the mapping is unconfirmed.
     """
     hertz = [segment.frequency_hz for part in runs.values() for segment in part]
     if not hertz:
@@ -64,29 +64,29 @@ def say_way(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
 def ask_robot(
     gear_ratios: Sequence[float], logs: Sequence[str], not_confirmed: str = ""
 ) -> Robot | None:
-    """Ask for name and inertias, show what they come to; None until the study is to be opened.
+    """Ask for name and inertias, and show them; None until the button is clicked.
 
     Parameters
     ----------
     gear_ratios : sequence of float
         One per joint.
     logs : sequence of str
-        What they are called.
+        Names.
     not_confirmed : str, optional
-        What of the mapping was assumed; it is said at the button.
+        Unconfirmed part of the mapping, shown at the button.
     """
     joints = len(gear_ratios)
     problems: list[str] = []
-    known = _said(problems, lambda: ask_inertia(gear_ratios))
+    known = _answer(problems, lambda: ask_inertia(gear_ratios))
     if known is not None and known.inertia.n != joints:
         problems.append(
             f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has {joints}: "
             "make them agree."
         )
     with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
-        nominal = _said(problems, lambda: ask_nominal(joints))
+        nominal = _answer(problems, lambda: ask_nominal(joints))
         robot, date = _ask_which()
-    day = _said(problems, lambda: parse_date(date))
+    day = _answer(problems, lambda: parse_date(date))
     if nominal is not None and known is not None:
         known = replace(known, nominal=nominal)
     problem = " ".join(problems)
@@ -98,11 +98,11 @@ def ask_robot(
         placeholder=(known.name if known else "") or study_name(logs),
         persist_state="session",
     )
-    # The button stands above what changes its height, so that it never moves away under a click.
-    wanted = right.button("Open as study", type="primary", width="stretch")
+    # The button is above everything of variable height, so that it never moves under a click.
+    clicked = right.button("Open as study", type="primary", width="stretch")
     if not_confirmed:
         st.caption(f":orange-badge[To check] {markdown_escape(not_confirmed)}")
-    if wanted and known is None:
+    if clicked and known is None:
         problem = problem or (
             "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
             "found without them."
@@ -113,13 +113,13 @@ def ask_robot(
         st.caption("M and M2 are shown here as the method takes them, as soon as they are entered.")
     else:
         show_inertia(known)
-    if not wanted or problem or known is None:
+    if not clicked or problem or known is None:
         return None
     return Robot(name.strip() or known.name or study_name(logs), known, poses, robot.strip(), day)
 
 
-def _said(problems: list[str], ask: Callable[[], T]) -> T | None:
-    """What is asked for; where it cannot be used, its problem is noted and the page goes on."""
+def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
+    """Return the answer; collect its problem if it is unusable."""
     try:
         return ask()
     except JointIdError as error:
@@ -144,14 +144,14 @@ def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | Non
     """Ask which pose each log was measured in, when there are poses."""
     if known is None or not known.poses:
         return (None,) * len(logs)
-    options = [_NO_POSE, *known.poses]
+    options = [NO_POSE, *known.poses]
     chosen = []
     places = st.columns(min(len(logs), 3))
     for number, log in enumerate(logs):
         key = f"import pose of {log} {number}"
-        if st.session_state.get(key, _NO_POSE) not in options:
+        if st.session_state.get(key, NO_POSE) not in options:
             del st.session_state[key]
         place = places[number % len(places)]
         label = markdown_escape(f"Pose of {log}")
         chosen.append(place.selectbox(label, options, key=key, persist_state="session"))
-    return tuple(None if pose == _NO_POSE else pose for pose in chosen)
+    return tuple(None if pose == NO_POSE else pose for pose in chosen)

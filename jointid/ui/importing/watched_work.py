@@ -1,38 +1,37 @@
-"""Work that is watched: it says what is being done and what is left, and it can be stopped.
+"""Long jobs with a progress bar, the time left and a stop button.
 
-Each piece runs in a thread of its own while the page looks on. A click on something else draws the page
-again and finds the piece still running; a finished piece is remembered for every session.
+Each job runs in its own thread while the page shows its progress. A click elsewhere reruns the page,
+which finds the job still running; results are cached for all sessions.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import streamlit as st
 
 from jointid import JointIdError
 from jointid.ui.shared.messages import show_progress
+from jointid.ui.shared.results import result_cache
 
 T = TypeVar("T")
 Progress = Callable[[float], None]
 
 SHOWN_AFTER_S = 0.5
 STOPPABLE_AFTER_S = 5.0
-_LOOK_S = 0.1
+_POLL_S = 0.1
 _JOBS = "import_jobs"
-_MOST_DONE = 48
 
 
 class StoppedError(JointIdError):
-    """The user has stopped a piece of work."""
+    """The user has stopped a job."""
 
 
 class Job(Generic[T]):
-    """One piece of work under way."""
+    """One running job."""
 
     def __init__(self, task: Callable[[Progress], T]) -> None:
         self.share, self.began = 0.0, time.monotonic()
@@ -47,7 +46,7 @@ class Job(Generic[T]):
             self.outcome = self._task(self._tick)
         except JointIdError as error:
             self.outcome = error
-        except BaseException as error:  # it belongs to the page that waits for it
+        except BaseException as error:  # raised again by the page that waits
             self.fault = error
         finally:
             self.ended.set()
@@ -58,71 +57,46 @@ class Job(Generic[T]):
             raise StoppedError("Stopped.")
 
 
-class _Done:
-    """Outcomes of the latest pieces of work."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[str, Any] = OrderedDict()
-
-    def get(self, key: str) -> Any:
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-            return self._kept.get(key)
-
-    def put(self, key: str, outcome: Any) -> None:
-        with self._lock:
-            self._kept[key] = outcome
-            while len(self._kept) > _MOST_DONE:
-                self._kept.popitem(last=False)
-
-
-_done = _Done()
-
-
 class Watch:
-    """Several pieces of work, one after the other, behind one progress bar.
+    """Several jobs in sequence, with one progress bar.
 
     Parameters
     ----------
-    what : str
-        For the button that goes on after a stop: "Read on".
     total : int
-        How many pieces there are.
+        Number of pieces.
     """
 
-    def __init__(self, what: str, total: int) -> None:
-        self._what, self._total, self._number = what, total, 0
+    def __init__(self, total: int) -> None:
+        self._total, self._number = total, 0
         self._place = st.empty()
         self._began = time.monotonic()
-        self._fresh = 0  # pieces that were not done already
+        self._fresh = 0  # jobs without a cached result
 
     def do(self, key: str, label: str, task: Callable[[Progress], T]) -> T:
-        """Return what a piece of work comes to, from memory where it was done before.
+        """Return the result of a job, from the cache if it has run before.
 
         Parameters
         ----------
         key : str
-            What it is known by; equal keys have equal outcomes.
+            Key of the cache; equal keys have equal results.
         label : str
             What is being done: "Reading one.csv".
         task : callable
-            Gets a function that it may tell the share done; that one raises when it is to stop. It must
+            Gets a function to report the share done, which raises when the job is stopped. It must
             not use streamlit.
 
         Raises
         ------
         StoppedError
-            When it was stopped.
+            When the user has stopped it.
         JointIdError
             What the task raises.
         """
         self._number += 1
-        outcome = _done.get(key)
+        outcome = result_cache().get(key)
         if outcome is None:
             outcome = self._await(key, label, task)
-            _done.put(key, outcome)
+            result_cache().put(key, outcome)
         if isinstance(outcome, JointIdError):
             raise outcome
         finished: T = outcome
@@ -132,13 +106,13 @@ class Watch:
         jobs: dict[str, Job[T]] = st.session_state.setdefault(_JOBS, {})
         if key not in jobs:
             for other in [k for k, job in jobs.items() if not job.stopped.is_set()]:
-                jobs.pop(other).stopped.set()  # of entries that have changed since
+                jobs.pop(other).stopped.set()  # started with entries that have changed
             jobs[key] = Job(task)
         job = jobs[key]
         if not job.stopped.is_set() and not job.ended.wait(SHOWN_AFTER_S):
-            self._look_on(key, label, job)
+            self._show_progress(key, label, job)
         if job.stopped.is_set():
-            self._say_stopped(key)
+            self._show_stopped(key)
             raise StoppedError("Stopped.")
         jobs.pop(key, None)
         if job.fault is not None:
@@ -147,12 +121,12 @@ class Watch:
         assert job.outcome is not None
         return job.outcome
 
-    def _look_on(self, key: str, label: str, job: Job[T]) -> None:
+    def _show_progress(self, key: str, label: str, job: Job[T]) -> None:
         began = min(self._began, job.began)
         with self._place.container():
             bar, button = st.progress(0.0), st.empty()
         stoppable = False
-        while not job.ended.wait(_LOOK_S):
+        while not job.ended.wait(_POLL_S):
             elapsed = time.monotonic() - began
             done = self._fresh + job.share
             of = f", file {self._number} of {self._total}" if self._total > 1 else ""
@@ -167,13 +141,13 @@ class Watch:
             show_progress(share, text, bar)
         self._place.empty()
 
-    def _say_stopped(self, key: str) -> None:
+    def _show_stopped(self, key: str) -> None:
         with self._place.container(horizontal=True, vertical_alignment="center"):
             st.info(
                 "Stopped" + (f" at file {self._number} of {self._total}." if self._total > 1 else ".")
             )
-            st.button(self._what, key=f"go_on_{key}", on_click=_go_on, args=(key,))
+            st.button("Resume", key=f"resume_{key}", on_click=_resume, args=(key,))
 
 
-def _go_on(key: str) -> None:
+def _resume(key: str) -> None:
     st.session_state.get(_JOBS, {}).pop(key, None)

@@ -1,18 +1,18 @@
-"""Where a computation disturbs least: in a process of its own, or here when nobody else computes.
+"""Long computations in a worker process, or in this one while only one session computes.
 
-Sessions share one interpreter, so that ten computations at once would slow everybody's every click
-tenfold. One person alone needs no other process; the second one has them begin.
+Sessions share one interpreter: ten computations at once would slow every click tenfold. A single session
+needs no worker processes; the second one starts them.
 """
 
 from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Hashable
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import cache, partial
-from threading import Lock, Semaphore
+from threading import Semaphore
 from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
@@ -29,19 +29,18 @@ _PRELOADED = (
     "jointid.uncertainty.plan",
     "jointid.uncertainty.sensitivity",
 )
-"""What the pages compute with: the first click need not wait for these imports."""
+"""Imported when a worker starts, so that its first computation need not wait."""
 _PATIENCE_S = 5.0
 _LONGEST_TURN_S = 1.0
 _turn = Semaphore(1)
 _at_work = ""
-"""The session that computed something here last."""
+"""The session that last computed in this process."""
 
-# Who computes hands the interpreter on ten times as often as by default: short reruns wait less.
+# A tenth of the default: short reruns wait less for the thread that computes.
 sys.setswitchinterval(5e-4)
 
-
-_threads = ThreadPoolExecutor(16, thread_name_prefix="aside")
-"""They wait for processes; what they compute here they compute in turn."""
+_threads = ThreadPoolExecutor(16, thread_name_prefix="background")
+"""They wait for worker processes; computations in this process take turns."""
 
 
 @cache
@@ -49,22 +48,24 @@ def _pool() -> Pool:
     return Pool(min(_MOST_PROCESSES, os.cpu_count() or 1), _PRELOADED)
 
 
-def aside(compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Found:
+def run_in_background(
+    compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
     """Return ``compute(*given, **named)``.
 
     Parameters
     ----------
     compute : callable
-        Of a module, without side effects.
+        A function of a module, without side effects.
     *given
-        What it needs; what of it is in the result is the same object.
+        Arguments; one that is part of the result comes back as the same object.
     **named
-        The same, apart from ``progress``, which is called here.
+        Keyword arguments; ``progress`` is called in this process.
 
     Raises
     ------
     JointIdError
-        When it ended its process; and whatever it raises.
+        When the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
 
@@ -87,7 +88,7 @@ def _computed(
     if session != _at_work != "":
         pool.start()
     _at_work = session
-    mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # not for ever: a turn may be long
+    mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
         return function(*given) if progress is None else function(*given, progress=progress)
     finally:
@@ -95,40 +96,13 @@ def _computed(
             _turn.release()
 
 
-class Kept:
-    """Results computed aside, once for all sessions and several at a time.
-
-    Parameters
-    ----------
-    most : int
-        How many are kept; the oldest make room.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._lock = Lock()
-        self._begun: dict[Hashable, Future[Any]] = {}
-
-    def begin(
-        self,
-        key: Hashable,
-        compute: Callable[Given, Found],
-        *given: Given.args,
-        **named: Given.kwargs,
-    ) -> Future[Found]:
-        """Begin a computation, unless one of this key was begun and has not failed."""
-        with self._lock:
-            known = self._begun.pop(key, None)
-            if known is None or (known.done() and known.exception() is not None):
-                known = _threads.submit(partial(_computed, _session(), compute, *given, **named))
-            self._begun[key] = known
-            while len(self._begun) > self._most:
-                del self._begun[next(iter(self._begun))]
-            return known
+def submit(compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs) -> Future[Found]:
+    """Begin ``run_in_background(compute, *given, **named)`` without waiting for it."""
+    return _threads.submit(partial(_computed, _session(), compute, *given, **named))
 
 
 def awaited(what: str, *begun: Future[Any]) -> None:
-    """Wait for computations; the page says what is done meanwhile."""
+    """Wait for computations; meanwhile the page shows ``what``."""
     if not all(future.done() for future in begun):
         with st.spinner(what):
             wait(begun)

@@ -1,4 +1,4 @@
-"""Results, computed once, keyed on the study's digest: by itself streamlit only samples large arrays."""
+"""Results cached by the study's digest: streamlit's own hash only samples large arrays."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from jointid import Analysis, Phasors, Study, analyse, extract_phasors
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import METHODS
 from jointid.phasors.sine_fit import fit_sines
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 
 DEFAULT_METHOD = str(inspect.signature(analyse).parameters["method"].default)
-"""The estimator that ``analyse`` takes when nobody chooses."""
+"""The default estimator of ``analyse``."""
 
 ESTIMATORS = {DEFAULT_METHOD: METHODS.get(DEFAULT_METHOD, "chosen for these records")} | METHODS
-"""Estimators with what each is, the default first."""
+"""Estimators with their descriptions, the default first."""
 
 
 MOST_ANALYSES = 64
-"""Twenty persons with a study each and three estimators; the studies themselves are kept elsewhere."""
+"""Room for twenty sessions with one study and three estimators each."""
 
 
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines, identifying the springs")
 def analysis(digest: str, method: str, _study: Study) -> Analysis:
     """Run the whole method."""
-    return aside(analyse, _study, method=method)
+    return run_in_background(analyse, _study, method=method)
 
 
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines")
 def phasors(digest: str, _study: Study) -> Phasors:
-    """Run the first step alone: it succeeds for records that tell nothing of the springs."""
+    """Run the first step alone: it succeeds for records that do not determine the springs."""
     return extract_phasors(_study.records)
 
 

@@ -1,17 +1,22 @@
-"""How figures and tables are shown."""
+"""Figures, tables, downloads and choices, as every page shows them."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
+T = TypeVar("T")
 Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
+NO_POSE = "as in [inertia]"
+"""Label of records without a pose."""
+UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+"""Unit of each quantity."""
 
 
 def is_dark() -> bool:
@@ -26,7 +31,7 @@ def plot(figure: Any, description: str, *, key: str | None = None) -> None:
 
 
 def side_by_side(count: int) -> list[DeltaGenerator]:
-    """Return places for ``count`` figures: two beside each other, on a phone one below the other."""
+    """Return places for ``count`` figures: two in a row, on a phone one."""
     if count == 1:
         return [st.container()]
     rows = [st.columns(2) for _ in range(-(-count // 2))]
@@ -38,6 +43,45 @@ def table(columns: Table, *, height: int | None = None) -> None:
     rows = len(next(iter(columns.values())))
     fitting = min(36 + 35 * rows, height or 430)
     st.dataframe(dict(columns), hide_index=True, height=fitting)
+
+
+def choose_segment(
+    label: str,
+    options: Sequence[T],
+    key: str,
+    *,
+    format_func: Callable[[T], str] = str,
+    hint: str | None = None,
+    hide_label: bool = False,
+) -> T:
+    """Ask for one of a few options side by side, at first the first; the address keeps the choice."""
+    chosen = st.segmented_control(
+        label,
+        options,
+        default=options[0],
+        required=True,
+        key=key,
+        bind="query-params",
+        format_func=format_func,
+        help=hint,
+        label_visibility="collapsed" if hide_label else "visible",
+    )
+    return options[0] if chosen is None else chosen
+
+
+def download(
+    label: str,
+    data: str | bytes | Callable[[], bytes],
+    file_name: str,
+    mime: str,
+    *,
+    kind: Literal["primary", "secondary"] = "secondary",
+    hint: str | None = None,
+) -> None:
+    """Draw a button that saves a file and leaves the page as it is."""
+    st.download_button(
+        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
+    )
 
 
 def csv_bytes(columns: Table) -> bytes:

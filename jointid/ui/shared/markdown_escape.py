@@ -51,5 +51,5 @@ def _line(text: str) -> str:
 
 
 def _first(found: re.Match[str]) -> str:
-    """What begins a heading, a quotation or a list at the beginning of a line."""
+    """Escape the start of a heading, a quotation or a list."""
     return f"{found[0]}{_JOINER}" if found[0].isdigit() else f"\\{found[0]}"

@@ -1,8 +1,10 @@
-"""The pages in the order of the method, each with a line that says what it does."""
+"""The pages in the order of the method, each with a one-line description."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from jointid.verdict.evidence import Action
 
 
 @dataclass(frozen=True)
@@ -13,7 +15,7 @@ class Step:
     """Relative to app.py."""
     name: str
     line: str
-    """What it does, in one line."""
+    """Description in one line."""
 
 
 OVERVIEW = Step("app.py", "Study", "The answer, and what to know before it is trusted.")
@@ -24,7 +26,7 @@ METHOD = (
     Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers."),
     Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint."),
     Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres."),
-    Step("pages/6_Plan.py", "Next experiment", "The records that would cut the error bars most."),
+    Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most."),
     Step("pages/7_Report.py", "Report", "To hand on: a report, and files for other tools."),
     Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, what stands out."),
 )
@@ -34,3 +36,10 @@ SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot w
 IMPORT = Step(
     "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
 )
+
+ACTIONS: dict[Action, tuple[Step, str]] = {
+    "edit mapping": (IMPORT, "All entries"),
+    "edit runs": (IMPORT, "Correct the runs"),
+    "edit inertias": (IMPORT, "The robot"),
+}
+"""Page of each action that a finding asks for, and how the label of its part begins."""

@@ -1,9 +1,10 @@
-"""How every page begins: open_page() sets it up, shows the sidebar and says which study is chosen."""
+"""The beginning of every page: settings, sidebar, and the chosen study."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import is_dark
+from jointid.ui.shared.charts import is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
@@ -20,7 +21,7 @@ from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
 
 _ICON = Path(__file__).with_name("icon.svg")
-# Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit has neither of itself.
+# Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit lacks them.
 _STYLE = """
 [data-testid="stCode"] code span { color: inherit !important; }
 :is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
@@ -33,7 +34,7 @@ _ON_PRIMARY = """
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """What a page is about."""
+    """The chosen study, and how it is shown."""
 
     key: str
     """The study's name in the list."""
@@ -46,30 +47,55 @@ class Page:
     """Whether the theme is dark."""
 
     def analysis(self) -> Analysis:
-        """Return the whole method's result, or say why there is none and end the page."""
+        """Return the result of the whole method; without one, show the reason and end the page."""
         try:
             return cached.analysis(self.digest, self.method, self.study)
         except JointIdError as error:
-            _say_why(error)
+            _show_problem(error)
             st.stop()
 
     def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
-        """Return a figure of this study and estimator; it is drawn when nobody had it drawn before.
+        """Return a figure of this study and estimator from the cache, or draw it.
 
         Parameters
         ----------
         what : str
-            Tells this figure from all others of the study: its kind and all that it depends on.
+            Identifies the figure within the study: its kind and everything it depends on.
         draw : callable
         """
         return _figure(self.digest, self.method, self.dark, what, draw)
 
+    def show_per_joint(
+        self,
+        what: str,
+        draw: Callable[[int], Any],
+        description: str,
+        *,
+        heading: str = "**Joint {0}**",
+    ) -> None:
+        """Show one figure per joint, two side by side.
+
+        Parameters
+        ----------
+        what : str
+            Identifies the figures, see ``drawn``.
+        draw : callable
+            Draws the figure of a joint, from 0.
+        description, heading : str
+            Alternative text and heading, with {0} for the joint's number.
+        """
+        for j, place in enumerate(side_by_side(self.study.inertia.n)):
+            with place:
+                st.markdown(heading.format(j + 1))
+                figure = self.drawn(f"{what} {j}", partial(draw, j))
+                plot(figure, description.format(j + 1), key=f"{what} {j}")
+
     def phasors(self) -> Phasors:
-        """Return the phasors, or say why there are none and end the page."""
+        """Return the phasors; without them, show the reason and end the page."""
         try:
             return cached.phasors(self.digest, self.study)
         except JointIdError as error:
-            _say_why(error)
+            _show_problem(error)
             st.stop()
 
 
@@ -93,7 +119,7 @@ def _set_up(title: str) -> None:
 
 
 def open_page(title: str) -> Page:
-    """Begin a page about the chosen study; without one, say how to get one and end.
+    """Begin a page about the chosen study; without one, offer ways to get one and end.
 
     Parameters
     ----------
@@ -119,7 +145,7 @@ def open_page(title: str) -> Page:
     return Page(key, opened.study, opened.digest, method, is_dark())
 
 
-def _say_why(error: JointIdError) -> None:
+def _show_problem(error: JointIdError) -> None:
     show_error(error)
     st.write("The records themselves can still be looked at:")
     st.page_link(RECORDS.path, label=RECORDS.name)

@@ -1,4 +1,4 @@
-"""Lists and tables of numbers as a person types them."""
+"""Parsing of typed lists and tables of numbers."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def _unambiguous(name: str, text: str) -> tuple[float, ...]:
 
 
 def _separated(name: str, text: str) -> tuple[float, ...]:
-    """Read commas as what stands between numbers."""
+    """Read commas as separators."""
     return tuple(_number(name, piece) for piece in _COMMAS.split(text.strip()))
 
 

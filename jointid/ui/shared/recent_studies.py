@@ -1,4 +1,4 @@
-"""The studies kept at this address: open, rename, delete, and what the store has to say."""
+"""The studies kept at this address: open, rename, delete; notes of the store."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ def show_recent() -> None:
         show_warning(problem)
     for note in workspace.notes():
         show_warning(note.text)
-        st.button("Noted", key=f"noted_{note.id}", on_click=workspace.dismiss, args=(note.id,))
+        st.button("Dismiss", key=f"dismiss_{note.id}", on_click=workspace.dismiss, args=(note.id,))
     kept = workspace.recent()
     if not kept:
         return
     with st.expander(f"Recent studies ({len(kept)})"):
         for name, entry in list(kept.items())[:_MOST_SHOWN]:
             _row(name, entry)
-        _say_where(kept)
+        _show_storage(kept)
 
 
 def _row(name: str, entry: Entry) -> None:
@@ -55,7 +55,7 @@ def _rename(entry: str, key: str) -> None:
     workspace.rename(entry, st.session_state[key])
 
 
-def _say_where(kept: dict[str, Entry]) -> None:
+def _show_storage(kept: dict[str, Entry]) -> None:
     store = workspace.store()
     try:
         used = _used(str(store.folder))

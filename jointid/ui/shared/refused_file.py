@@ -1,4 +1,4 @@
-"""A file that was refused: one message, and its tables as they stand."""
+"""A refused file: one message, and a preview of its tables."""
 
 from __future__ import annotations
 
@@ -15,14 +15,12 @@ from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.workspace import Refused
 
 _PLOTTED = 12
-
-
 _ABOVE, _BELOW = 6, 7
-"""Rows shown around the one that is refused."""
+"""Rows shown around the refused one."""
 
 
 def show_refused() -> None:
-    """Show the last refused file above the page until it is put away; the chosen study stays chosen."""
+    """Show the last refused file above the page until it is dismissed; the chosen study stays chosen."""
     refused: Refused | None = st.session_state.get("refused")
     if refused is None:
         return
@@ -30,17 +28,17 @@ def show_refused() -> None:
     if refused.tables:
         names = [table.name for table in refused.tables]
         culprits = [k for k, table in enumerate(refused.tables) if table.refused]
-        # Where no table is at fault, none hides the page.
+        # Folded where no table is at fault.
         with st.expander("What is in the file", expanded=bool(culprits)):
             culprit = next(iter(culprits), 0)
             name = st.selectbox(
                 "Table",
                 names,
                 index=culprit,
-                key=f"peeked_table_{refused.file}_{hash(refused.message)}",  # each refusal begins anew
+                key=f"peeked_table_{refused.file}_{hash(refused.message)}",  # per refusal
             )
             _show_table(refused.tables[names.index(name)])
-    st.button("Put away", key="put_away", on_click=lambda: st.session_state.pop("refused", None))
+    st.button("Dismiss", key="dismiss_refused", on_click=lambda: st.session_state.pop("refused", None))
     st.divider()
 
 

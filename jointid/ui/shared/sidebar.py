@@ -1,4 +1,4 @@
-"""The sidebar: the steps, which study, and what holds for the whole study."""
+"""The sidebar: pages, choice of the study, and settings of the whole study."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import IMPORT, METHOD, OVERVIEW, SIMULATE
 from jointid.ui.shared.recent_studies import show_recent
-from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, say_in_address
+from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
@@ -28,7 +28,7 @@ def choose_study() -> tuple[str, str] | None:
         st.divider()
         above = st.container()
         _open_file()
-        with above:  # drawn last: it knows what has just been opened
+        with above:  # drawn last, to include the study just opened
             key = _choose()
         st.page_link(IMPORT.path, label=IMPORT.name, help=IMPORT.line)
         st.page_link(SIMULATE.path, label=SIMULATE.name, help=SIMULATE.line)
@@ -48,14 +48,14 @@ def choose_study() -> tuple[str, str] | None:
 def _choose() -> str | None:
     """Ask which study. The choice lives in the session, and in the address so that it survives F5."""
     names = names_by_address()
-    wanted = st.session_state.get("chosen") or st.query_params.get("study")
-    if wanted is not None and wanted not in names:
-        what = "The study of this address" if len(wanted) == _ID_LENGTH else f'"{wanted}"'
+    chosen = st.session_state.get("chosen") or st.query_params.get("study")
+    if chosen is not None and chosen not in names:
+        what = "The study of this address" if len(chosen) == _ID_LENGTH else f'"{chosen}"'
         show_info(f"{what} is not in this workspace, or not any more. Open its file again.")
-    if wanted not in names:
-        wanted = next(iter(sample_paths()), next(iter(names), None))
-    st.session_state["chosen"] = wanted
-    st.session_state["study"] = None if wanted is None else names[wanted]
+    if chosen not in names:
+        chosen = next(iter(sample_paths()), next(iter(names), None))
+    st.session_state["chosen"] = chosen
+    st.session_state["study"] = None if chosen is None else names[chosen]
     st.selectbox(
         "Study",
         list(names.values()),
@@ -64,18 +64,14 @@ def _choose() -> str | None:
         disabled=not names,
         help="What was opened, simulated or imported at this address, and the sample studies.",
     )
-    if wanted is not None:
-        say_in_address("study", wanted)
+    if chosen is not None:
+        set_in_address("study", chosen)
     show_recent()
-    return None if wanted is None else names[wanted]
+    return None if chosen is None else names[chosen]
 
 
 def _take_choice() -> None:
-    """Take what was chosen in the list of studies, by a person.
-
-    A fragment's timer repeats what its page shows, perhaps the study before the one just opened: the
-    list is in no fragment, so that what comes with a fragment's run is no choice.
-    """
+    """Take the choice in the list of studies, unless a fragment's timer repeats an earlier one."""
     context = get_script_run_ctx()
     if context is not None and context.fragment_ids_this_run:
         return
@@ -86,10 +82,9 @@ def _take_choice() -> None:
 
 
 def _remember_file() -> None:
-    """Put a file that was dropped into the session, before anything is drawn.
+    """Store a dropped file in the session before anything is drawn.
 
-    The next click ends a run wherever it is, and the uploader of another page knows nothing of the file:
-    from the session, the run after the click takes it.
+    A click may end this run at any point; the next run then takes the file from the session.
     """
     file = st.session_state.get(_UPLOADER)
     if file is not None and file.file_id != st.session_state.get("seen_upload"):
@@ -98,7 +93,7 @@ def _remember_file() -> None:
 
 
 def _open_file() -> None:
-    """Ask for a file, and keep the study in the one that has come."""
+    """Ask for a file, and keep its study."""
     with st.popover("Open a study (.zip)", width="stretch"):
         st.file_uploader(
             "A study folder, zipped",
@@ -112,7 +107,7 @@ def _open_file() -> None:
         try:
             _keep_or_refuse(*arrived)
         except Exception:
-            del st.session_state[_ARRIVED]  # a fault of ours must not meet every page from now on
+            del st.session_state[_ARRIVED]  # an internal error must not recur on every page
             raise
         del st.session_state[_ARRIVED]
 

@@ -1,13 +1,14 @@
-"""The studies that can be chosen: samples on disk, and those kept in the workspace of this address.
+"""The studies to choose from: samples on disk, and those kept in the workspace of this address.
 
-Only inputs live here, never results. The address says ?w=<workspace>, from the first study that is kept:
-who has the address has the studies, and nobody else. They outlive the session, the tab and the server.
-What the store cannot take stays in this session, and that is said.
+Only inputs are kept, never results. The address holds ?w=<workspace> from the first kept study on:
+whoever has the address has its studies, which outlive session, tab and server. Studies that the store
+refuses stay in the session, with a message.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,7 +64,7 @@ def store() -> Store:
 
 
 def workspace() -> str | None:
-    """Return the workspace of this session, at first from the address; None before anything is kept.
+    """Return the workspace of this session, initially from the address; None before the first study.
 
     The address is set again: links between pages drop it.
     """
@@ -79,15 +80,12 @@ def workspace() -> str | None:
         )
         return None
     st.session_state["workspace"] = found
-    say_in_address("w", found)
+    set_in_address("w", found)
     return found
 
 
-def say_in_address(name: str, value: str) -> None:
-    """Set a parameter of the address, where links between pages have dropped it.
-
-    Every setting is a message to the browser, and a place where the next click ends this run.
-    """
+def set_in_address(name: str, value: str) -> None:
+    """Set a parameter of the address, which links between pages drop; without a change, send nothing."""
     if st.query_params.get(name) != value:
         st.query_params[name] = value
 
@@ -110,7 +108,7 @@ def recent() -> dict[str, Entry]:
 
 
 def notes() -> tuple[Note, ...]:
-    """Return what became of studies of this workspace that are gone."""
+    """Return the notes on removed studies of this workspace."""
     place = workspace()
     try:
         return () if place is None else store().notes(place)
@@ -119,20 +117,20 @@ def notes() -> tuple[Note, ...]:
 
 
 def names_by_address() -> dict[str, str]:
-    """Return what can be chosen: the name shown, by what stands for it in the address (?study=...)."""
+    """Return the names to choose from by their key in the address (?study=...)."""
     session = {name: name for name in reversed(_in_session())}
     samples = {name: name for name in sample_paths()}
     return session | {entry.id: name for name, entry in recent().items()} | samples
 
 
 def place_for(part: str) -> str | None:
-    """Return where a part of this workspace is kept, see ``store``; None without a workspace."""
+    """Return the folder of a part of this workspace, see ``store``; None without a workspace."""
     place = workspace()
     return None if place is None else part_of(place, part)
 
 
 def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
-    """Write to a part of this workspace; a session without one has one from then on.
+    """Write to a part of this workspace, creating the workspace if needed.
 
     Raises
     ------
@@ -142,11 +140,11 @@ def keep_part(part: str, write: Callable[[Store, str], None]) -> None:
     place = workspace() or _new_workspace()
     write(store(), part_of(place, part))
     st.session_state["workspace"] = place
-    say_in_address("w", place)
+    set_in_address("w", place)
 
 
 def _new_workspace() -> str:
-    """Return the workspace that this session is to have; a run that was ended halfway has named it."""
+    """Return a new workspace, the same for all runs of this session."""
     place: str = st.session_state.setdefault("workspace_to_be", new_workspace())
     return place
 
@@ -165,22 +163,27 @@ def keep(study: Study, name: str) -> None:
     st.session_state.pop("refused", None)
 
 
+@contextmanager
+def noting_problems(prefix: str = "") -> Iterator[None]:
+    """Note an error of the store for the sidebar, and go on."""
+    try:
+        yield
+    except JointIdError as error:
+        st.session_state["store_problem"] = f"{prefix}{error}"
+
+
 def rename(entry: str, name: str) -> None:
     """Give a kept study another name."""
     if place := workspace():
-        try:
+        with noting_problems():
             store().rename(place, entry, name)
-        except JointIdError as error:
-            st.session_state["store_problem"] = str(error)
 
 
 def delete(entry: str) -> None:
     """Remove a kept study for good."""
     if place := workspace():
-        try:
+        with noting_problems():
             store().delete(place, entry)
-        except JointIdError as error:
-            st.session_state["store_problem"] = str(error)
         if st.session_state.get("chosen") == entry:
             st.session_state["chosen"] = next(iter(sample_paths()), None)
 
@@ -188,10 +191,8 @@ def delete(entry: str) -> None:
 def dismiss(note: str) -> None:
     """Remove a note that was read."""
     if place := workspace():
-        try:
+        with noting_problems():
             store().dismiss(place, note)
-        except JointIdError as error:
-            st.session_state["store_problem"] = str(error)
 
 
 def open_study(key: str) -> Opened:
@@ -233,7 +234,7 @@ def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str
 
 
 def _in_session() -> dict[str, Opened]:
-    """What the store could not take, oldest first."""
+    """Studies that the store refused, oldest first."""
     opened: dict[str, Opened] = st.session_state.setdefault("opened", {})
     return opened
 

@@ -1,17 +1,42 @@
-"""Tables of what the records and their phasors say of themselves."""
+"""Tables of the records' quality and of their phasors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+import streamlit as st
 
-from jointid import Phasors, SineRecord
+from jointid import JointIdError, Phasors, SineRecord
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.charts import Table
+from jointid.ui.shared import cached
+from jointid.ui.shared.charts import Table, table
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.page import Page
 
 _ROUNDING_S = 1e-9
-"""Uneven time steps below a nanosecond are the rounding of the times themselves."""
+"""Below a nanosecond, uneven time steps are rounding of the times."""
+
+
+def show_quality(page: Page) -> None:
+    """Show the quality of every record, and what its figures mean."""
+    st.subheader("Quality of every record", anchor=False)
+    try:
+        table(quality_table(page.study.records, cached.phasors(page.digest, page.study)))
+    except JointIdError as error:
+        show_error(error)
+    with st.expander("What the columns mean"):
+        st.markdown(
+            "These are the figures of the joint that moves most.\n"
+            "- **θ** is the motor's angle, **τ** its torque.\n"
+            "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
+            "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. "
+            "Friction makes it.\n"
+            "- **Settl.**, settling: how much the sine of the first quarter differs from that of the "
+            "second half. Above 1 % the robot had not settled.\n"
+            "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
+            "- **Jitter**: largest distance of a sample from its place on an even grid."
+        )
 
 
 def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:

@@ -1,16 +1,14 @@
-"""What a person takes away: the report, results for other tools, the study itself."""
+"""Files for other tools: results, tables, simulator snippets, and the study itself."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from html import escape
-from typing import Literal
 
+import numpy as np
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
-from jointid import Analysis, JointIdError
+from jointid import Analysis, JointIdError, Study
+from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.exporting import (
     Identification,
@@ -24,12 +22,11 @@ from jointid.exporting import (
     transfer_matrix_table,
     urdf_snippet,
 )
-from jointid.reporting.report import make_report, to_html, to_pdf
-from jointid.ui.shared.background import aside
-from jointid.ui.shared.messages import show_error
-from jointid.ui.study.uncertainty_panels import steps_at
-
-_MOST_REPORTS = 8
+from jointid.exporting.tables import without_friction_and_delay
+from jointid.files.study_files import pack_study
+from jointid.ui.shared.charts import download
+from jointid.ui.shared.messages import show_error, show_info
+from jointid.ui.shared.parse_numbers import numbers_in
 
 _SNIPPETS = {
     "MuJoCo": (".xml", mujoco_snippet),
@@ -38,17 +35,9 @@ _SNIPPETS = {
 }
 
 
-@dataclass(frozen=True)
-class MadeReport:
-    """A report, set for the screen and for paper."""
-
-    html: str
-    pdf: bytes
-
-
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What an analysis gives to other tools."""
+    """The files of an analysis."""
 
     identification: Identification
     json: str
@@ -78,92 +67,90 @@ def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, 
     return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
 
 
-@st.cache_resource(show_spinner=False)
-def _reports() -> dict[tuple[str, str], MadeReport]:
-    return {}
+def show_identification_files(results: Results, stem: str) -> None:
+    """Offer K, D and their origin as JSON, TOML and MATLAB."""
+    st.subheader("K, D and how they were obtained", anchor=False)
+    st.write("With covariance, friction, delay and inertias. SI units, seen from the motors.")
+    with st.container(horizontal=True):
+        download("JSON", results.json, f"{stem}.json", "application/json")
+        download("TOML", results.toml, f"{stem}.toml", "application/toml")
+        download(
+            "MATLAB (.mat)",
+            results.mat,
+            f"{stem}.mat",
+            "application/octet-stream",
+            hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
+            "without friction and delay, and phasors.",
+        )
+    with st.expander("What stands in it"):
+        st.code(results.toml, language="toml", height=360)
 
 
-def made_report(digest: str, method: str) -> MadeReport | None:
-    """Return a report that was made before."""
-    return _reports().get((digest, method))
-
-
-def write_report(
-    digest: str, method: str, analysis: Analysis, progress: Callable[[float, str], object]
-) -> MadeReport:
-    """Make the report and keep it; a function that shows progress cannot be cached by itself."""
-    report = aside(make_report, analysis, progress=lambda done, what: progress(0.6 * done, what))
-    progress(0.6, "Setting the pages for the screen")
-    html = aside(to_html, report)
-    paper = "Setting the pages for paper"
-    progress(0.65, paper)
-    pdf = aside(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
-    made = MadeReport(html, pdf)
-    kept = _reports()
-    kept[digest, method] = made
-    while len(kept) > _MOST_REPORTS:
-        kept.pop(next(iter(kept)), None)
-    return made
-
-
-def offer_report(place: DeltaGenerator, *, at_work: bool) -> None:
-    """Draw the button; it stays while the report is made, but cannot be pressed then."""
-    place.button(
-        "Make the report",
-        type="primary",
-        key="make_report",
-        disabled=at_work,
-        on_click=lambda: st.session_state.update(report_asked=True),
+def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
+    """Offer phasors and transfer matrix as CSV."""
+    st.subheader("Tables", anchor=False)
+    st.write(
+        "CSV with a header line, every number with all its digits. H stands there as measured"
+        + (
+            f", and from torques {without(analysis.fit)} in columns of their own."
+            if without_friction_and_delay(analysis)
+            else "."
+        )
     )
+    with st.container(horizontal=True):
+        download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
+        if analysis.transfer_matrices:
+            download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
+    if not analysis.transfer_matrices:
+        show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 
-def asked_for_report() -> bool:
-    """Whether this run was asked to make the report; it is asked once."""
-    return bool(st.session_state.pop("report_asked", False))
-
-
-def make_report_at(
-    place: DeltaGenerator, digest: str, method: str, analysis: Analysis, stem: str
-) -> None:
-    """Make the report, with progress by step and a way to stop, and show it."""
-    with place.container():
-        bar = st.progress(0.0, "Preparing")
-        st.button("Stop", key="stop_report", help="Ends the work; nothing is kept of it.")
-    try:
-        made = write_report(digest, method, analysis, steps_at(bar))
-    except JointIdError as error:
-        show_error(error, place)
+def show_simulator_files(results: Results, n: int, stem: str) -> None:
+    """Ask for the gear ratios and offer the joints as snippets for simulators."""
+    st.subheader("For robot simulators", anchor=False)
+    st.write(
+        "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
+        "side becomes N²K; damping and rotor inertia likewise."
+    )
+    entered = st.text_input(
+        "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),
+        key="gears",
+        bind="query-params",
+        placeholder=", ".join(["100", "80", "60", "50", "50", "50"][:n]),
+        help="Negative where the motor turns the other way than its joint. "
+        "One number holds for all joints.",
+    )
+    if entered.strip():
+        try:
+            ratio = np.array(numbers_in("Gear ratios", entered, count=n))
+            for tab, (name, (ending, text)) in zip(
+                st.tabs(["MuJoCo", "URDF", "SDF"]),
+                snippets(results.identification, ratio).items(),
+                strict=True,
+            ):
+                with tab:
+                    download(f"{name} ({ending})", text, f"{stem}{ending}", "application/xml")
+                    st.code(text, language="xml", height=360)
+        except JointIdError as error:
+            show_error(error)
     else:
-        show_report(place, made, stem)
+        st.caption(
+            "Without them there is no snippet: a ratio that was guessed would be wrong by its square."
+        )
 
 
-def show_report(place: DeltaGenerator, made: MadeReport, stem: str) -> None:
-    """Offer a report as files and for a look."""
-    with place.container():
-        with st.container(horizontal=True):
-            download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
-            download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
-        with st.expander("Look at it"):
-            preview(made.html, height=700)
-
-
-def preview(html: str, *, height: int) -> None:
-    """Show a report on the page, in a frame that can neither run scripts nor reach the app."""
-    style = f"border:0;width:100%;height:{height}px;display:block"
-    frame = f'<iframe sandbox title="The report" style="{style}" srcdoc="{escape(html)}"></iframe>'
-    st.iframe(f'<body style="margin:0">{frame}</body>', height=height)
-
-
-def download(
-    label: str,
-    data: str | bytes | Callable[[], bytes],
-    file_name: str,
-    mime: str,
-    *,
-    kind: Literal["primary", "secondary"] = "secondary",
-    hint: str | None = None,
-) -> None:
-    """Draw a button that saves a file and leaves the page as it is."""
-    st.download_button(
-        label, data, file_name, mime, key=f"save {label}", help=hint, on_click="ignore", type=kind
-    )
+def show_study_files(study: Study, stem: str) -> None:
+    """Offer the study itself."""
+    st.subheader("The study", anchor=False)
+    st.write("study.toml and one table per record: readable without this software.")
+    with st.container(horizontal=True):
+        download(
+            "Study, records as CSV (.zip)", lambda: pack_study(study), f"{stem}.zip", "application/zip"
+        )
+        download(
+            "Study, records as Parquet (.zip)",
+            lambda: pack_study(study, record_format="parquet"),
+            f"{stem}_parquet.zip",
+            "application/zip",
+            hint="Reads faster.",
+        )

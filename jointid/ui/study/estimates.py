@@ -1,4 +1,4 @@
-"""The estimators side by side, and the linear problem for those who look."""
+"""The estimators side by side, and the linear problem in detail."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def show_estimates(analysis: Analysis) -> None:
 
 
 def show_also_fitted(fit: ElasticityFit) -> None:
-    """What was found together with K and D: friction, delay, and which models were compared."""
+    """Friction, delay, and the compared models."""
     if fit.friction is not None:
         n, friction = fit.n, fit.friction
         error = friction.standard_error

@@ -1,15 +1,17 @@
-"""Choosing an element of the transfer matrix, and the matrix as a table."""
+"""One element of the transfer matrix as a figure, and the matrix as a table."""
 
 from __future__ import annotations
 
 import numpy as np
 import streamlit as st
 
-from jointid import TransferMatrix
-from jointid.figures import torque_condition
+from jointid import Analysis, TransferMatrix
+from jointid.figures import element_response, single_record, torque_condition
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.charts import Table, plot, table
+from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
 from jointid.ui.shared.messages import show_info
+from jointid.ui.shared.page import Page
+from jointid.ui.study.overview import freed_note
 
 
 def choose_pose(poses: list[str]) -> str:
@@ -19,7 +21,7 @@ def choose_pose(poses: list[str]) -> str:
     return st.selectbox(
         "Pose",
         poses,
-        format_func=lambda pose: pose or "as in [inertia]",
+        format_func=lambda pose: pose or NO_POSE,
         key="pose",
         bind="query-params",
         help="K and D do not depend on the pose; the arm's inertia, and so H, does.",
@@ -32,17 +34,51 @@ def choose_element(n: int) -> tuple[int, int]:
         return 0, 0
     pairs = [(j, j) for j in range(n)] + [(i, j) for i in range(n) for j in range(i + 1, n)]
     names = [f"H{i + 1}{j + 1}" + ("" if i == j else f" and H{j + 1}{i + 1}") for i, j in pairs]
-    shown = st.segmented_control(
+    shown = choose_segment(
         "Element",
         names,
-        default=names[0],
-        required=True,
-        key="element",
-        bind="query-params",
-        help="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
+        "element",
+        hint="$H_{ij}$ is the acceleration of motor i over the torque of motor j. "
         "On the diagonal a motor's own torque acts.",
     )
-    return pairs[names.index(shown or names[0])]
+    return pairs[names.index(shown)]
+
+
+def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> None:
+    """Show H_ij over frequency; a diagonal element beside the single-record responses of its joint."""
+    n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
+    figure = page.drawn(
+        f"element {i} {j} {pose}", lambda: element_response(analysis, i, j, pose=pose, dark=page.dark)
+    )
+    if i == j and n > 1:
+        left, right = st.columns(2)
+        with left:
+            st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
+            alone = page.drawn(
+                f"single {i} {pose}", lambda: single_record(analysis, i, pose=pose, dark=page.dark)
+            )
+            plot(
+                alone,
+                f"Acceleration over torque of joint {i + 1} from single records, over frequency",
+                key="alone",
+            )
+        with right:
+            figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
+            st.markdown(f"**All records together**{figure_number}: {name}")
+            plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
+        st.caption(
+            "Both figures share their scale. A peak that stands on the left only is made by the other "
+            "joints' controllers." + freed_note(analysis.fit)
+        )
+    else:
+        if i == j:
+            st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
+        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
+        if i != j:
+            st.caption(
+                f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."
+                + freed_note(analysis.fit)
+            )
 
 
 def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:

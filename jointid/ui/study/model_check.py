@@ -1,4 +1,4 @@
-"""Does the model hold: prediction of what was left out, residuals, harmonics, poses, amplitudes."""
+"""Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.uncertainty_panels import names_of
@@ -117,9 +117,7 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         "K and D do not depend on the pose. Where they seem to, M2 of a pose is off or the gear "
         "hardens. Distance: of the poses from their mean, in standard errors; about 1 when they agree."
     )
-    columns: dict[str, list[str]] = {
-        "Pose": [*(name or "as in [inertia]" for name in fits.names), "Distance"]
-    }
+    columns: dict[str, list[str]] = {"Pose": [*(name or NO_POSE for name in fits.names), "Distance"]}
     for k, name in enumerate(names_of(analysis)):
         pairs = zip(fits.estimates[:, k], fits.standard_error[:, k], strict=True)
         columns[name] = [

@@ -1,4 +1,4 @@
-"""The pieces of the first screen."""
+"""Panels of the first screen."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from jointid import Elasticity, ElasticityFit, Finding, Study
 from jointid.answer import without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain, significant, with_error
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.method_steps import METHOD
+from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.wording import counted, file_stem
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
@@ -22,7 +23,7 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 
 
 def show_heading(study: Study) -> None:
-    """Name, where it comes from, and what it holds."""
+    """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     f = sorted(record.frequency_hz for record in study.records)
     band = f"{plain(round(f[0], 3))} Hz"
@@ -42,7 +43,7 @@ def show_heading(study: Study) -> None:
 
 
 def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
-    """K and D of every joint with ± one standard error, against what the controller assumes."""
+    """K and D of every joint with ± one standard error, against the nominal values."""
     n = fit.n
     if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
         with st.container(horizontal=True):
@@ -104,11 +105,14 @@ def show_findings(findings: Sequence[Finding]) -> None:
 def _finding(finding: Finding) -> None:
     box = _BOXES[finding.level]
     remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
+    if finding.action:
+        step, part = ACTIONS[finding.action]
+        remedy += f"  \nIn the app: page {step.name}, {part}"
     box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
 
 
 def freed_note(fit: ElasticityFit) -> str:
-    """Say what "without friction" means in a figure's legend, when it stands there."""
+    """Explain "without friction" in a figure's legend, if present."""
     words = without(fit)
     return (
         f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
@@ -118,16 +122,15 @@ def freed_note(fit: ElasticityFit) -> str:
 
 
 def show_steps(study: Study) -> None:
-    """The way on: each step of the method in a line, and the study as a file."""
+    """Links to the steps of the method, and the study as a file."""
     for step in METHOD:
         name, line = st.columns([1, 5], vertical_alignment="center", gap="small")
         name.page_link(step.path, label=f"**{step.name}**")
         line.caption(step.line)  # a link's label is cut off where it is too long for a phone
-    st.download_button(
+    download(
         "Save this study (.zip)",
-        data=lambda: pack_study(study),
-        file_name=f"{file_stem(study.name)}.zip",
-        mime="application/zip",
-        on_click="ignore",
-        help="study.toml and one CSV table per record: readable without this software.",
+        lambda: pack_study(study),
+        f"{file_stem(study.name)}.zip",
+        "application/zip",
+        hint="study.toml and one CSV table per record: readable without this software.",
     )

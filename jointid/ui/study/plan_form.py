@@ -1,4 +1,4 @@
-"""The next experiment by form: limits in, suggested records out, and a plan of one's own."""
+"""Experiment planning: limits, suggested records, and an own plan."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import streamlit as st
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.background import aside
-from jointid.ui.shared.charts import Table
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.uncertainty.plan import (
@@ -23,12 +23,10 @@ from jointid.uncertainty.plan import (
     suggest_records,
 )
 
-_NO_POSE = "as in [inertia]"
-
 
 @dataclass(frozen=True)
 class PlanSettings:
-    """What the next records may be."""
+    """Limits of the planned records."""
 
     count: int
     seconds: float
@@ -74,7 +72,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
         if study.poses:
             used = {record.pose or "" for record in study.records}
             poses = [*(("",) if "" in used else ()), *study.poses]
-            pose = st.selectbox("Pose", poses, format_func=lambda p: p or _NO_POSE, key="plan_pose")
+            pose = st.selectbox("Pose", poses, format_func=lambda p: p or NO_POSE, key="plan_pose")
         st.form_submit_button("Suggest", type="primary")
     limits = (
         numbers_in("Largest torques", torques, count=n),
@@ -101,7 +99,7 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
 def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
     """Choose the records that would cut the worst error bar most."""
-    return aside(
+    return run_in_background(
         suggest_records,
         _analysis.phasors,
         _analysis.study.inertias,
@@ -179,7 +177,7 @@ def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
 def predicted(
     page: Page, columns: dict[str, list[float | None]], analysis: Analysis, pose: str
 ) -> PredictedErrors:
-    """Predict what an edited plan would tell.
+    """Predict the standard errors of an edited plan.
 
     Raises
     ------
@@ -212,7 +210,7 @@ def _predicted(
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
         duration_s=table["Length (s)"],
     )
-    return aside(
+    return run_in_background(
         predict_standard_errors,
         plan,
         _analysis.phasors,
@@ -224,8 +222,7 @@ def _predicted(
 
 def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
-    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
-    columns: dict[str, list[str]] = {"": [f"{name} ({units[name[0]]})" for name in errors.names]}
+    columns: dict[str, list[str]] = {"": [f"{name} ({UNITS[name[0]]})" for name in errors.names]}
     columns["Today"] = [
         with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
     ]

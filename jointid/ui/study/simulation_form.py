@@ -1,9 +1,10 @@
-"""A simulated robot by form: what was entered becomes a study."""
+"""The form of a simulated robot, and its study."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import streamlit as st
@@ -21,9 +22,10 @@ from jointid import (
     simulate_records,
 )
 from jointid.rounding import plain
-from jointid.ui.shared.background import aside
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
+Number = TypeVar("Number", int, float)
 _RECORDS = {
     "All joints, another phase each time": "orthogonal",
     "One joint at a time, the others held": "one-at-a-time",
@@ -80,17 +82,17 @@ def ask() -> Settings | None:
             first = _number(one, "First frequency (Hz)", 3.0, (0.05, 1000.0), "first")
             last = _number(two, "Last frequency (Hz)", 30.0, (0.05, 1000.0), "last")
             one, two = st.columns(2)
-            count = _count(one, "Frequencies", 16, (1, 60), "count")
+            count = _number(one, "Frequencies", 16, (1, 60), "count")
             seconds = _number(two, "Length of a record (s)", 4.0, (0.2, 60.0), "seconds")
             pattern = st.selectbox(
                 "Who moves", list(_RECORDS), key="sim_pattern", persist_state="session"
             )
             one, two = st.columns(2)
             noise = _number(one, "Torque noise (N·m)", 0.02, (0.0, 10.0), "noise")
-            counts = _count(two, "Encoder counts per turn, 0: ideal", 65536, (0, 2**24), "counts")
+            counts = _number(two, "Encoder counts per turn, 0: ideal", 65536, (0, 2**24), "counts")
             one, two = st.columns(2)
             bandwidth = _number(one, "Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0), "bandwidth")
-            seed = _count(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
+            seed = _number(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
         if not st.form_submit_button("Simulate", type="primary"):
             return None
     if last < first:
@@ -122,7 +124,7 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
-    records = aside(
+    records = run_in_background(
         simulate_records,
         settings.inertia,
         settings.elasticity,
@@ -154,10 +156,6 @@ def _text(label: str, value: str, key: str, help_text: str | None = None) -> str
 
 
 def _number(
-    place: DeltaGenerator, label: str, value: float, limits: tuple[float, float], key: str
-) -> float:
-    return place.number_input(label, *limits, value, key=f"sim_{key}", persist_state="session")
-
-
-def _count(place: DeltaGenerator, label: str, value: int, limits: tuple[int, int], key: str) -> int:
+    place: DeltaGenerator, label: str, value: Number, limits: tuple[Number, Number], key: str
+) -> Number:
     return place.number_input(label, *limits, value, key=f"sim_{key}", persist_state="session")

@@ -1,10 +1,9 @@
-"""How far the answer can be trusted: error bars of noise and of the inertias, and checks of them."""
+"""Uncertainty of K and D: error bars of noise and of the inertias, and checks of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from time import monotonic
-from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -16,8 +15,8 @@ from jointid.answer import inertia_sentence
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
-from jointid.ui.shared.background import aside
-from jointid.ui.shared.charts import Table, plot
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import UNITS, Table, plot
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
@@ -27,6 +26,7 @@ from jointid.ui.shared.messages import (
     show_warning,
 )
 from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import result_cache
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
     InertiaSensitivity,
@@ -34,47 +34,19 @@ from jointid.uncertainty.sensitivity import (
     inertia_sensitivity,
 )
 
-_MOST_KEPT = 200
-"""Small results; twenty persons have several each."""
 _PATIENCE_S = 0.5
 _SOON_S = 0.2
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
-@st.cache_resource(show_spinner=False)
-def _kept() -> dict[tuple[str, ...], Any]:
-    """Results by study, estimator and kind; what shows progress cannot be cached by streamlit."""
-    return {}
-
-
-def kept(page: Page, kind: str) -> Any:
-    """Return a result of this study and estimator that was computed before, or None."""
-    return _kept().get((page.digest, page.method, kind))
-
-
-def keep(page: Page, kind: str, result: Any) -> None:
-    """Keep a result; the oldest one makes room."""
-    results = _kept()
-    results[page.digest, page.method, kind] = result
-    while len(results) > _MOST_KEPT:
-        results.pop(next(iter(results)), None)
-
-
 def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
-    """Return what shows progress at ``place``, once it takes long enough to be noticed."""
-    began = monotonic()
-
-    def show(done: float) -> None:
-        taken = monotonic() - began
-        if taken > _PATIENCE_S and done > 0:
-            left = taken * (1 - done) / done
-            show_progress(done, f"{what}: {done:.0%}, {left:.0f} s left", place)
-
-    return show
+    """Return a function that shows progress at ``place`` after half a second."""
+    began, show = monotonic(), steps_at(place)
+    return lambda done: show(done, what) if monotonic() > began + _PATIENCE_S and done > 0 else None
 
 
 def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
-    """Return what shows progress by step at ``place``, with the time left once it can be told."""
+    """Return a function that shows progress by step at ``place``, with an estimate of the time left."""
     began = monotonic()
 
     def show(done: float, what: str) -> None:
@@ -97,7 +69,7 @@ def estimates_of(analysis: Analysis, method: str = "") -> tuple[Floats, Floats]:
 
 
 def on_demand(label: str, key: str) -> ExpanderContainer:
-    """Return an expander, closed at first; what is in it need not be computed before it is ``open``."""
+    """Return an expander, closed at first; its content may be computed once it is ``open``."""
     return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
@@ -120,10 +92,10 @@ def ask_share() -> float:
 
 
 def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: float) -> None:
-    """Both error bars and the paper's answer; what is slow is computed when the page stands."""
+    """Both error bars and the paper's answer; slow parts are computed after the page is drawn."""
     with place:
         shown, below, details = st.empty(), st.empty(), st.container()
-    found: InertiaSensitivity | str | None = kept(page, "inertias")
+    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
     known = found if isinstance(found, InertiaSensitivity) else None
     show_text_table(errors_table(analysis, known, share), shown)
     if isinstance(found, str):
@@ -161,7 +133,7 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
         bar.caption("± is noise alone. What inertias that are off would add is computed next.")
         return
     try:
-        found: InertiaSensitivity | str = aside(
+        found: InertiaSensitivity | str = run_in_background(
             inertia_sensitivity,
             analysis.phasors,
             page.study.inertias,
@@ -170,16 +142,16 @@ def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
         )
     except JointIdError as error:
         found = str(error)
-    keep(page, "inertias", found)
+    result_cache().put(("inertias", page.digest, page.method), found)
     del st.session_state["inertias_wait"]
     st.rerun()
 
 
 def show_inertia_line(page: Page, analysis: Analysis) -> None:
-    """What the error bars leave out, in a line; it is computed when the page stands."""
+    """One line on the errors of the inertias, computed after the page is drawn."""
     if any(finding.level == "problem" for finding in analysis.findings):
-        return  # an answer that cannot be used has no error bars worth completing
-    found: InertiaSensitivity | str | None = kept(page, "inertias")
+        return  # an unusable answer needs no error bars
+    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
     if found is None:
         _compute_what_the_inertias_add(page, analysis)
     elif isinstance(found, str):
@@ -190,16 +162,15 @@ def show_inertia_line(page: Page, analysis: Analysis) -> None:
 
 
 def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:
-    """One row per parameter; what the inertias add is "…" until it is computed."""
+    """One row per parameter; the error from the inertias is "…" until it is computed."""
     value, error = estimates_of(analysis)
     paper, paper_error = estimates_of(analysis, "least-squares")
-    units = {"K": "N·m/rad", "D": "N·m·s/rad"}
     added = ["…"] * value.size
     if found is not None:
         added = [f"± {significant(float(e), 2)}" for e in found.standard_error(share)]
     same = analysis.fit.method == "least-squares"
     return {
-        "": [f"{name} ({units[name[0]]})" for name in names_of(analysis)],
+        "": [f"{name} ({UNITS[name[0]]})" for name in names_of(analysis)],
         "Estimate ± noise": [with_error(v, e) for v, e in zip(value, error, strict=True)],
         f"Inertias ± {100 * share:g} %": added,
         "Paper's least squares": [with_error(v, e) for v, e in zip(paper, paper_error, strict=True)],
@@ -210,7 +181,7 @@ def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: fl
 
 
 def difference(other: float, value: float) -> str:
-    """How far ``other`` lies from ``value``, in per cent of it."""
+    """Deviation of ``other`` from ``value``, in per cent of it."""
     if value == 0:
         return "–"
     percent = 100 * (other - value) / abs(value)
@@ -246,7 +217,8 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
         "what 68 % of its draws say of an estimate that some noise throws far off."
     )
-    checks: tuple[Bootstrap, Jackknife | str] | None = kept(page, "checks")
+    key = ("checks", page.digest, page.method)
+    checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
     if checks is None:
         place, working = st.empty(), st.empty()
         slow = analysis.fit.friction is not None or analysis.fit.delay is not None
@@ -262,7 +234,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         except JointIdError as error:
             show_error(error, working)
             return
-        keep(page, "checks", checks)
+        result_cache().put(key, checks)
         place.empty()
         working.empty()
     drawn, left_out = checks
@@ -288,9 +260,11 @@ def _checks(
     page: Page, analysis: Analysis, draws: int, bar: DeltaGenerator
 ) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
-    drawn = aside(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
+    drawn = run_in_background(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
     try:
-        return drawn, aside(jackknife, *given, progress=reporter(bar, "Leaving out frequencies"))
+        return drawn, run_in_background(
+            jackknife, *given, progress=reporter(bar, "Leaving out frequencies")
+        )
     except JointIdError as error:
         return drawn, str(error)
 
@@ -300,7 +274,7 @@ def _errors(values: Floats) -> list[str]:
 
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
-    """Where two parameters lie together."""
+    """Joint confidence regions of two parameters."""
     names = names_of(analysis)
     left, right = st.columns(2)
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")

@@ -1,0 +1,71 @@
+"""The cut over time, one corner of it, and the predicted path error."""
+
+from __future__ import annotations
+
+import streamlit as st
+
+from jointid.cut.outcome import Outcome
+from jointid.figures.cut import (
+    corner_detail,
+    path_error_histogram,
+    path_error_over_time,
+    torque_over_time,
+)
+from jointid.ui.cut.panels import remainder
+from jointid.ui.cut.settings import CutSettings
+from jointid.ui.shared.charts import choose_segment, plot, side_by_side
+from jointid.ui.shared.page import Page
+
+
+def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    """Show error, torque, a corner, and the distribution of the path error."""
+    st.subheader("Over time", anchor=False)
+    error, torque, corner, distribution = side_by_side(4)
+    with error:
+        st.markdown("**Error**")
+        st.caption(
+            "Path error: distance to the nearest point of the path. Tracking error: to where the tool "
+            "should be at that time."
+        )
+        figure = page.drawn(f"error {settings}", lambda: path_error_over_time(outcome, dark=page.dark))
+        plot(figure, "Path and tracking error over time", key="cut_error")
+    with torque:
+        st.markdown("**Torque**")
+        st.caption(
+            "Torque of each motor as the servo sets it. A servo that knows the springs adds what moves "
+            "the motors by x."
+        )
+        figure = page.drawn(f"torque {settings}", lambda: torque_over_time(outcome, dark=page.dark))
+        plot(figure, "Motor torques over time", key="cut_torque")
+    with corner:
+        _show_corner(page, settings, outcome)
+    with distribution:
+        _show_distribution(page, settings, outcome)
+
+
+def _show_corner(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    st.markdown("**A corner**")
+    names = [str(k + 1) for k in range(len(outcome.toolpath.corners()[0]))]
+    chosen = int(choose_segment("Corner", names, "cut_corner", hide_label=True)) - 1
+    figure = page.drawn(
+        f"corner {chosen} {settings}", lambda: corner_detail(outcome, chosen, dark=page.dark)
+    )
+    plot(figure, "Tool paths around a corner", key="cut_corner_figure")
+
+
+def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    st.markdown("**What this identification promises**")
+    if outcome.distribution is None:
+        st.caption("Not known: see above.")
+        return
+    if not outcome.springs_matter:
+        st.caption(remainder(outcome, settings.servo, settings.friction))
+        return
+    demonstrated = outcome.robot.rule == "demonstration"
+    source = "the errors of this demonstration" if demonstrated else "the fit's covariance"
+    st.caption(
+        f"{outcome.distribution.K.shape[0]} robots drawn from {source}, each cut by a servo with the "
+        "identified values."
+    )
+    figure = path_error_histogram(outcome.distribution, dark=page.dark)
+    plot(figure, "Distribution of the path error", key="cut_promise")

@@ -1,0 +1,106 @@
+"""Path error over errors of the assumed stiffness: a table, and a map on demand."""
+
+from __future__ import annotations
+
+import numpy as np
+import streamlit as st
+
+from jointid import JointIdError
+from jointid.arrays import Floats
+from jointid.cut.outcome import Outcome, millimetres
+from jointid.cut.robot import CutRobot
+from jointid.cut.tolerance import ToleranceMap, tolerance_map
+from jointid.figures.cut_tolerance import tolerance_heatmap
+from jointid.ui.cut import cached_cuts
+from jointid.ui.cut.settings import CutSettings
+from jointid.ui.shared.background import awaited, run_in_background
+from jointid.ui.shared.charts import choose_segment, plot
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.results import result_cache
+
+_WIDE = 21
+"""Cuts along each axis of the map."""
+_RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
+
+
+def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    """Show the path error for some errors of K̂, and on demand a map of a few hundred cuts."""
+    st.subheader("How well K must be known", anchor=False)
+    st.write(
+        "The largest path error when the servo assumes K̂ where the robot has the identified K, with "
+        "this path and controller. On the map, lines join equal errors."
+    )
+    try:
+        _show_costs(page, settings, outcome)
+        _show_map(page, settings, outcome)
+    except JointIdError as error:
+        show_error(error)
+
+
+def _show_costs(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    begun = cached_cuts.offset_costs(page.digest, page.method, settings.after, outcome.robot)
+    awaited("Cutting", begun)
+    exact, *off = begun.result()[0].tolist()
+    costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
+    heads = ["exact", *(f"± {100 * offset:g} %" for offset in cached_cuts.OFFSETS)]
+    st.markdown(
+        f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
+        f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
+    )
+
+
+def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
+    span = choose_segment("Range of K̂/K", _RANGES, "cut_map_range")
+    robot = outcome.robot
+    key = ("tolerance map", page.digest, page.method, settings.after, span)
+    tolerance: ToleranceMap | None = result_cache().get(key)
+    if tolerance is None:
+        place = st.empty()
+        if not place.button(
+            f"Compute the map ({_WIDE * _WIDE} cuts)",
+            key="cut_map",
+            help="Takes a few seconds. Later visits with the same settings show it at once.",
+        ):
+            return
+        with place.container():
+            bar = st.progress(0.0, "Cutting")
+            st.button("Stop", key="cut_map_stop", help="Ends the computation; nothing is kept of it.")
+
+        def show(done: float) -> None:
+            bar.progress(min(done, 1.0), f"Cutting: {done:.0%}")
+
+        ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
+        tolerance = run_in_background(
+            tolerance_map,
+            robot.arm,
+            outcome.toolpath,
+            robot.elasticity,
+            *ratios,
+            servo=settings.servo,
+            friction=settings.friction,
+            progress=show,
+        )
+        result_cache().put(key, tolerance)
+        place.empty()
+    plot(
+        tolerance_heatmap(
+            tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark
+        ),
+        "Largest path error over the ratios of assumed to true stiffness",
+        key="cut_map_figure",
+    )
+    path_error = tolerance.max_contour_error_m
+    st.caption(
+        f"Errors on this map: {millimetres(path_error.min())} to {millimetres(path_error.max())}."
+    )
+
+
+def _ratios(robot: CutRobot, joint: int, span: str) -> Floats:
+    """K̂/K within 10 %, from 1/3 to 3, or as far as four standard errors."""
+    if span == _RANGES[2]:
+        error = float(np.sqrt(robot.covariance[joint, joint]) / robot.elasticity.K[joint])
+        most = 1 + float(np.clip(4 * error, 1e-5, 2.0))
+    else:
+        most = 3.0 if span == _RANGES[1] else 1 / 0.9
+    return np.geomspace(1 / most, most, _WIDE)

@@ -1,0 +1,119 @@
+"""The one cache of results, for all sessions: by kind of result, study digest and settings.
+
+Streamlit's own cache serves functions without progress or concurrency; everything else is kept here.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import Future
+from functools import partial
+from threading import Lock
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+import streamlit as st
+
+from jointid.ui.shared.background import submit
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+_MOST_BYTES = 1 << 30
+_ALWAYS_KEPT = 64
+"""Latest results, kept whatever their size: a page needs those of its last run."""
+
+
+class ResultCache:
+    """Finished results and those being computed; the least recently used are dropped first.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Approximate memory of all results.
+    always_kept : int
+        Number of the latest results that stay even beyond ``most_bytes``.
+    """
+
+    def __init__(self, most_bytes: int = _MOST_BYTES, always_kept: int = _ALWAYS_KEPT) -> None:
+        self._most_bytes, self._always_kept = most_bytes, always_kept
+        self._lock = Lock()
+        self._results: OrderedDict[Hashable, Future[Any]] = OrderedDict()
+        self._bytes: dict[Hashable, int] = {}
+
+    def get(self, key: Hashable) -> Any:
+        """Return a finished result, or None."""
+        with self._lock:
+            found = self._results.get(key)
+            if found is None or not found.done() or found.exception() is not None:
+                return None
+            self._results.move_to_end(key)
+            return found.result()
+
+    def put(self, key: Hashable, result: Any) -> None:
+        """Keep a result."""
+        finished: Future[Any] = Future()
+        finished.set_result(result)
+        with self._lock:
+            self._store(key, finished)
+        self._measure(key, finished)
+
+    def begin(
+        self,
+        key: Hashable,
+        compute: Callable[Given, Found],
+        *given: Given.args,
+        **named: Given.kwargs,
+    ) -> Future[Found]:
+        """Begin a background computation, unless one of this key has begun and not failed."""
+        with self._lock:
+            known = self._results.get(key)
+            is_new = known is None or (known.done() and known.exception() is not None)
+            future = submit(compute, *given, **named) if is_new or known is None else known
+            self._store(key, future)
+        if is_new:
+            future.add_done_callback(partial(self._measure, key))
+        return future
+
+    def _store(self, key: Hashable, result: Future[Any]) -> None:
+        self._results[key] = result
+        self._results.move_to_end(key)
+        self._bytes.setdefault(key, 1)  # until it is measured
+        self._drop_oldest()
+
+    def _measure(self, key: Hashable, finished: Future[Any]) -> None:
+        if finished.exception() is not None:
+            return
+        size = size_bytes(finished.result())
+        with self._lock:
+            if self._results.get(key) is finished:
+                self._bytes[key] = size
+                self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        while len(self._results) > self._always_kept and sum(self._bytes.values()) > self._most_bytes:
+            oldest, _ = self._results.popitem(last=False)
+            del self._bytes[oldest]
+
+
+@st.cache_resource(show_spinner=False)
+def result_cache() -> ResultCache:
+    """Return the cache of this server."""
+    return ResultCache()
+
+
+def size_bytes(value: object, counted: set[int] | None = None) -> int:
+    """Return the approximate memory of a value with all its parts, each counted once."""
+    counted = set() if counted is None else counted
+    if id(value) in counted:
+        return 0
+    counted.add(id(value))
+    if isinstance(value, np.ndarray):
+        return int(value.nbytes)
+    parts: Any = getattr(value, "__dict__", {}).values()
+    if isinstance(value, Mapping):
+        parts = value.values()
+    elif isinstance(value, list | tuple):
+        parts = value
+    return sys.getsizeof(value) + sum(size_bytes(part, counted) for part in parts)
