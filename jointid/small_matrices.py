@@ -50,7 +50,7 @@ def inverse(A: Numbers) -> Numbers:
     return adjugate
 
 
-def whitener(V: Complexes) -> Complexes:
+def whitener(V: Numbers) -> Numbers:
     """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
 
     Double precision cannot tell a direction of V below ``_LEAST_PIVOT`` of its diagonal from zero, or
@@ -81,15 +81,14 @@ def whitener(V: Complexes) -> Complexes:
     return W
 
 
-def propagated(E: Complexes, CE: Complexes) -> Complexes:
-    """Covariance E C Eᴴ of a linear map of signals, from E (..., n, m) and C Eᴴ (..., m, n).
+def lifted(V: Complexes, E: Complexes, C: Complexes) -> Complexes:
+    """V = E C Eᴴ (..., n, n) with every variance at least the rounding of its terms; changes V in place.
 
-    Strongly correlated signals may cancel. No variance is then less than the rounding of its terms.
+    Strongly correlated signals may cancel to zero, or by rounding to less.
     """
-    V = E @ CE
-    terms = np.abs(E) * np.abs(CE.swapaxes(-2, -1))
+    variance = np.diagonal(C, axis1=-2, axis2=-1).real
     for j in range(V.shape[-1]):
-        least = _ROUNDING * terms[..., j, :].sum(axis=-1)
+        least = _ROUNDING * (np.abs(E[..., j, :]) ** 2 * variance).sum(axis=-1)
         V[..., j, j] += np.maximum(least - V[..., j, j].real, 0.0)
     return V
 
@@ -117,25 +116,25 @@ def unit_diagonal(normal: Floats) -> tuple[np.ndarray, Floats, Floats]:
     scaled : ndarray, shape (p, p)
         Their matrix over the outer product of ``size``.
     """
-    size = np.sqrt(np.diag(normal))
+    size = np.sqrt(np.maximum(np.diag(normal), 0.0))
     seen = size > NO_EFFECT
     size = size[seen]
     return seen, size, np.asarray(normal[np.ix_(seen, seen)] / np.outer(size, size))
 
 
-def covariance_of(normal: Floats) -> Floats:
-    """Inverse of a normal matrix JᵀJ, shape (P, P): the covariance of its parameters.
+def positive_inverse(A: Floats) -> Floats:
+    """Inverse of a symmetric positive matrix (P, P), such as the covariance of a normal matrix JᵀJ.
 
-    A combination of parameters that the data do not determine has a variance as large as double
-    precision allows, a parameter without any effect an infinite one.
+    A direction of size zero has an inverse as large as double precision allows; a row of zeros gives
+    infinity, the variance of a parameter without any effect.
     """
-    seen, size, scaled = unit_diagonal(normal)
+    seen, size, scaled = unit_diagonal(A)
     values, vectors = np.linalg.eigh(scaled)
     least = _LEAST_EIGENVALUE * max(1, values.size)
-    covariance = np.diag(np.where(seen, 0.0, np.inf))
-    inverse = (vectors / np.maximum(values, least)) @ vectors.T
-    covariance[np.ix_(seen, seen)] = inverse / np.outer(size, size)
-    return covariance
+    inverted = np.diag(np.where(seen, 0.0, np.inf))
+    inner = (vectors / np.maximum(values, least)) @ vectors.T
+    inverted[np.ix_(seen, seen)] = inner / np.outer(size, size)
+    return inverted
 
 
 _INSEPARABLE = 1e-10

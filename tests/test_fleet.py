@@ -614,7 +614,7 @@ def test_a_process_that_cannot_begin_says_why(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text("import sys; sys.exit('no licence')", "utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    with pytest.raises(JointIdError, match=r"ended as it began .* no licence"):
+    with pytest.raises(JointIdError, match=r"ended during its start .* no licence"):
         analyse_fleet(paths[:3], tmp_path / "r.parquet", workers=2)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.estimation.free_friction import FreeFriction, real_rows
-from jointid.small_matrices import covariance_of, inverse, propagated, root, whitener
+from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
 
 
 def stack(n: int, seed: int) -> np.ndarray:
@@ -75,13 +75,13 @@ def test_the_root_of_a_singular_covariance() -> None:
 def test_signals_that_cancel_leave_a_positive_variance() -> None:
     C = np.ones((2, 2), complex)
     E = np.array([[1.0, -1.0]], complex)
-    variance = propagated(E, C @ E.conj().T)[0, 0].real
+    variance = lifted(E @ C @ E.conj().T, E, C)[0, 0].real
     assert 0 < variance < 1e-13
 
 
 def test_a_parameter_without_effect_has_an_infinite_variance() -> None:
     J = np.array([[1.0, 0.0, 1e-9], [0.0, 0.0, 1e-9], [1.0, 0.0, 0.0]])
-    covariance = covariance_of(J.T @ J)
+    covariance = positive_inverse(J.T @ J)
     assert np.isinf(covariance[1, 1])
     kept = np.ix_([0, 2], [0, 2])
     np.testing.assert_allclose(covariance[kept], np.linalg.inv((J.T @ J)[kept]), rtol=1e-9)
@@ -89,4 +89,4 @@ def test_a_parameter_without_effect_has_an_infinite_variance() -> None:
 
 def test_parameters_that_cannot_be_told_apart_have_huge_variances() -> None:
     J = np.array([[1.0, 1.0], [2.0, 2.0]])
-    assert np.all(np.diag(covariance_of(J.T @ J)) > 1e12)
+    assert np.all(np.diag(positive_inverse(J.T @ J)) > 1e12)

@@ -20,7 +20,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.noise import Noise, moderated_noise
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import propagated
+from jointid.small_matrices import lifted
 from jointid.wording import counted
 
 LEAST, LARGEST = 1e-30, 1e30
@@ -74,8 +74,8 @@ class SpringEquations:
     def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
         E = self.residual_gain(K, D)
-        CE = (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2)
-        return propagated(E, CE)
+        C = self.noise.covariance[:, 0] + self.leakage
+        return lifted(E @ C @ E.conj().swapaxes(1, 2), E, C)
 
     @property
     def excitation(self) -> Floats:

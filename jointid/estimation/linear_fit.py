@@ -14,7 +14,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.joint_equations import SpringEquations
 from jointid.estimation.parameters import ParameterLayout, Parameters
-from jointid.small_matrices import covariance_of, root, whitener
+from jointid.small_matrices import positive_inverse, root, whitener
 
 _WEIGHT_ITERATIONS = 3
 """Updates of the weights, which depend on K and D only weakly."""
@@ -98,7 +98,7 @@ def _weighted_gain(equations: SpringEquations, V: Complexes) -> tuple[Complexes,
     R = W @ _regressors(equations)
     rows = R.reshape(-1, R.shape[2])
     normal = (rows.conj().T @ rows).real
-    return np.asarray(covariance_of(normal) @ R.conj().swapaxes(1, 2) @ W), normal
+    return np.asarray(positive_inverse(normal) @ R.conj().swapaxes(1, 2) @ W), normal
 
 
 def _regressors(equations: SpringEquations) -> Complexes:

@@ -24,7 +24,7 @@ from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import inverse, propagated
+from jointid.small_matrices import inverse, lifted
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
@@ -205,7 +205,8 @@ class Residual:
         r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
             r -= sliding_friction(problem.friction, p, s.shape[1])
-        return cls(problem, p, r, propagated(E, CE), CE, gear, arm, X, lag, advance)
+        V = lifted(E @ CE, E, problem.noise.covariance)
+        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""

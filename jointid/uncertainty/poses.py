@@ -13,6 +13,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import positive_inverse, whitener
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 
@@ -60,7 +61,7 @@ class PoseFits:
         if degrees_of_freedom == 0:
             return 1.0
         deviation = (self.estimates - self.mean)[..., None]
-        squares = float((deviation.swapaxes(1, 2) @ np.linalg.solve(self.covariance, deviation)).sum())
+        squares = float(((whitener(self.covariance) @ deviation) ** 2).sum())
         return float(chdtrc(degrees_of_freedom, squares))
 
 
@@ -103,6 +104,6 @@ def fits_by_pose(
     if not names:
         raise JointIdError(f"No pose allows an estimate alone. {problems[0]}")
     table, covariance = np.array(estimates), np.array(covariances)
-    information = np.linalg.inv(covariance)
-    mean = np.linalg.solve(information.sum(axis=0), (information @ table[..., None]).sum(axis=0)[:, 0])
+    information = np.array([positive_inverse(own) for own in covariance])
+    mean = positive_inverse(information.sum(axis=0)) @ (information @ table[..., None]).sum(axis=0)[:, 0]
     return PoseFits(tuple(names), table, covariance, np.asarray(mean), tuple(problems))

@@ -16,7 +16,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
 from jointid.joints import Inertia, arm_inertias, motor_impedance
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import covariance_of, whitener
+from jointid.small_matrices import positive_inverse, whitener
 
 _PRIOR = 0.3
 """Relative prior standard deviation of the inertias; it determines what the records do not."""
@@ -84,7 +84,7 @@ def check_inertia(phasors: Phasors, inertia: Inertia, K: Floats, D: Floats) -> I
     fixed, cost_given, _ = _minimise(phasors, noise, layout, start, size, count)
     found, cost, information = _minimise(phasors, noise, layout, fixed, size, start.size)
     misfit = 2 * cost / (rows - size.size)
-    covariance = covariance_of(information / max(1.0, misfit))
+    covariance = positive_inverse(information / max(1.0, misfit))
     error = np.sqrt(np.diag(covariance)) * size
     return InertiaCheck(
         names=layout.labels[inertias],
