@@ -96,9 +96,7 @@ _LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")
 def unit_of(text: str) -> str:
     """Return the unit that a text names, in the spelling of this module, or ""."""
     plain = re.sub(r"\s+", "", text.replace("μ", "µ").replace("⋅", "·")).strip("[](){}<>")
-    if plain in ("M", "N", "n", "NM", "S"):
-        return {"NM": "N·m", "M": "m", "N": "N", "n": "", "S": "s"}[plain]
-    return _CANONICAL.get(plain.lower() if plain not in ("mNm", "MNm") else "mnm", "")
+    return "" if plain == "n" else _CANONICAL.get(plain.lower(), "")
 
 
 def split_unit(name: str) -> tuple[str, str]:
