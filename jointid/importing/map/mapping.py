@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping as MappingType
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jointid.arrays import finite_array
 from jointid.errors import JointIdError
@@ -55,7 +55,10 @@ class TimeColumn:
                     "time: sample numbers need a rate. Give rate_hz, samples per second: 1000, for "
                     "instance."
                 )
-            object.__setattr__(self, "rate_hz", _positive("time: rate_hz (Hz)", self.rate_hz))
+            rate = float(finite_array("time: rate_hz (Hz)", self.rate_hz, ndim=0))
+            if rate <= 0:
+                raise JointIdError(f"time: rate_hz (Hz) = {rate:g}: must be positive.")
+            object.__setattr__(self, "rate_hz", rate)
         elif self.rate_hz is not None:
             raise JointIdError(f'time: rate_hz goes with the unit "samples", not with "{self.unit}".')
         elif not self.column:
@@ -226,7 +229,7 @@ def _checked_channel(
     scale = float(finite_array(f"{where}: {meaning}", channel.scale, ndim=0))
     if scale == 0:
         raise JointIdError(f"{where}: {meaning} is 0: give another number.")
-    return Channel(channel.column, channel.unit, scale, channel.side, channel.sign)
+    return replace(channel, scale=scale)
 
 
 def _require_text(where: str, key: str, value: object) -> None:
@@ -237,10 +240,3 @@ def _require_text(where: str, key: str, value: object) -> None:
 def _require_one_of(where: str, key: str, value: object, known: Sequence[str]) -> None:
     if value not in known:
         raise JointIdError(f"{where}: {key} = {shown(value)}; expected one of {listed(known)}.")
-
-
-def _positive(name: str, value: float) -> float:
-    number = float(finite_array(name, value, ndim=0))
-    if number <= 0:
-        raise JointIdError(f"{name} = {number:g}: must be positive.")
-    return number
