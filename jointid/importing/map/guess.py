@@ -17,12 +17,7 @@ from jointid.importing.columns.column_words import (
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
-)
+from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
 from jointid.importing.map.more_joints import join_by_number, lone_columns

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +21,9 @@ _MAX_REPEATED = 0.01  # share of rows that may repeat a time with other values
 _DAY_S = 86400.0
 
 
-@dataclass(frozen=True, eq=False)
-class SampleTimes:
-    """Strictly increasing times, and the rows they belong to."""
-
-    time_s: Floats
-    kept: Bools
-    """Mask of the rows that are kept."""
-    notes: tuple[str, ...]
-
-
 def sample_times(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, signals: Sequence[Floats]
-) -> SampleTimes:
+) -> tuple[Floats, Bools, list[str]]:
     """Return strictly increasing times; notes name repairs and their rows.
 
     Parameters
@@ -48,6 +37,13 @@ def sample_times(
         As in the file.
     signals : sequence of ndarray, shape (N,)
         All other columns in use: a copy agrees in all of them.
+
+    Returns
+    -------
+    time_s : ndarray
+    kept : ndarray of bool, shape (N,)
+        Mask of the rows that the times belong to.
+    notes : list of str
 
     Raises
     ------
@@ -66,10 +62,9 @@ def sample_times(
     if time.size > 1 and np.diff(time).min() <= 0:
         kept, time, said = _increasing(table, unit, rows, time, signals, seconds)
         notes.append(said)
-    used = rows[kept]
     time = time[kept]
-    notes += _gaps(table, unit, used, time, seconds)
-    return SampleTimes((time - time[0]) * seconds, kept, tuple(notes))
+    notes += _gaps(table, unit, rows[kept], time, seconds)
+    return (time - time[0]) * seconds, kept, notes
 
 
 def _increasing(

@@ -12,12 +12,7 @@ from dataclasses import dataclass, replace
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.text.clock_times import is_clock
-from jointid.importing.read.text.numbers import (
-    is_number,
-    marks_note,
-    proven_thousands,
-    thousands_in,
-)
+from jointid.importing.read.text.numbers import is_number, marks_note, proven_thousands, thousands_in
 
 BLANKS = " "
 """Separator of columns with any number of blanks between them."""
