@@ -17,7 +17,7 @@ from jointid.importing.columns.column_words import (
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
+from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
 from jointid.importing.map.more_joints import join_by_number, lone_columns
@@ -129,7 +129,7 @@ def _first_two(
 
 
 def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
-    ends = [f"{role} of joint {number}" for role in ("position", "torque")]
+    ends = [f"{role} of joint {number}" for role in QUANTITIES]
     units = (_angle_unit(position), _torque_unit(torque))
     sides = (_position_side(position, torque), _torque_side(torque))
     for what, guesses in (("unit", units), ("side", sides)):
@@ -140,8 +140,8 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
         why += "against each other; 1 is assumed."
         reasons.append(Reason(f"gear ratio of joint {number}", why))
     channels = []
-    for end, column, (unit, *_), (side, *_), scales in zip(
-        ends, (position, torque), units, sides, (POSITION_SCALES, TORQUE_SCALES), strict=True
+    for end, column, (unit, *_), (side, *_), (_, scales) in zip(
+        ends, (position, torque), units, sides, QUANTITIES.values(), strict=True
     ):
         if meaning := scales.get(unit):
             reasons.append(scale_reason(end, unit, meaning))

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping as MappingType
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from jointid.arrays import finite_array
 from jointid.errors import JointIdError
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    SAMPLES,
-    TIME_UNITS,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
-)
+from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS, TORQUE_UNITS
 from jointid.wording import listed, shown
 
 MOTOR, JOINT = "motor", "joint"
@@ -114,13 +106,12 @@ class JointMapping:
     gear_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        position = _checked_channel("position", self.position, tuple(ANGLE_UNITS), POSITION_SCALES)
-        torque = _checked_channel("torque", self.torque, tuple(TORQUE_UNITS), TORQUE_SCALES)
+        for what in QUANTITIES:
+            object.__setattr__(self, what, _checked_channel(what, getattr(self, what)))
         ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
         if ratio == 0:
             raise JointIdError("gear_ratio = 0: give motor turns over joint turns, for instance 100.")
-        for name, value in (("position", position), ("torque", torque), ("gear_ratio", ratio)):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "gear_ratio", ratio)
 
     @property
     def rad_per_unit(self) -> float:
@@ -206,16 +197,15 @@ class Mapping:
         return (*time, *positions, *(joint.torque.column for joint in self.joints))
 
 
-def _checked_channel(
-    what: str, channel: object, units: Sequence[str], scales: MappingType[str, str]
-) -> Channel:
+def _checked_channel(what: str, channel: object) -> Channel:
+    units, scales = QUANTITIES[what]
     if not isinstance(channel, Channel):
         raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
     _require_text(what, "column", channel.column)
     if not channel.column:
         raise JointIdError(f"{what}: no column is chosen. Choose one.")
     where = f"{what} ({channel.column:.60})"
-    _require_one_of(where, "unit", channel.unit, units)
+    _require_one_of(where, "unit", channel.unit, tuple(units))
     _require_one_of(where, "side", channel.side, (MOTOR, JOINT))
     if not isinstance(channel.sign, int) or isinstance(channel.sign, bool) or abs(channel.sign) != 1:
         raise JointIdError(f"{where}: sign = {shown(channel.sign)}; expected 1 or -1.")

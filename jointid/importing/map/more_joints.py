@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, MutableMapping, Sequence
 
 from jointid.importing.columns.column_words import NamedColumn, described, number_in
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
+from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.mapping import JOINT, Channel
 from jointid.importing.map.reasons import Reason, scale_reason
 
@@ -99,10 +99,7 @@ def propose_joint(
     """
     free = [described(column) for column in table.columns if column.name not in used]
     channels, reasons = [], []
-    for role, first, units, scales in (
-        ("position", like[0], tuple(ANGLE_UNITS), POSITION_SCALES),
-        ("torque", like[1], tuple(TORQUE_UNITS), TORQUE_SCALES),
-    ):
+    for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
         end = f"{role} of joint {number}"
         fit = max(free, key=lambda c, r=role: c.score[r] - c.score[_OTHER[r]], default=None)  # type: ignore[misc]
         if fit is not None and role == "position" and len(free) == 1:
