@@ -238,7 +238,7 @@ def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np
     mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
     root = np.sqrt(elasticity.K)
     squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
-    return np.sqrt(squared) / (2 * np.pi)
+    return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)  # rounding may be below zero
 
 
 def _arm_compliance(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:

@@ -11,6 +11,8 @@ from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.wording import counted
 
+_GLANCE = 64
+
 
 @dataclass(frozen=True, eq=False)
 class SineRecord:
@@ -137,9 +139,19 @@ class SineRecord:
         return 2 * np.pi * self.frequency_hz
 
     @property
+    def constant(self) -> np.ndarray:
+        """Whether all used samples of a signal are equal, shape (2n,): the angles, then the torques."""
+        return np.array([_is_constant(c[self.start :]) for c in (*self.theta_rad.T, *self.tau_Nm.T)])
+
+    @property
     def periods(self) -> float:
         """Number of periods of the samples used; need not be whole."""
         return self.samples * self.interval_s * self.frequency_hz
+
+
+def _is_constant(samples: Floats) -> bool:
+    """Whether all samples are equal; the first few tell of most signals that they are not."""
+    return all(bool(np.all(part == samples[0])) for part in (samples[:_GLANCE], samples))
 
 
 def _channels(name: str, value: ArrayLike, samples: int) -> Floats:

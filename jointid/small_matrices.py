@@ -17,6 +17,15 @@ from jointid.arrays import Complexes, Floats
 
 Numbers = TypeVar("Numbers", Complexes, Floats)
 
+NO_EFFECT = 1e-60
+"""Root of a diagonal element of a normal matrix below which its parameter has no effect (SI units)."""
+_LEAST_EIGENVALUE = 1e-15
+"""Smallest eigenvalue of a matrix of unit diagonal in double precision."""
+_ROUNDING = 1e-15
+"""Rounding error of a sum of a few terms, over their size."""
+_LEAST_PIVOT = 1e-14
+"""Smallest pivot over its diagonal element; below it the difference is rounding."""
+
 
 def inverse(A: Numbers) -> Numbers:
     """Inverse of matrices of shape (..., n, n).
@@ -42,21 +51,26 @@ def inverse(A: Numbers) -> Numbers:
 
 
 def whitener(V: Complexes) -> Complexes:
-    """W with W V Wᴴ = I for Hermitian positive definite V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
+    """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
+
+    Double precision cannot tell a direction of V below ``_LEAST_PIVOT`` of its diagonal from zero, or
+    from less than zero. It counts as that much, so that a singular V has a whitener, too. Only a
+    variance of zero has none.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        When one is not positive definite.
+        When a diagonal element is not positive.
     """
     n = V.shape[-1]
     W = np.zeros_like(V)
     L = np.zeros_like(V)
     for j in range(n):
-        pivot = V[..., j, j].real - (np.abs(L[..., j, :j]) ** 2).sum(axis=-1)
-        if not np.all(pivot > 0):
-            raise np.linalg.LinAlgError("Matrix is not positive definite")
-        scale = 1 / np.sqrt(pivot)
+        variance = V[..., j, j].real
+        if not np.all(variance > 0):
+            raise np.linalg.LinAlgError("A variance is not positive")
+        pivot = variance - (np.abs(L[..., j, :j]) ** 2).sum(axis=-1)
+        scale = 1 / np.sqrt(np.maximum(pivot, _LEAST_PIVOT * variance))
         for i in range(j + 1, n):
             below = V[..., i, j] - (L[..., i, :j] * L[..., j, :j].conj()).sum(axis=-1)
             L[..., i, j] = below * scale
@@ -67,8 +81,32 @@ def whitener(V: Complexes) -> Complexes:
     return W
 
 
+def propagated(E: Complexes, CE: Complexes) -> Complexes:
+    """Covariance E C Eᴴ of a linear map of signals, from E (..., n, m) and C Eᴴ (..., m, n).
+
+    Strongly correlated signals may cancel. No variance is then less than the rounding of its terms.
+    """
+    V = E @ CE
+    terms = np.abs(E) * np.abs(CE.swapaxes(-2, -1))
+    for j in range(V.shape[-1]):
+        least = _ROUNDING * terms[..., j, :].sum(axis=-1)
+        V[..., j, j] += np.maximum(least - V[..., j, j].real, 0.0)
+    return V
+
+
+def root(V: Complexes) -> Complexes:
+    """Matrix whose product with its conjugate transpose is the covariance V, (..., n, n).
+
+    V may be singular. With it a variance is a sum of squares, which rounding cannot make negative.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(V, axis1=-2, axis2=-1).real, 0.0))
+    unit = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(V / (unit[..., :, None] * unit[..., None, :]))
+    return np.asarray(size[..., None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :])
+
+
 def unit_diagonal(normal: Floats) -> tuple[np.ndarray, Floats, Floats]:
-    """Scale a normal matrix, shape (P, P), to unit diagonal, without its zero rows and columns.
+    """Scale a normal matrix, shape (P, P), to unit diagonal, without parameters that have no effect.
 
     Returns
     -------
@@ -80,9 +118,44 @@ def unit_diagonal(normal: Floats) -> tuple[np.ndarray, Floats, Floats]:
         Their matrix over the outer product of ``size``.
     """
     size = np.sqrt(np.diag(normal))
-    seen = size > 0
+    seen = size > NO_EFFECT
     size = size[seen]
     return seen, size, np.asarray(normal[np.ix_(seen, seen)] / np.outer(size, size))
+
+
+def covariance_of(normal: Floats) -> Floats:
+    """Inverse of a normal matrix JᵀJ, shape (P, P): the covariance of its parameters.
+
+    A combination of parameters that the data do not determine has a variance as large as double
+    precision allows, a parameter without any effect an infinite one.
+    """
+    seen, size, scaled = unit_diagonal(normal)
+    values, vectors = np.linalg.eigh(scaled)
+    least = _LEAST_EIGENVALUE * max(1, values.size)
+    covariance = np.diag(np.where(seen, 0.0, np.inf))
+    inverse = (vectors / np.maximum(values, least)) @ vectors.T
+    covariance[np.ix_(seen, seen)] = inverse / np.outer(size, size)
+    return covariance
+
+
+_INSEPARABLE = 1e-10
+"""Smallest eigenvalue, of a normal matrix of unit diagonal, that determines a combination."""
+_INVOLVED = 1e-3
+"""Share of a parameter in an undetermined combination from which its variance is infinite."""
+
+
+def determined_covariance(normal: Floats) -> Floats:
+    """Inverse of a normal matrix, shape (P, P); infinite variances for undetermined parameters."""
+    seen, size, scaled = unit_diagonal(normal)
+    covariance = np.zeros(normal.shape)
+    covariance[~seen, ~seen] = np.inf
+    values, vectors = np.linalg.eigh(scaled)
+    known = values > _INSEPARABLE
+    inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
+    unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
+    inner[unknown, unknown] = np.inf
+    covariance[np.ix_(seen, seen)] = inner / np.outer(size, size)
+    return covariance
 
 
 def one_thread() -> AbstractContextManager[object]:

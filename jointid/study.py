@@ -161,6 +161,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
 
 def _analyse(study: Study, method: str) -> Analysis:
+    _require_torques(study)
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     fits = identify_each(phasors, study.inertias, [method, "weighted", "least-squares", "explicit"])
@@ -184,6 +185,22 @@ def _analyse(study: Study, method: str) -> Analysis:
             )
         ),
     )
+
+
+def _require_torques(study: Study) -> None:
+    """Refuse a joint that moves while its torque is the same number throughout all records."""
+    constant = np.array([record.constant for record in study.records])
+    n = study.inertia.n
+    lost = constant[:, n:].all(axis=0) & ~constant[:, :n].all(axis=0)
+    if lost.any():
+        j = int(np.argmax(lost))
+        moving = int(np.argmin(constant[:, j]))
+        record = study.records[moving]
+        raise JointIdError(
+            f"Joint {j + 1} moves, but its torque tau_m{j + 1}_Nm is constant in every record: "
+            f"{record.tau_Nm[record.start, j]:.6g} N·m in {record.label or f'record {moving + 1}'}. "
+            f"K{j + 1} and D{j + 1} cannot be found. Log the torque or the current of motor {j + 1}."
+        )
 
 
 def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:

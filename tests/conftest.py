@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import hypothesis
 import numpy as np
 import pytest
+from examples import begin
 from plants import PAPER, PARALLELOGRAM, ROBOTS
+from threadpoolctl import threadpool_limits
 
 from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
 from jointid.files.study_files import save_study
@@ -22,9 +23,8 @@ if TYPE_CHECKING:
     from browsing import Server
     from playwright.sync_api import Browser, BrowserContext, Page
 
-# A busy machine is no fault: how long an example takes is not what these tests are about.
-hypothesis.settings.register_profile("jointid", deadline=None)
-hypothesis.settings.load_profile("jointid")
+LONGEST_FILES = ("test_fleet.py", "test_verdict.py")
+"""Beside those that need a browser."""
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
 
@@ -51,9 +51,33 @@ def simulated(joints: int, *, seed: int = 1) -> Study:
     )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that need a browser take longest: begun first, they leave no core idle at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--long", action="store_true", help="run the tests marked long, too")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose the number of random cases; and one thread for linear algebra.
+
+    Matrices are small here: further threads would only wait for work, each on a core that another worker
+    of pytest-xdist needs.
+    """
+    begin(long=config.getoption("--long"))
+    os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
+    threadpool_limits(1)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is marked long, unless asked; begin the longest files first.
+
+    Whole files go to a worker: a long one at the end would leave the other cores idle.
+    """
+    if not config.getoption("--long"):
+        left_out = [item for item in items if item.get_closest_marker("long")]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
+    items.sort(
+        key=lambda item: (not item.get_closest_marker("browser"), item.path.name not in LONGEST_FILES)
+    )
 
 
 @pytest.fixture(scope="session", autouse=True)

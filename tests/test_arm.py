@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -56,7 +57,7 @@ def test_elbow_of_the_cutting_pose() -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@settings(deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(angle=angles, bend=bends, elbow=st.sampled_from(["positive", "negative"]))
 def test_inverse_undoes_forward_kinematics(drive, angle, bend, elbow) -> None:
     arm = PlanarArm.example(drive)
@@ -68,7 +69,7 @@ def test_inverse_undoes_forward_kinematics(drive, angle, bend, elbow) -> None:
     np.testing.assert_allclose(arm.tool(back), arm.tool(q), atol=1e-12)
 
 
-@settings(deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(angle=angles, bend=bends)
 def test_both_drives_put_the_tool_at_the_same_place(angle, bend) -> None:
     absolute = PlanarArm.example("parallelogram").tool([angle, angle + bend])
@@ -77,7 +78,7 @@ def test_both_drives_put_the_tool_at_the_same_place(angle, bend) -> None:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@settings(deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(angle=angles, bend=bends)
 def test_jacobian_is_the_derivative_of_the_tool_position(drive, angle, bend) -> None:
     arm, h = PlanarArm.example(drive), 1e-6
@@ -97,7 +98,7 @@ def kinetic_energy(arm: PlanarArm, q: np.ndarray, rate: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@settings(deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(angle=angles, bend=bends, w1=angles, w2=angles)
 def test_mass_matrix_holds_the_kinetic_energy_of_the_bodies(drive, angle, bend, w1, w2) -> None:
     arm, q, rate = PlanarArm.example(drive), np.array([angle, bend]), np.array([w1, w2])
@@ -106,7 +107,7 @@ def test_mass_matrix_holds_the_kinetic_energy_of_the_bodies(drive, angle, bend, 
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-@settings(deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(angle=angles, bend=bends, w1=angles, w2=angles)
 def test_coriolis_torque_follows_from_the_energy(drive, angle, bend, w1, w2) -> None:
     """Lagrange: c = Ṁ q̇ − ½ ∂(q̇ᵀ M q̇)/∂q."""
@@ -268,7 +269,7 @@ def test_springs_too_fast_for_the_step_are_refused() -> None:
         ArmSimulation(PlanarArm.example(), Elasticity(K=[1.0] * 3, D=[0.0] * 3), 2.5e-4, Q)
 
 
-@settings(max_examples=20, deadline=None, derandomize=True)
+@examples(20, derandomize=True)
 @given(flip1=st.booleans(), flip2=st.booleans())
 def test_the_sign_of_a_gear_does_not_change_the_arm(flip1, flip2) -> None:
     arm = PlanarArm.example()

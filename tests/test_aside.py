@@ -141,7 +141,10 @@ def test_without_processes_it_is_computed_here(pool: Pool) -> None:
     assert aside(os.getpid) == os.getpid()
 
 
-@pytest.mark.parametrize("fault", [JointIdError("no memory"), OSError(24, "too many files")])
+@pytest.mark.parametrize(
+    "fault",
+    [JointIdError("no memory"), pytest.param(OSError(24, "too many files"), marks=pytest.mark.long)],
+)
 def test_a_process_that_cannot_begin_is_done_without_for_a_while(
     pool: Pool, monkeypatch: pytest.MonkeyPatch, fault: Exception
 ) -> None:

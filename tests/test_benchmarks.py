@@ -114,6 +114,7 @@ def test_transfer_matrix() -> None:
             assert float(str(row["median error of H"]).rstrip(" %")) < limit, row
 
 
+@pytest.mark.long
 def test_stiffness() -> None:
     table, starts = run("stiffness")
     assert len(table.rows) == 8
@@ -133,6 +134,7 @@ def test_simulation() -> None:
     assert len(cut.rows) == 2
 
 
+@pytest.mark.long
 def test_growth() -> None:
     (table,) = run("growth")
     assert {row["grows"] for row in table.rows} == {"samples", "samples, Parquet", "records", "joints"}

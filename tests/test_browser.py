@@ -40,6 +40,9 @@ PAGES = {
     "Import_a_log": "Import a log",
     "Fleet": "Fleet",
 }
+FIRST_IN_SHORT = ("Report", "Import_a_log")
+"""What a fresh server runs first in a normal run: what needs most modules."""
+FIRST_IN_LONG = tuple(path for path in PAGES if path and path not in FIRST_IN_SHORT)
 PHONE: ViewportSize = {"width": 390, "height": 844}
 MEASURED_COLOUR = (
     "document.querySelector('.js-plotly-plot').data.find(t => t.name === 'measured').marker.color"
@@ -58,7 +61,9 @@ def drawn(page: Page, count: int) -> None:
         expect(figure.locator(".main-svg").first).to_be_visible()
 
 
-@pytest.mark.parametrize("path", list(PAGES)[1:])
+@pytest.mark.parametrize(
+    "path", [*FIRST_IN_SHORT, *(pytest.param(p, marks=pytest.mark.long) for p in FIRST_IN_LONG)]
+)
 def test_a_fresh_server_runs_every_page_first(server: Server, path: str) -> None:
     session = Session(server.address)
     elements = session.run(path)
@@ -77,9 +82,9 @@ def test_a_fresh_server_opens_a_page_by_its_address(
 
 
 def test_the_first_screen_shows_answer_and_figures_in_either_theme(
-    server: Server, open_in: Callable[..., Page]
+    address: str, open_in: Callable[..., Page]
 ) -> None:
-    page = open_in(server.address)
+    page = open_in(address)
     finished(page, PAGES[""])
     expect(page.get_by_test_id("stMetric")).to_have_count(4)
     figures(page, 2)
@@ -89,61 +94,6 @@ def test_the_first_screen_shows_answer_and_figures_in_either_theme(
     finished(page, PAGES[""])
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
-
-
-def test_study_and_settings_survive_links_and_a_refresh(
-    address: str, open_in: Callable[..., Page]
-) -> None:
-    page = open_in(f"{address}/Elasticity?study=three+joints")
-    finished(page, "Elasticity")
-    choose(page, "Estimator", "least-squares")
-    expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
-    follow(page, "Study", "Test cell with 3 joint(s)")
-    follow(page, "Elasticity", "Elasticity")
-    kept(page)
-    page.reload(wait_until="commit")
-    finished(page, "Elasticity")
-    kept(page)
-
-
-def kept(page: Page) -> None:
-    expect(page.get_by_role("combobox", name="Study")).to_have_value("three joints")
-    expect(page.get_by_test_id("stMetric")).to_have_count(6)
-    expect(page.get_by_text("Shown on every page: least-squares")).to_be_visible()
-
-
-def test_a_study_of_ones_own_is_opened(
-    address: str, open_in: Callable[..., Page], studies: dict[int, Study]
-) -> None:
-    page = open_in(address)
-    finished(page, PAGES[""])
-    open_file(page, "mine.zip", pack_study(studies[1]))
-    finished(page, "Test cell with 1 joint(s)")
-    follow(page, "Records", "Records")
-    expect(page.get_by_role("combobox", name="Study")).to_have_value("mine.zip")
-    figures(page, 3)
-
-
-def test_a_refused_file_leaves_the_study_in_place(address: str, open_in: Callable[..., Page]) -> None:
-    page = open_in(address)
-    finished(page, PAGES[""])
-    open_file(page, "bad.zip", b"no archive")
-    expect(page.get_by_text("bad.zip was not opened")).to_be_visible()
-    finished(page, PAGES[""])
-
-
-def test_a_log_becomes_a_record(address: str, open_in: Callable[..., Page], jittered_log: bytes) -> None:
-    page = open_in(f"{address}/Import_a_log")
-    finished(page, PAGES["Import_a_log"])
-    file = {"name": "actuator.csv", "mimeType": "text/csv", "buffer": jittered_log}
-    with answered(page):
-        page.get_by_test_id("stMain").locator("input[type=file]").set_input_files(file)
-    page.get_by_role("textbox", name="Rotor inertias").fill("0.001")
-    page.get_by_role("textbox", name="Arm inertia").fill("0.002")
-    page.get_by_role("button", name="Open as study").click()
-    finished(page, "actuator")
-    follow(page, "Records", "Records")
-    figures(page, 3)
 
 
 def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., Page]) -> None:

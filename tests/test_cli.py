@@ -439,7 +439,14 @@ def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
     assert b"Traceback" not in bad.stderr
 
 
-@pytest.mark.parametrize("module", ["typer", "jointid.cli.plan", "jointid.files.study_files"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        pytest.param("typer", marks=pytest.mark.long),
+        pytest.param("jointid.cli.plan", marks=pytest.mark.long),
+        "jointid.files.study_files",
+    ],
+)
 def test_ctrl_c_while_modules_load_ends_it_quietly(module: str, study: Path) -> None:
     """As if the key were pressed the moment this module is loaded."""
     text = (

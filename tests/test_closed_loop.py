@@ -6,7 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -112,7 +113,7 @@ def test_transfer_matrix_does_not_depend_on_the_controller(controller):
     assert_response(records, SERIAL, PAPER)
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@examples(15, derandomize=True)
 @given(n=st.integers(1, 3), draw=st.integers(0, 10_000), delay_s=st.floats(0.0, 0.001))
 def test_any_stable_robot_gives_its_transfer_matrix(n, draw, delay_s):
     rng = np.random.default_rng(draw)

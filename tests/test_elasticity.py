@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from plants import (
     BAND_HZ,
@@ -97,7 +98,7 @@ def test_truth_is_found_from_records_of_any_length(method: str, n: int, periods:
     assert np.allclose(answer(fit), truth(n), rtol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(1, 4),
@@ -255,9 +256,25 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("shared_equations")
-@pytest.mark.parametrize("unlike", [1.0, 4.0])
 @pytest.mark.parametrize(
-    ("n", "count", "freedom"), [(1, 1, None), (3, 3, None), (2, 2, 15), (2, 2, 7), (1, 2, 7)]
+    ("n", "count", "freedom", "unlike"),
+    [
+        (1, 1, None, 1.0),
+        (3, 3, None, 4.0),
+        (2, 2, 7, 1.0),
+        (1, 2, 7, 4.0),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in (
+                (1, 1, None, 4.0),
+                (3, 3, None, 1.0),
+                (2, 2, 15, 1.0),
+                (2, 2, 15, 4.0),
+                (2, 2, 7, 4.0),
+                (1, 2, 7, 1.0),
+            )
+        ),
+    ],
 )
 def test_errors_are_as_stated(n: int, count: int, freedom: int | None, unlike: float) -> None:
     """320 realisations; ``freedom`` None knows the noise, else it is estimated from so many draws.

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from plants import PAPER, PARALLELOGRAM, ROBOTS, SERIAL
@@ -113,7 +114,7 @@ def identifications(draw: st.DrawFn) -> Identification:
     )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60, derandomize=True)
 @given(identifications())
 def test_json_and_toml_return_every_bit(one: Identification) -> None:
     if one.delay is None:
@@ -182,7 +183,7 @@ def test_what_is_no_identification_is_refused(text: str) -> None:
             read(text)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150, derandomize=True)
 @given(st.data())
 def test_damaged_files_only_raise_our_error(data: st.DataObject) -> None:
     whole = (to_json(KNOWN) if data.draw(st.booleans()) else to_toml(KNOWN)).encode()

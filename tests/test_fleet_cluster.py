@@ -23,6 +23,7 @@ pytestmark = [
     pytest.mark.filterwarnings("default::UserWarning:distributed"),
     pytest.mark.filterwarnings("default::ResourceWarning"),
     pytest.mark.filterwarnings("default::pytest.PytestUnraisableExceptionWarning"),
+    pytest.mark.long,
 ]
 
 COUNT = 10

@@ -152,7 +152,10 @@ def near_the_truth(page: Page) -> None:
         assert found[name] == pytest.approx(value, rel=2e-3 if name[0] == "K" else 2e-2), found
 
 
-@pytest.mark.parametrize("name", list(KINDS))
+@pytest.mark.parametrize(
+    "name",
+    [name if name == "week.zip" else pytest.param(name, marks=pytest.mark.long) for name in KINDS],
+)
 def test_each_kind_of_log_becomes_a_study(name: str, log: Log, page: Page, tmp_path: Path) -> None:
     upload(page, name, KINDS[name](log, tmp_path))
     hold_torque(page)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import (
     ANGLE,
@@ -122,7 +123,7 @@ def table_of(rows: np.ndarray, decimal: str, thousands: str, digits: int, separa
 
 
 class TestThousands:
-    @settings(max_examples=150, deadline=None, derandomize=True)
+    @examples(150, derandomize=True)
     @given(
         st.sampled_from(
             [

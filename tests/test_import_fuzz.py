@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from examples import examples, share
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from log_makers import (
     cell_log,
@@ -44,7 +45,7 @@ from jointid.importing import (
     read_logs,
 )
 
-TRIES = 250
+TRIES = share(250)
 
 
 def bag(kind: str, folder: Path) -> bytes:
@@ -137,17 +138,18 @@ def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
     rng = random.Random(3)
     outcome: Counter[str] = Counter()
     samples = [cell_log("utf-16", 60), cell_log(rows=60), comma_log(60)]
-    for _ in range(600):
+    tries = share(600)
+    for _ in range(tries):
         try:
             outcome[check(read_log(mutated(rng.choice(samples), rng), "log.csv"))] += 1
         except JointIdError as error:
             outcome[check(error)] += 1
-    tell(capsys, f"text: 600 mutations, {dict(outcome)}")
+    tell(capsys, f"text: {tries} mutations, {dict(outcome)}")
     assert outcome["refused"] > 0
     assert outcome["read"] > 0
 
 
-@settings(max_examples=200, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(200, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.text(alphabet="0123456789.,;\t -+eE\n\"'#abZ°[]%/:", max_size=300))
 def test_any_text(content: str) -> None:
     tried["any text"] += 1
@@ -157,7 +159,7 @@ def test_any_text(content: str) -> None:
         return
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(st.binary(min_size=1, max_size=200))
 def test_any_bytes_that_claim_to_be_text(content: bytes) -> None:
     tried["any bytes that claim to be text"] += 1
@@ -181,7 +183,7 @@ anything = st.recursive(
 )
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
+@examples(300, derandomize=True)
 @given(st.data())
 def test_mapping_with_anything_in_one_place(data: st.DataObject) -> None:
     tried["mapping with anything in one place"] += 1

@@ -97,7 +97,7 @@ def test_ratios_that_do_not_fit_are_refused(ratio: list[float]) -> None:
 def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    app = AppTest.from_file(str(APP), default_timeout=60).run()
+    app = AppTest.from_file(str(APP), default_timeout=60)
     return shown(app.switch_page(PAGE).run())
 
 

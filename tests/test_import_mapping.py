@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope
 
@@ -159,13 +160,13 @@ def mappings(draw: st.DrawFn) -> Mapping:
     )
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60, derandomize=True)
 @given(mappings())
 def test_json_round_trip(mapping: Mapping) -> None:
     assert mapping_from_json(mapping_to_json(mapping)) == mapping
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60, derandomize=True)
 @given(mappings(), st.integers(0, 1000))
 def test_units_there_and_back(mapping: Mapping, seed: int) -> None:
     """Motor-side signals written in any units, on any side, come back as they were."""

@@ -61,7 +61,7 @@ def all_lines(
 def test_lines_over_a_decade_with_short_rests(lines: list[float]) -> None:
     """The position falls with the square of the frequency: a hundredth at the upper end."""
     runs = [several(lines, 14.0, seed) for seed in (1, 2)]
-    log, spans = log_of(runs)
+    log, spans = log_of(runs, rate=500.0)
     all_lines(log, runs, spans, 2e-3)
 
 
@@ -80,7 +80,7 @@ def test_two_patterns_back_to_back() -> None:
 def test_elasticity_of_a_noisy_multisine() -> None:
     lines = [3.0, 4.5, 7.0, 10.0, 13.0, 16.5, 19.0, 23.0]
     runs = [several(lines, 20.0, seed) for seed in (7, 8)]
-    log, _ = log_of(runs, noise=1e-4, seed=2)
+    log, _ = log_of(runs, rate=500.0, noise=1e-4, seed=2)
     study = study_from_logs(log, find_segments(log), PARALLELOGRAM)
     assert len(study.records) == 16
     np.testing.assert_allclose(analyse(study).fit.K, PAPER.K, rtol=0.01)

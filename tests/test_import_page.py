@@ -33,7 +33,7 @@ FREQUENCIES_HZ = (4.0, 6.5, 11.0)
 def runs(ratio: float = 1.0) -> tuple[Floats, Floats, Floats]:
     """Time (s), joint angle (rad) and motor torque (N·m): three sine runs with rests, one joint."""
     rng = np.random.default_rng(3)
-    time = np.arange(0, 9.0, 1e-3)
+    time = np.arange(0, 9.0, 2e-3)
     theta, tau = np.full(time.size, 0.2), np.zeros(time.size)
     for k, hertz in enumerate(FREQUENCIES_HZ):
         inside = (time >= 3 * k + 0.4) & (time < 3 * k + 2.6)
@@ -54,7 +54,7 @@ def long_log(ratio: float = 1.0) -> bytes:
 def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    app = AppTest.from_file(str(APP), default_timeout=60).run()
+    app = AppTest.from_file(str(APP), default_timeout=60)
     return shown(app.switch_page(PAGE).run())
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from examples import examples
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM
 
@@ -21,6 +23,7 @@ from jointid.importing import (
     segment_records,
     study_from_logs,
 )
+from jointid.importing.find.segments import FoundSegments
 from jointid.importing.find.steady_state import Frames, settled_part
 
 BOTH = np.array([1.0, 0.6 * np.exp(0.4j)])
@@ -87,11 +90,17 @@ def log_of(
     return MappedLog(time, theta, tau, name="log.csv"), spans
 
 
+@lru_cache(maxsize=4)
+def found_in(log: MappedLog) -> FoundSegments:
+    """What is found in a log, which several checks look at."""
+    return find_segments(log)
+
+
 def check(
     log: MappedLog, runs: list[Run], spans: list[tuple[float, float]], accuracy: float = 1e-4
 ) -> None:
     """Every run is found once, inside its true times, most of it, at its frequency."""
-    found = find_segments(log)
+    found = found_in(log)
     said = [(round(s.start_s, 2), round(s.stop_s, 2), round(s.frequency_hz, 4)) for s in found]
     assert len(found) == len(runs), said
     for segment, run, (begin, end) in zip(found, runs, spans, strict=True):
@@ -102,7 +111,7 @@ def check(
 
 def phasors_right(log: MappedLog, runs: list[Run], accuracy: float) -> None:
     """The torque over angle of every run is the model's: nothing of rest or settling is left."""
-    records = segment_records(log, find_segments(log))
+    records = segment_records(log, found_in(log))
     phasors = extract_phasors(records)
     for q, tau, record, run in zip(phasors.q, phasors.tau, records, runs, strict=True):
         expected = angles(record.frequency_hz, tau)
@@ -122,7 +131,7 @@ def test_a_ladder_of_runs_with_rests() -> None:
 
 def test_with_noise() -> None:
     runs = [replace(run, size=run.hz / 3) for run in LADDER]
-    log, spans = log_of(runs, noise=0.01, seed=1)
+    log, spans = log_of(runs, rate=500.0, noise=0.01, seed=1)
     check(log, runs, spans, accuracy=5e-4)
 
 
@@ -144,7 +153,7 @@ def test_same_frequency_with_another_pattern_and_no_rest() -> None:
     runs = [Run(5.0, 15, t, rest_s=0.0) for t in (BOTH, OTHER, BOTH)]
     log, spans = log_of(runs)
     check(log, runs, spans)
-    found = find_segments(log)
+    found = found_in(log)
     assert found[0].frequency_hz == found[1].frequency_hz == found[2].frequency_hz
 
 
@@ -297,7 +306,7 @@ def test_nothing_to_find_is_no_segment() -> None:
     assert all(s.periods < 10 for s in find_segments(MappedLog(time, square, square)))
 
 
-@settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(10, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_any_sequence_of_runs(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 4))
@@ -312,7 +321,7 @@ def test_any_sequence_of_runs(data: st.DataObject) -> None:
     check(log, runs, spans)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(40, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(st.data())
 def test_any_signals_are_borne(data: st.DataObject) -> None:
     """Whatever a log holds, segments or none come out; nothing else is raised, nothing overflows."""
@@ -377,7 +386,7 @@ def test_common_frequencies_join_only_what_belongs_together() -> None:
 
 
 def test_study_of_a_log_gives_back_the_elasticity() -> None:
-    log, _ = log_of(LADDER, noise=1e-5, seed=6)
+    log, _ = log_of(LADDER, rate=500.0, noise=1e-5, seed=6)
     study = study_from_logs(log, find_segments(log), PARALLELOGRAM, name="Cell")
     analysis = analyse(study)
     np.testing.assert_allclose(analysis.fit.K, PAPER.K, rtol=5e-3)
@@ -388,7 +397,7 @@ def test_study_of_a_log_gives_back_the_elasticity() -> None:
 
 
 def test_study_of_many_logs() -> None:
-    halves = [log_of(LADDER[k::2], seed=k)[0] for k in (0, 1)]
+    halves = [log_of(LADDER[k::2], rate=500.0, seed=k)[0] for k in (0, 1)]
     study = study_from_logs(halves, [find_segments(log) for log in halves], PARALLELOGRAM)
     assert len(study.records) == len(LADDER)
     assert len({record.frequency_hz for record in study.records}) == 6

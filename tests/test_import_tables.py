@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from log_makers import (
     ANGLE,
@@ -174,7 +175,7 @@ def test_what_is_no_table_is_refused(content: bytes, said: str) -> None:
         read_log(content, "x.csv")
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@examples(30, derandomize=True)
 @given(
     st.lists(
         st.lists(st.floats(-1e9, 1e9, allow_subnormal=False), min_size=3, max_size=3),

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_import_segments import BOTH, FIRST, SECOND, Run, check, log_of
+from test_import_segments import BOTH, FIRST, SECOND, Run, check, found_in, log_of
 
 from jointid.importing import MappedLog, find_segments
 
@@ -19,14 +19,14 @@ def rounded(log: MappedLog, step: float) -> MappedLog:
     return replace(log, theta_rad=step * np.round(log.theta_rad / step))
 
 
-@pytest.mark.parametrize("steps", [3, 13])
+@pytest.mark.parametrize("steps", [3, pytest.param(13, marks=pytest.mark.long)])
 def test_coarse_encoder(steps: int) -> None:
     """The driven joint moves by a few steps of its encoder: found all the same, as single sines."""
     runs = [replace(run, size=(run.hz / 3) ** 2) for run in LADDER]
     log, spans = log_of(runs, rate=1000.0, noise=0.0)
     coarse = rounded(log, float(np.abs(log.theta_rad - [0.4, -7.0]).max()) / steps / 1.4)
     check(coarse, runs, spans, accuracy=2e-3)
-    assert not any(segment.is_multisine for segment in find_segments(coarse))
+    assert not any(segment.is_multisine for segment in found_in(coarse))
 
 
 def test_run_that_the_encoder_does_not_show() -> None:
@@ -38,8 +38,15 @@ def test_run_that_the_encoder_does_not_show() -> None:
     assert "the torque swings while the position shows" in note
 
 
-@pytest.mark.parametrize("way", [1, -1])
-@pytest.mark.parametrize("growth", ["linear", "logarithmic"])
+@pytest.mark.parametrize(
+    ("growth", "way"),
+    [
+        ("linear", -1),
+        ("logarithmic", 1),
+        pytest.param("linear", 1, marks=pytest.mark.long),
+        pytest.param("logarithmic", -1, marks=pytest.mark.long),
+    ],
+)
 def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
     time = np.arange(0, 40, 2e-3)
     hz = 2 + 20 * time / 40 if growth == "linear" else 2 * 11 ** (time / 40)
@@ -70,7 +77,7 @@ def test_a_staircase_of_sines_is_no_sweep() -> None:
     runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.05, 5.3, 5.6, 6.0, 6.4)]
     log, spans = log_of(runs)
     check(log, runs, spans)
-    assert find_segments(log).notes == ()
+    assert found_in(log).notes == ()
 
 
 def test_runs_that_are_too_short_are_told() -> None:
@@ -83,7 +90,7 @@ def test_runs_that_are_too_short_are_told() -> None:
 
 
 def test_nothing_is_told_of_rests_and_noise() -> None:
-    log, _ = log_of(LADDER, noise=1e-3, seed=1)
+    log, _ = log_of(LADDER, rate=500.0, noise=1e-3, seed=1)
     assert find_segments(log).notes == ()
 
 

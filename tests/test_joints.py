@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from plants import PAPER, PARALLELOGRAM, ROBOTS, SERIAL, state_space
 
@@ -60,7 +61,7 @@ def test_arm_with_locked_motors_equals_its_state_space() -> None:
     assert not locked_motor_response([0.0], SERIAL, PAPER).any()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(robots())
 def test_limits_of_the_response(robot: tuple[Inertia, Elasticity]) -> None:
     """Slowly everything moves together; fast the motors move alone."""
@@ -71,7 +72,7 @@ def test_limits_of_the_response(robot: tuple[Inertia, Elasticity]) -> None:
     assert np.allclose(relative(fast, inertia), np.eye(inertia.n), atol=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(robots(), st.floats(0.1, 1000))
 def test_response_is_reciprocal_and_dissipates(robot: tuple[Inertia, Elasticity], omega: float) -> None:
     inertia, elasticity = robot
@@ -83,7 +84,7 @@ def test_response_is_reciprocal_and_dissipates(robot: tuple[Inertia, Elasticity]
     assert taken.min() > -1e-7 * np.abs(H).max()
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(robots(), st.integers(0, 2**32 - 1))
 def test_response_does_not_depend_on_names_signs_or_units(
     robot: tuple[Inertia, Elasticity], seed: int
@@ -120,7 +121,7 @@ def test_frequencies_of_the_papers_arm(
     assert np.allclose(diagonal_zeros(inertia, PAPER), zeros, atol=0.011)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(robots())
 def test_natural_frequencies_are_eigenvalues_of_the_state_space(
     robot: tuple[Inertia, Elasticity],
@@ -234,7 +235,7 @@ WILD = st.one_of(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@examples(300)
 @given(WILD, WILD)
 def test_wild_input_never_raises_anything_else(first: object, second: object) -> None:
     for what in (Inertia, Elasticity):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -24,17 +25,20 @@ from jointid import (
     motor_response,
     simulate_records,
 )
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.friction import friction_waveforms
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import (
     LikelihoodEstimate,
-    gain_of_delay,
     maximum_likelihood,
     quadratic,
+    score_gains,
 )
 from jointid.estimation.linear_fit import weighted
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.residual import make_problem
+from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.residual import fitted_layout, make_problem
 
 Law = Callable[[np.ndarray], np.ndarray]
 BAND_HZ = np.geomspace(3.0, 30.0, 10).round(2)
@@ -115,7 +119,13 @@ def simulated(
     )
 
 
-@pytest.mark.parametrize("inertia", [PARALLELOGRAM, SERIAL], ids=["parallelogram", "serial"])
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        pytest.param(PARALLELOGRAM, id="parallelogram"),
+        pytest.param(SERIAL, id="serial", marks=pytest.mark.long),
+    ],
+)
 def test_joints_that_stick_leave_the_answer(inertia: Inertia) -> None:
     """Set-valued friction in closed loop: the motors stand for up to a fifth of the period."""
     fit = identify_elasticity(extract_phasors(simulated(inertia, coulomb=COULOMB)), inertia)
@@ -252,7 +262,8 @@ def test_what_a_lag_would_gain_is_foretold(delay_s: float) -> None:
     known = {"noise": equations.noise}
     without = maximum_likelihood(phasors, PARALLELOGRAM, weighted(equations).p, **known)
     lagging = maximum_likelihood(phasors, PARALLELOGRAM, without.p, delay=True, **known)
-    gain = gain_of_delay(phasors, PARALLELOGRAM, without, None, equations.noise)
+    prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape)
+    gain = score_gains(phasors, prior, without, None, equations.noise, ["delay"])["delay"]
     assert gain == pytest.approx(without.cost - lagging.cost, rel=0.05, abs=0.05)
     assert (gain > 100) == (delay_s > 0)
 
@@ -275,8 +286,13 @@ def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
 
 
 @pytest.mark.parametrize("window", [None, 0.0, 0.1])
-@pytest.mark.parametrize("delay", [False, True])
-def test_the_gradient_is_that_of_the_cost(window: float | None, delay: bool) -> None:
+@pytest.mark.parametrize(
+    ("delay", "effects", "std"),
+    [(False, (), 0.0), (True, (), 0.0), (True, (), math.inf), (False, tuple(EFFECTS), 0.05)],
+)
+def test_the_gradient_is_that_of_the_cost(
+    window: float | None, delay: bool, effects: tuple[str, ...], std: float
+) -> None:
     """Against central differences, with position and torque noise that are correlated."""
     rng = np.random.default_rng(1)
     phasors = extract_phasors(prescribed_motion(np.sign), harmonics=9)
@@ -289,14 +305,18 @@ def test_the_gradient_is_that_of_the_cost(window: float | None, delay: bool) -> 
         ).astype(complex),
     )
     friction = None if window is None else friction_waveforms(phasors, window)
-    start = np.concatenate([1.02 * PAPER.K, 0.97 * PAPER.D])
-    problem = make_problem(phasors, PARALLELOGRAM, start, friction, delay, noise)
-    p = np.concatenate([start, 0.01 * np.ones(problem.layout.size - 4)])
-    if delay:
-        p[-1] = 2e-4
+    prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape, inertia_std=std, torque_std=std)
+    layout = fitted_layout(prior, friction, delay, effects)
+    problem = make_problem(phasors, prior, layout, PAPER.K, friction, noise)
+    off = ParameterLayout.of(2, effects=effects)
+    start = off.pack(K=1.02 * PAPER.K, D=0.97 * PAPER.D, **{name: [1e-4, 2e-4] for name in effects})
+    p = problem.start(off.named(start))
+    p = np.where(p == 0, 2e-4 if delay else 0.01, 1.01 * p)
+    if "link" in effects:
+        p[layout["link"]] = 1e-9
     scale = np.linspace(1, 2, 9)
     _, gradient, _ = quadratic(problem, p, scale)
     for k in range(p.size):
         step = 1e-5 * p[k] * np.eye(p.size)[k]
         ahead, behind = (quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
-        assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4)
+        assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4), layout.labels[k]

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from plants import ONE, PAPER, PARALLELOGRAM, SERIAL, THREE, THREE_SPRINGS
 
@@ -289,7 +290,7 @@ def test_millimetres(length_m: float, text: str) -> None:
     assert millimetres(length_m) == text
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@examples(50, derandomize=True)
 @given(st.floats(1e-6, 0.099))
 def test_millimetres_are_those_of_the_length(length_m: float) -> None:
     shown = float(millimetres(length_m).removesuffix(" mm"))

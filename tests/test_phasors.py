@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, steady_records
 
@@ -61,7 +62,7 @@ def test_exact_records_give_exact_phasors(periods: float, jitter: float) -> None
     assert np.allclose(phasors.omega, 2 * np.pi * frequencies)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     seed=st.integers(0, 2**32 - 1),
     frequency=st.floats(0.8, 3.0),

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import JointIdError, SineRecord, extract_phasors
@@ -141,7 +142,7 @@ WILD = st.one_of(
 FIELDS = ["frequency_hz", "time_s", "theta_rad", "tau_Nm", "torque_hold", "torque_delay_s", "start_s"]
 
 
-@settings(max_examples=400, deadline=None)
+@examples(400)
 @given(st.dictionaries(st.sampled_from(FIELDS), WILD, min_size=1, max_size=3))
 def test_wild_input_never_raises_anything_else(changes: dict[str, Any]) -> None:
     try:
@@ -153,7 +154,7 @@ def test_wild_input_never_raises_anything_else(changes: dict[str, Any]) -> None:
     assert np.isfinite([made.frequency_hz, made.interval_s, made.jitter_s, made.torque_delay_s]).all()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     st.lists(st.floats(1e-6, 1e3), min_size=8, max_size=60),
     st.floats(1e-3, 1e3),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser
 
-from jointid import Analysis, Study, analyse
+from jointid import Study, analyse
 from jointid.reporting.report import make_report, to_html
+
+pytestmark = pytest.mark.browser
 
 PHONE = 390
 LINES = """cells => cells.map(cell => {
@@ -16,16 +18,14 @@ LINES = """cells => cells.map(cell => {
 
 
 @pytest.fixture(scope="module")
-def analysis(studies: dict[int, Study]) -> Analysis:
-    return analyse(studies[2])
+def html(studies: dict[int, Study]) -> str:
+    return to_html(make_report(analyse(studies[2]), cut=False))
 
 
 @pytest.mark.parametrize("width", [320, 390, 1440])
-def test_nothing_overflows_and_no_number_breaks(
-    browser: Browser, analysis: Analysis, width: int
-) -> None:
+def test_nothing_overflows_and_no_number_breaks(browser: Browser, html: str, width: int) -> None:
     page = browser.new_page(viewport={"width": width, "height": 844})
-    page.set_content(to_html(make_report(analysis, cut=False)))
+    page.set_content(html)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert set(page.locator("table:not(.names) td").evaluate_all(LINES)) <= {0, 1}
     right = page.locator("p, figcaption, .answer td").evaluate_all(
@@ -36,10 +36,10 @@ def test_nothing_overflows_and_no_number_breaks(
 
 
 def test_the_phone_shows_the_whole_answer_and_keeps_the_names_of_rows(
-    browser: Browser, analysis: Analysis
+    browser: Browser, html: str
 ) -> None:
     page = browser.new_page(viewport={"width": PHONE, "height": 844})
-    page.set_content(to_html(make_report(analysis, cut=False)))
+    page.set_content(html)
     answer = page.locator(".answer tbody")
     for cell in answer.locator("td").all():
         box = cell.bounding_box()

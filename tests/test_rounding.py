@@ -6,7 +6,8 @@ import math
 import re
 
 import pytest
-from hypothesis import assume, given, settings
+from examples import examples
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from jointid.rounding import plain, significant, with_error
@@ -38,7 +39,7 @@ def test_known_cases(value: float, error: float, text: str) -> None:
     assert with_error(value, error) == text
 
 
-@settings(derandomize=True, max_examples=300)
+@examples(300, derandomize=True)
 @given(
     st.floats(1e-2, 1e4) | st.floats(-1e4, -1e-2),
     st.floats(1e-5, 1.0),

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.cut.arm import PlanarArm
@@ -47,7 +48,7 @@ def test_joint_motion_and_torque_agree_with_finite_differences(drive, elbow) -> 
     np.testing.assert_allclose(now.u[0], arm.joint_torque(*now.q), atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@examples(50, derandomize=True)
 @given(K=st.floats(1.0, 1e6), lag=st.floats(1e-5, 0.05), step=st.sampled_from([1e-4, 1e-3]))
 def test_deflection_under_a_torque_ramp_is_the_closed_form(K, lag, step) -> None:
     time = step * np.arange(400)

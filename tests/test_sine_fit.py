@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from examples import examples
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from jointid import SineRecord
@@ -51,7 +52,7 @@ def messy(
     return SineRecord(frequency, time, wave[:, :n], wave[:, n:], start_s=start)
 
 
-@settings(max_examples=120, deadline=None)
+@examples(120)
 @given(
     seed=st.integers(0, 2**32 - 1),
     frequency=st.floats(0.05, 400),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.estimation.free_friction import FreeFriction, real_rows
-from jointid.small_matrices import inverse, whitener
+from jointid.small_matrices import covariance_of, inverse, propagated, root, whitener
 
 
 def stack(n: int, seed: int) -> np.ndarray:
@@ -54,3 +54,39 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
     assert projection.rank() == counts.sum()
     mixture = shapes @ rng.standard_normal((r, 1, k, 1))
     assert np.allclose(projection.fundamental(real_rows(W @ mixture)), mixture[:, 0, :, 0], atol=1e-6)
+
+
+def test_a_singular_covariance_has_a_finite_whitener() -> None:
+    direction = np.array([1.0, 2.0 - 1j, 1e6])
+    V = np.outer(direction, direction.conj())[None]
+    W = whitener(V)
+    assert np.all(np.isfinite(W))
+    np.testing.assert_allclose(W[0, 0] @ V[0] @ W[0, 0].conj(), 1.0)
+
+
+def test_the_root_of_a_singular_covariance() -> None:
+    direction = np.array([1e-6, 2.0 - 1j, 1e6])
+    V = np.outer(direction, direction.conj())[None]
+    found = root(V)[0]
+    scale = np.outer(np.abs(direction), np.abs(direction))
+    np.testing.assert_allclose(found @ found.conj().T / scale, V[0] / scale, atol=1e-12)
+
+
+def test_signals_that_cancel_leave_a_positive_variance() -> None:
+    C = np.ones((2, 2), complex)
+    E = np.array([[1.0, -1.0]], complex)
+    variance = propagated(E, C @ E.conj().T)[0, 0].real
+    assert 0 < variance < 1e-13
+
+
+def test_a_parameter_without_effect_has_an_infinite_variance() -> None:
+    J = np.array([[1.0, 0.0, 1e-9], [0.0, 0.0, 1e-9], [1.0, 0.0, 0.0]])
+    covariance = covariance_of(J.T @ J)
+    assert np.isinf(covariance[1, 1])
+    kept = np.ix_([0, 2], [0, 2])
+    np.testing.assert_allclose(covariance[kept], np.linalg.inv((J.T @ J)[kept]), rtol=1e-9)
+
+
+def test_parameters_that_cannot_be_told_apart_have_huge_variances() -> None:
+    J = np.array([[1.0, 1.0], [2.0, 2.0]])
+    assert np.all(np.diag(covariance_of(J.T @ J)) > 1e12)

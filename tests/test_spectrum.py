@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import JointIdError
 from jointid.phasors.spectrum import amplitude_spectrum, largest_line_hz
 
 
-@settings(derandomize=True, max_examples=60)
+@examples(60, derandomize=True)
 @given(st.floats(0.9, 40.0), st.floats(0.0, 6.28), st.floats(-5.0, 5.0), st.floats(-1.0, 1.0))
 def test_the_largest_line_is_the_sine_also_on_a_drift(
     frequency: float, phase: float, offset: float, drift: float

@@ -60,6 +60,10 @@ def chosen(page: Page, name: str) -> None:
     expect(page.get_by_role("combobox", name="Study")).to_have_value(name)
 
 
+def estimator(page: Page, name: str) -> None:
+    expect(page.get_by_role("combobox", name="Estimator")).to_have_value(name)
+
+
 def workspace_of(page: Page) -> str:
     expect(page).to_have_url(re.compile(r"[?&]w=[\w-]{32}(&|$)"))
     return parse_qs(urlsplit(page.url).query)["w"][0]
@@ -75,16 +79,22 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
 ) -> None:
     page = visit(f"{server.address}/Records", "Records")
     assert "w=" not in page.url
+    open_file(page, "bad.zip", b"no archive")
+    expect(page.get_by_text("bad.zip was not opened")).to_be_visible()
+    chosen(page, "paper")
     open_file(page, "mine.zip", pack_study(studies[1]))
     place = workspace_of(page)
     reload(page, "Records")
     chosen(page, "mine.zip")
+    expect(page.locator(".js-plotly-plot")).to_have_count(3)
     for name, title in (("Study", studies[1].name), ("Simulate a robot", "Simulate a robot")):
         follow(page, name, title)
         chosen(page, "mine.zip")
         assert workspace_of(page) == place
     choose(page, "Estimator", "least-squares")
     expect(page).to_have_url(re.compile("estimator=least-squares"))
+    reload(page, "Simulate a robot")
+    estimator(page, "least-squares")
     address = page.url.replace("/Simulate", "/Elasticity")
     server.kill()
     page.close()
@@ -96,7 +106,8 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     chosen(again, "mine.zip")
     expect(again.get_by_test_id("stMetric")).to_have_count(2)
     expect(again.locator(".js-plotly-plot .main-svg").first).to_be_visible()
-    expect(again.get_by_role("combobox", name="Estimator")).to_have_value("least-squares")
+    estimator(again, "least-squares")
+    expect(again.get_by_text("Shown on every page: least-squares")).to_be_visible()
     elsewhere.close()
 
 

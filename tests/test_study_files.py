@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import Elasticity, Inertia, JointIdError, SineRecord, Study
@@ -276,7 +277,7 @@ def studies(draw: st.DrawFn) -> Study:
     return Study(tuple(records), draw(inertias(n)), nominal, draw(text), origin, draw(text), poses)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60, derandomize=True)
 @given(
     study=studies(),
     record_format=st.sampled_from(["csv", "parquet"]),
@@ -635,8 +636,8 @@ def test_huge_directory_is_not_loaded() -> None:
     assert Counting.largest <= 1 << 17
 
 
-@pytest.mark.parametrize("size", [100 << 20])
-def test_garbage_of_100_megabytes(size: int) -> None:
+@pytest.mark.parametrize("size", [4 << 20, pytest.param(100 << 20, marks=pytest.mark.long)])
+def test_garbage_of_megabytes(size: int) -> None:
     garbage = np.random.default_rng(0).integers(0, 256, 1 << 20, dtype=np.uint8).tobytes() * (size >> 20)
     assert "not a readable zip" in failure(garbage)
     assert "01.csv" in failure(zipped(files(first=garbage)))
@@ -861,25 +862,25 @@ def test_what_is_mutated_is_a_valid_study() -> None:
     assert load_study(parquet_study(PARQUET)).records[0].time_s.size == 310
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150, derandomize=True)
 @given(mutations(SMALL["study.toml"]))
 def test_mutated_toml(data: bytes) -> None:
     survives(zipped(SMALL | {"study.toml": data}))
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150, derandomize=True)
 @given(mutations(SMALL["records/01.csv"]))
 def test_mutated_csv(data: bytes) -> None:
     survives(zipped(SMALL | {"records/01.csv": data}))
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150, derandomize=True)
 @given(mutations(zipped(SMALL, compression=zipfile.ZIP_DEFLATED)))
 def test_mutated_zip(data: bytes) -> None:
     survives(data)
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@examples(150, derandomize=True)
 @given(mutations(PARQUET))
 def test_mutated_parquet(data: bytes) -> None:
     survives(parquet_study(data))

@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from examples import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.cut.rectangle import rectangle
@@ -36,7 +37,7 @@ def test_position_to_snap_are_continuous(zone) -> None:
     assert np.all(jump < 1e-4 * everywhere)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@examples(200, derandomize=True)
 @given(
     zone=st.floats(0.0, 0.014),
     speed=st.floats(0.05, 0.30),
@@ -61,7 +62,7 @@ def test_limits_are_kept(zone, speed, size, acceleration) -> None:
     assert np.linalg.norm(sampled[2], axis=1).max() <= path.peak_acceleration_m_s2 * (1 + 1e-9)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@examples(100, derandomize=True)
 @given(zone=st.floats(0.0, 0.014), rounds=st.integers(1, 3), flat=st.booleans())
 def test_the_rectangle_is_the_one_asked_for(zone, rounds, flat) -> None:
     width, height = (0.045, 0.028) if flat else (0.028, 0.045)
@@ -138,7 +139,7 @@ def test_distance_to_the_path(zone) -> None:
         assert path.distance([0.0, 0.0]) == pytest.approx(0.014, abs=1e-9)
 
 
-@settings(max_examples=50, deadline=None, derandomize=True)
+@examples(50, derandomize=True)
 @given(x=st.floats(-0.03, 0.03), y=st.floats(-0.04, 0.04), zone=st.sampled_from([0.001, 0.01]))
 def test_distance_agrees_with_brute_force(x, y, zone) -> None:
     path = rectangle(zone_m=zone, centre_m=(0.0, 0.0))

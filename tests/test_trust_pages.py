@@ -65,7 +65,10 @@ def number(text: str) -> float:
     return float(text.replace("±", "").replace("−", "-").replace("%", "").split("×")[0])
 
 
-@pytest.mark.parametrize("joints", [1, 2, 3])
+JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pytest.mark.long)]
+
+
+@pytest.mark.parametrize("joints", JOINTS)
 class TestErrorBars:
     def test_noise_inertias_and_the_papers_answer_stand_side_by_side(
         self, app: AppTest, studies: dict[int, Study], joints: int
@@ -86,19 +89,21 @@ class TestErrorBars:
         narrow = [number(text) for text in column(at, "Inertias ± 1.5 %")]
         assert narrow == pytest.approx([x / 2 for x in wide], rel=0.1)
 
-    def test_the_bootstrap_agrees_with_the_stated_errors(self, app: AppTest, joints: int) -> None:
-        at = opened(app, ELASTICITY, joints, show_checks="true")
-        at = clicked(at, "check_errors")
-        stated = [number(text) for text in column(at, "Stated")]
-        assert [number(text) for text in column(at, "Bootstrap")] == pytest.approx(stated, rel=0.4)
-        assert len(column(at, "Jackknife")) == 2 * joints
-
     def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
     ) -> None:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
         at = opened(app, ELASTICITY, joints, show_model="true", show_ellipses="true")
         assert len(at.get("plotly_chart")) == closed + 1 + 2 + joints
+
+
+@pytest.mark.parametrize("joints", JOINTS)
+def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) -> None:
+    at = opened(app, ELASTICITY, joints, show_checks="true")
+    at = clicked(at, "check_errors")
+    stated = [number(text) for text in column(at, "Stated")]
+    assert [number(text) for text in column(at, "Bootstrap")] == pytest.approx(stated, rel=0.4)
+    assert len(column(at, "Jackknife")) == 2 * joints
 
 
 class TestSeveralPoses:

@@ -40,6 +40,11 @@ from jointid.verdict.steady_state import steady_from
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
 
+def long(*values: Any) -> Any:
+    """A case of a kind that other cases stand for in a normal run."""
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
 def analysed(records: list[SineRecord], inertia: Inertia = SERIAL, **settings: Any) -> Analysis:
     return analyse(Study(records, inertia), **settings)
 
@@ -230,16 +235,20 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         ([-1, 1], [1, 1], "sign of the position of joint 1", "−1"),
         (180 / np.pi, 1, "position of all joints looks given in degrees", "57.3"),
         ([1, 180 / np.pi], 1, "position of joint 2 looks given in degrees", "57.3"),
-        (np.pi / 180, 1, "position of all joints looks converted from degrees", "57.3"),
+        long(np.pi / 180, 1, "position of all joints looks converted from degrees", "57.3"),
         ((180 / np.pi) ** 2, 1, "degrees, and its gear ratio", "3283"),
-        (1 / (2 * np.pi), 1, "revolutions", "6.28"),
+        long(1 / (2 * np.pi), 1, "revolutions", "6.28"),
         (1, 1000, "mN·m", "1000"),
-        ([1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        (1, [100, 90], "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
+        long(
+            [1 / 100, 1 / 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"
+        ),
+        long(1, [100, 90], "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
         (1, [1, 90], "gear ratio, or the unit of the torque, looks wrong in joint 2", "90"),
-        ([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
-        (1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
-        ([180 / np.pi, 1], [1, 8.12], "joint 1 looks given in degrees; the scale of joint 2", "8.12"),
+        long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
+        long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
+        long(
+            [180 / np.pi, 1], [1, 8.12], "joint 1 looks given in degrees; the scale of joint 2", "8.12"
+        ),
     ],
 )
 def test_wrong_scales_are_named(angle: Any, torque: Any, title: str, detail: str) -> None:
@@ -253,7 +262,7 @@ def test_wrong_scales_are_named(angle: Any, torque: Any, title: str, detail: str
     assert "something else is wrong" not in found.detail
 
 
-@pytest.mark.parametrize("scale", [1.0, [1 / 8.12, 1 / 2.09]])
+@pytest.mark.parametrize("scale", [1.0, long([1 / 8.12, 1 / 2.09])])
 def test_time_in_milliseconds_is_named(scale: Any) -> None:
     """Accelerations go with the square of time: no gear ratio, whatever the torque's scale is."""
     slow = [
@@ -272,6 +281,7 @@ def test_time_in_milliseconds_is_named(scale: Any) -> None:
     assert ("per cent of the rated torque" in found.remedy) == (scale != 1.0)
 
 
+@pytest.mark.long
 def test_mended_data_that_do_not_fit_are_not_called_good() -> None:
     """Degrees on top of inertias that are wrong: the unit is named, and that this is not all."""
     found = scales(scaled(180 / np.pi), Inertia(SERIAL.M, SERIAL.M2 * [[1.3, 1], [1, 1]]))
@@ -623,7 +633,7 @@ def one_scaled(
     return changed
 
 
-@pytest.mark.parametrize("k", range(6))
+@pytest.mark.parametrize("k", [0, *map(long, (1, 2, 3, 4)), 5])
 def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int) -> None:
     for method in ("auto", "weighted", "least-squares"):
         analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
@@ -666,15 +676,20 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
     assert "No factor" in found[0].detail
 
 
-@pytest.mark.parametrize("factor", [0.5, 0.8, 0.97, 1.1, 1.5])
-@pytest.mark.parametrize("records", [six, sound])
+@pytest.mark.parametrize(
+    ("records", "factor"),
+    [(sound, factor) for factor in (0.5, 0.8, 0.97, 1.1, 1.5)]
+    + [(six, 0.8)]
+    + [long(six, factor) for factor in (0.5, 0.97, 1.1, 1.5)],
+)
 def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float) -> None:
     """Wrong inertias, units or signs of all records are not one record's fault."""
     for case in (
         evidence(records(), Inertia(SERIAL.M, SERIAL.M2 * factor), method="weighted"),
         evidence(records(), Inertia(SERIAL.M * factor, SERIAL.M2), method="weighted"),
     ):
-        assert not said(findings(case), "record"), [f.title for f in findings(case)]
+        found = findings(case)
+        assert not said(found, "record"), [f.title for f in found]
 
 
 def test_friction_lag_and_poses_accuse_no_record() -> None:
@@ -686,8 +701,7 @@ def test_friction_lag_and_poses_accuse_no_record() -> None:
         evidence(scaled(angle=180 / np.pi), SERIAL, method="weighted"),
         evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted"),
     ):
-        assert not said(findings(case), "record")
-        assert not said(findings(case), " in record")
+        assert not said(findings(case), "record")  # nor " in record"
 
 
 def test_wrong_frequency_is_told_alone() -> None:
@@ -752,9 +766,9 @@ def test_no_finding_shows_a_computers_exponent() -> None:
     ("angle", "torque", "seen"),
     [
         (1, [101, -93.5], "it is the torque"),
-        (1, [40, 160], "it is the torque"),
-        ([1 / 101, -1 / 93.5], 1, "it is the position"),
-        ([1 / 20, 1 / 12], [20, 12], "it is both"),
+        long(1, [40, 160], "it is the torque"),
+        long([1 / 101, -1 / 93.5], 1, "it is the position"),
+        long([1 / 20, 1 / 12], [20, 12], "it is both"),
     ],
 )
 def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen: str) -> None:
@@ -767,6 +781,7 @@ def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen:
     )
 
 
+@pytest.mark.long
 def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
     """At 500 Hz, taken for 1000 Hz: torque over acceleration is a quarter in all joints."""
     fast = [remade(r, frequency_hz=2 * r.frequency_hz, time_s=r.time_s / 2) for r in sound()]
@@ -775,7 +790,7 @@ def test_rate_of_sampling_is_named_where_all_joints_agree() -> None:
     assert "sampling rate of 0.5 times" in found.detail
 
 
-@pytest.mark.parametrize("factor", [1e9, 1e-9, 1e7])
+@pytest.mark.parametrize("factor", [1e9, long(1e-9), long(1e7)])
 def test_no_gear_that_cannot_be(factor: float) -> None:
     found = scales(scaled(1, [factor, 3 * factor]))
     assert found is None or "gear ratio of" not in found.detail
@@ -827,6 +842,7 @@ def test_friction_is_not_called_the_arms_angle() -> None:
     assert not link_side_finding(extract_phasors(records), [PARALLELOGRAM] * len(records))
 
 
+@pytest.mark.long
 def test_inertias_in_grams_are_named_beside_positions_in_mrad() -> None:
     """Both make the same factor, and K and D with it: only who wrote them knows."""
     grams = scales(sound(), Inertia(M=SERIAL.M * 1e3, M2=SERIAL.M2 * 1e3))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from jointid.errors import JointIdError
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.likelihood import LikelihoodEstimate
 
 
@@ -17,12 +18,15 @@ class Model:
     delay: bool
     curve: bool = False
     """Whether friction has a part that varies nonlinearly with speed."""
+    effects: tuple[str, ...] = ()
+    """Keys of ``EFFECTS``, in its order."""
 
     @property
     def name(self) -> str:
         """Description of the model."""
         friction = ["friction that varies with speed" if self.curve else "friction"]
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
+        parts += [EFFECTS[name].name for name in self.effects]
         return " + ".join(parts) + (
             f", reversals free below {100 * self.reversal:g} %" if self.reversal else ""
         )

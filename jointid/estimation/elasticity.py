@@ -10,10 +10,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.estimation.linear_fit import LINEAR, Estimate, weighted
 from jointid.estimation.model_selection import choose_model
+from jointid.estimation.parameters import Parameters
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread
@@ -68,11 +70,21 @@ class ElasticityFit:
     """Joint equations, with the identified friction and delay subtracted from the torque."""
     phasors: Phasors
     """Phasors in these equations, friction-compensated likewise."""
+    prior: InertiaPrior
+    """Inertias and torque scales as given."""
+    inertias: tuple[Inertia, ...]
+    """Inertia of each record, as fitted; the given one where it was exact."""
+    parameters: Parameters
+    """All fitted parameters: K, D, friction, delay, effects, inertias."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
+    prior_error: Floats | float = 0.0
+    """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
+    torque_scale: Floats | float = 1.0
+    """Torque over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None
     """Friction, if it was fitted."""
     delay: float | None = None
@@ -100,7 +112,16 @@ class ElasticityFit:
     @property
     def noise_error(self) -> Floats:
         """Part of ``standard_error`` that comes from noise, shape (2n,)."""
-        return np.asarray(np.sqrt(np.diag(self.covariance) - np.square(self.unseen_error)))
+        known = np.square(self.unseen_error) + np.square(self.prior_error)
+        with np.errstate(invalid="ignore"):  # infinite where nothing determines a parameter
+            noise = np.nan_to_num(np.diag(self.covariance) - known, nan=np.inf, posinf=np.inf)
+        return np.asarray(np.sqrt(noise))
+
+    @property
+    def inertia(self) -> Inertia | tuple[Inertia, ...]:
+        """Fitted inertia: one value where all records share it, else one per record."""
+        first = self.inertias[0]
+        return first if all(one is first for one in self.inertias) else self.inertias
 
     @property
     def correlation(self) -> Floats:
@@ -150,6 +171,8 @@ def identify_elasticity(
     method: str = "auto",
     friction: bool = False,
     delay: bool = False,
+    inertia_std: float | None = None,
+    torque_std: float | None = None,
 ) -> ElasticityFit:
     """Identify K and D of every joint; one record suffices in principle.
 
@@ -167,6 +190,11 @@ def identify_elasticity(
         model compared).
     delay : bool, default False
         Fit a delay of the torque likewise.
+    inertia_std : float, optional
+        Relative standard deviation of the given inertias M and M2, for "auto" and "maximum-likelihood":
+        0.05 for 5 %, ``math.inf`` for start values only. By default they are exact, as in the paper.
+    torque_std : float, optional
+        The same for the torque constant of each joint.
 
     Raises
     ------
@@ -174,13 +202,13 @@ def identify_elasticity(
         When a joint is not excited in any record, the method is unknown, or the records do not separate
         the parameters.
     """
-    fits = identify_each(phasors, inertia, [method], friction=friction, delay=delay)
-    return fits[method]
+    prior = InertiaPrior.of(inertia, *phasors.q.shape, inertia_std=inertia_std, torque_std=torque_std)
+    return identify_each(phasors, prior, [method], friction=friction, delay=delay)[method]
 
 
 def identify_each(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
+    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
     methods: Iterable[str],
     *,
     friction: bool = False,
@@ -194,14 +222,15 @@ def identify_each(
     for method in names:
         if method not in METHODS:
             raise JointIdError(f'method = "{method}" is not known. Methods: {", ".join(METHODS)}.')
-    equations = spring_equations(phasors, inertia)
-    return {name: _identified(name, phasors, inertia, equations, friction, delay) for name in names}
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
+    return {name: _identified(name, phasors, prior, equations, friction, delay) for name in names}
 
 
 def _identified(
     method: str,
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
+    prior: InertiaPrior,
     equations: SpringEquations,
     friction: bool,
     delay: bool,
@@ -211,25 +240,37 @@ def _identified(
             raise JointIdError(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
             )
-        return _fit(method, LINEAR[method](equations), equations, phasors)
+        return _fit(method, LINEAR[method](equations), equations, phasors, prior)
     linear = weighted(equations)
     asked = {"friction": friction, "delay": delay, "exactly": method != "auto"}
     with one_thread():
-        choice = choose_model(phasors, inertia, linear.p, equations.noise, **asked)
+        choice = choose_model(phasors, prior, linear.p, equations.noise, **asked)
     if isinstance(choice.estimate, LikelihoodEstimate):
-        equations = spring_equations(choice.estimate.phasors, inertia, noise=equations.noise)
-        return _likelihood_fit(method, choice, choice.estimate, equations)
+        inertias = list(choice.estimate.inertias)
+        equations = spring_equations(choice.estimate.phasors, inertias, noise=equations.noise)
+        return _likelihood_fit(method, choice, choice.estimate, equations, prior)
     if method == "auto":  # a fit with a large misfit lets the verdict name the cause
-        return replace(_fit("weighted", linear, equations, phasors), candidates=choice.candidates)
+        fit = _fit("weighted", linear, equations, phasors, prior)
+        return replace(fit, candidates=choice.candidates)
     raise choice.estimate
 
 
 def _likelihood_fit(
-    method: str, choice: Choice, estimate: LikelihoodEstimate, equations: SpringEquations
+    method: str,
+    choice: Choice,
+    estimate: LikelihoodEstimate,
+    equations: SpringEquations,
+    prior: InertiaPrior,
 ) -> ElasticityFit:
     layout, p = estimate.layout, estimate.named
     error = np.sqrt(np.diag(estimate.covariance))
-    fit = replace(_fit(method, estimate, equations, estimate.phasors), candidates=choice.candidates)
+    fit = replace(
+        _fit(method, estimate, equations, estimate.phasors, prior),
+        candidates=choice.candidates,
+        inertias=estimate.inertias,
+        torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
+        prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
+    )
     if "coulomb" in layout:
         share = 4 / np.pi * np.abs(p.coulomb) / np.median(np.abs(estimate.phasors.tau), axis=0)
         floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
@@ -244,7 +285,13 @@ def _likelihood_fit(
     return fit
 
 
-def _fit(method: str, estimate: Estimate, equations: SpringEquations, phasors: Phasors) -> ElasticityFit:
+def _fit(
+    method: str,
+    estimate: Estimate,
+    equations: SpringEquations,
+    phasors: Phasors,
+    prior: InertiaPrior,
+) -> ElasticityFit:
     K, D = estimate.named.K, estimate.named.D
     squared = equations.omega[:, None] ** 2
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
@@ -265,4 +312,7 @@ def _fit(method: str, estimate: Estimate, equations: SpringEquations, phasors: P
         expected_cost=estimate.expected_cost,
         equations=equations,
         phasors=phasors,
+        prior=prior,
+        inertias=tuple(prior.inertias(prior.M, prior.M2)),
+        parameters=estimate.named,
     )

@@ -20,7 +20,11 @@ from jointid.errors import JointIdError
 from jointid.estimation.noise import Noise, moderated_noise
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import propagated
 from jointid.wording import counted
+
+LEAST, LARGEST = 1e-30, 1e30
+"""Range of signals and inertias in SI units; products of several of them do not overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +74,8 @@ class SpringEquations:
     def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
         E = self.residual_gain(K, D)
-        return np.asarray(E @ (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2))
+        CE = (self.noise.covariance[:, 0] + self.leakage) @ E.conj().swapaxes(1, 2)
+        return propagated(E, CE)
 
     @property
     def excitation(self) -> Floats:
@@ -108,13 +113,19 @@ def spring_equations(
     JointIdError
         When the inertias do not fit the records, or a joint is not deflected.
     """
+    _require_plausible(phasors)
     z = phasors.z
-    empty = ~np.any(z != 0, axis=0)
+    empty = np.abs(z).max(axis=0) < LEAST
     if np.any(empty[: phasors.n] & empty[phasors.n :]):
         j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
         raise JointIdError(
             f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm hold no sine in any "
             f"record, so K{j} and D{j} cannot be found. Move joint {j}."
+        )
+    if np.all(empty[phasors.n :]):
+        raise JointIdError(
+            "No record holds a sine in any torque, so that K and D cannot be found: check the columns "
+            f"tau_m1_Nm to tau_m{phasors.n}_Nm."
         )
     M, arm = inertia_arrays(phasors, inertia)
     eye = np.eye(phasors.n)
@@ -122,6 +133,8 @@ def spring_equations(
     of_a = np.concatenate([(eye + arm * M[:, None]) * s2, -arm], axis=2).astype(complex)
     of_b = np.concatenate([-M[:, None] * eye * s2**2, eye * s2], axis=2).astype(complex)
     a, b = np.einsum("rij,rj->ri", of_a, z), np.einsum("rij,rj->ri", of_b, z)
+    for j in np.flatnonzero(np.abs(a).max(axis=0) == 0).tolist():
+        raise _not_deflected(j)
     K, D = pseudo_inverse(phasors.omega, a, b)
     equations = SpringEquations(
         omega=phasors.omega,
@@ -135,13 +148,31 @@ def spring_equations(
     # Noise alone gives an excitation of 1 ± 1/√r; the threshold is three standard deviations above.
     lost = equations.excitation < 1 + 3 / np.sqrt(phasors.omega.size)
     if lost.any():
-        j = int(np.argmax(lost)) + 1
-        raise JointIdError(
-            f"Joint {j} is not excited: its spring is not deflected above the noise in any record, so "
-            f"K{j} and D{j} cannot be found. Move joint {j} more, and check the columns theta_m{j}_rad "
-            f"and tau_m{j}_Nm."
-        )
+        raise _not_deflected(int(np.argmax(lost)))
     return equations
+
+
+def _not_deflected(joint: int) -> JointIdError:
+    j = joint + 1
+    return JointIdError(
+        f"Joint {j} is not excited: its spring is not deflected above the noise in any record, so "
+        f"K{j} and D{j} cannot be found. Move joint {j} more, and check the columns theta_m{j}_rad "
+        f"and tau_m{j}_Nm."
+    )
+
+
+def _require_plausible(phasors: Phasors) -> None:
+    """Refuse signals whose products overflow."""
+    deviation = np.sqrt(np.abs(np.einsum("rhjj->rhj", phasors.harmonic_covariance))).max(axis=1)
+    size = np.maximum(np.abs(phasors.harmonics).max(axis=1), np.maximum(np.abs(phasors.z), deviation))
+    record, column = np.unravel_index(np.argmax(size), size.shape)
+    if size[record, column] > LARGEST:
+        n = phasors.n
+        name = f"theta_m{column + 1}_rad" if column < n else f"tau_m{column - n + 1}_Nm"
+        raise JointIdError(
+            f"{phasors.labels[record]}: {name} has an amplitude of {size[record, column]:.3g}; at most "
+            f"{LARGEST:g} can be analysed. Check the unit and the values of this column."
+        )
 
 
 def pseudo_inverse(
@@ -173,5 +204,12 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
     for each in inertias:
         if each.n != n:
             raise JointIdError(f"The records have {counted(n, 'joint')}, the inertia has {each.n}.")
+        sizes = np.concatenate([each.M, np.diag(each.M2)])
+        if sizes.min() < LEAST or sizes.max() > LARGEST:
+            wrong = sizes.min() if sizes.min() < LEAST else sizes.max()
+            raise JointIdError(
+                f"M or M2 holds {wrong:.3g} kg·m²; from {LEAST:g} to {LARGEST:g} can be analysed. "
+                "Check the unit of the inertias."
+            )
     arm = np.linalg.inv(np.array([each.M2 for each in inertias]))
     return np.array([each.M for each in inertias]), np.asarray(arm, float)

@@ -16,22 +16,32 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.friction import FrictionWaveforms
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
-from jointid.estimation.residual import Problem, make_problem
+from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.residual import Problem, fitted_layout, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import unit_diagonal
+from jointid.small_matrices import NO_EFFECT, determined_covariance, unit_diagonal
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
+_LEAST_DAMPING = 1e-12
+"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
+_RIDGE = 1e-12
+"""The same for the score test."""
 _INSEPARABLE = 1e-10
 """Smallest eigenvalue of the information matrix of unit diagonal; below it, in double precision,
 parameters cannot be separated."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
+_LEAST_DAMPING = 1e-12
+"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,30 +52,38 @@ class LikelihoodEstimate(Estimate):
     """Phasors with friction and delay subtracted from the torque: what acts on springs and inertias."""
     inflation: float
     """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
+    prior_covariance: Floats
+    """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
+    inertias: tuple[Inertia, ...]
+    """Fitted inertia of each record; the given one where it is exact."""
 
 
 def maximum_likelihood(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
-    start: Floats,
+    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
+    start: Floats | Parameters,
     *,
     friction: FrictionWaveforms | None = None,
     delay: bool = False,
+    effects: Sequence[str] = (),
     noise: Noise | None = None,
 ) -> LikelihoodEstimate:
-    """Fit K and D, and optionally friction and delay, to all records and harmonics.
+    """Fit K and D, and optionally friction, delay, effects and inertias, to all records and harmonics.
 
     Parameters
     ----------
     phasors : Phasors
-    inertia : Inertia or sequence of Inertia
-        One for all records, or one per record.
-    start : ndarray, shape (2n,) or (P,)
-        Start values: K and D of a linear estimator, or all parameters of a similar fit.
+    inertia : Inertia, sequence of Inertia or InertiaPrior
+        One for all records, or one per record; with a prior, uncertain inertias and torque scales are
+        fitted as well.
+    start : ndarray, shape (2n,), or Parameters
+        Start values: K and D of a linear estimator, or the parameters of a similar fit.
     friction : FrictionWaveforms, optional
         Fit Coulomb and viscous friction with these waveforms.
     delay : bool, default False
         Fit a delay of the torque in addition to that of the records.
+    effects : sequence of str
+        Keys of ``effects.EFFECTS`` to fit.
     noise : Noise, optional
         Noise of the phasors, where it is already known.
 
@@ -78,30 +96,45 @@ def maximum_likelihood(
     Raises
     ------
     JointIdError
-        When some parameters cannot be separated, or no positive stiffness fits.
+        When K and D cannot be separated from each other, or no positive stiffness fits.
     """
-    n = phasors.n
-    problem = make_problem(phasors, inertia, start, friction, delay, noise)
-    p = np.concatenate([start, np.zeros(problem.layout.size - start.size)])
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    if not isinstance(start, Parameters):
+        start = ParameterLayout.of(phasors.n).named(start)
+    if noise is None:
+        noise = spring_equations(phasors, prior.inertias(prior.M, prior.M2)).noise
+    problem = make_problem(
+        phasors, prior, fitted_layout(prior, friction, delay, effects), start.K, friction, noise
+    )
+    p = problem.start(start)
     scale = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, _ = _minimise(problem, p, scale)
     rank, scale = harmonic_scale(problem, p)
     p, normal = _minimise(problem, p, scale)
-    information = inverse_normal(problem, normal)
-    first = problem.z[:, 0]
-    lost = WhitenedResidual.of(problem, p, scale).friction_delay_torque()
-    clean = replace(phasors, q=first[:, :n], tau=first[:, n:] - lost)
-    clean = replace(clean, covariance=phasors.harmonic_covariance[:, 0])
+    fitted = WhitenedResidual.of(problem, p, scale)
+    q, tau = fitted.compensated()
+    clean = replace(phasors, q=q, tau=tau, covariance=phasors.harmonic_covariance[:, 0])
+    named = problem.layout.named(p)
+    if not prior.blocks():
+        _require_separable(problem, normal)
+    covariance = 0.5 * determined_covariance(normal)
+    for name in ("coulomb", "curve"):
+        if name in problem.layout:  # a motor that never reverses shows none
+            own = np.arange(p.size)[problem.layout[name]]
+            covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
+    determined = (problem.pull(p)[1] > 0).sum()  # by the prior
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
-        covariance=0.5 * information,
-        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
-        expected_cost=max((problem.rows - rank - p.size) / 2, 0.0),
+        covariance=covariance,
+        prior_covariance=_prior_part(problem, p, covariance),
+        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost + _penalty(problem, p),
+        expected_cost=max((problem.rows + determined - rank - p.size) / 2, 0.0),
         parameter_count=rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
+        inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
     )
 
 
@@ -116,28 +149,45 @@ def harmonic_scale(problem: Problem, p: Floats) -> tuple[int, Floats]:
     return rank, np.maximum(1.0, residual.misfit_by_harmonic(rank))
 
 
-def gain_of_delay(
+def score_gains(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
+    prior: InertiaPrior,
     estimate: LikelihoodEstimate,
     friction: FrictionWaveforms | None,
     noise: Noise,
-) -> float:
-    """Decrease of the cost of an estimate without delay when a delay is added, to second order.
+    blocks: Sequence[str],
+) -> dict[str, float]:
+    """Decrease of the cost when "delay" or an effect is added to an estimate, to second order.
 
-    Rao's score test: one evaluation in place of a fit.
+    Rao's score test: one evaluation for all in place of a fit for each.
     """
-    problem = make_problem(phasors, inertia, estimate.p, friction, True, noise)
-    scale = np.ones(problem.s.shape[1])
-    _, gradient, normal = quadratic(problem, np.append(estimate.p, 0.0), scale)
+    fitted = estimate.layout
+    effects = [name for name in EFFECTS if name in fitted or name in blocks]
+    delay = "delay" in fitted or "delay" in blocks
+    layout = fitted_layout(prior, friction, delay, effects)
+    problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
+    _, gradient, normal = quadratic(problem, problem.start(estimate.named), np.ones(problem.s.shape[1]))
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    others = normal[:-1, :-1] / np.outer(size[:-1], size[:-1]) + 1e-12 * np.eye(size.size - 1)
-    coupling = normal[:-1, -1] / size[:-1]
-    own = normal[-1, -1] - coupling @ np.linalg.solve(others, coupling)
-    return float(gradient[-1] ** 2 / own) if own > 0 else np.inf
+    normal, gradient = normal / np.outer(size, size), gradient / size
+    base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
+    gains = {}
+    for name in blocks:
+        own = np.arange(layout.size)[layout[name]]
+        inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
+        coupling = normal[np.ix_(base, own)]
+        left = normal[np.ix_(own, own)] - coupling.T @ np.linalg.solve(inner, coupling)
+        pull = gradient[own] - coupling.T @ np.linalg.solve(inner, gradient[base])
+        left += _RIDGE * np.eye(own.size)
+        gains[name] = float(pull @ np.linalg.solve(left, pull))
+    return gains
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:
+    if problem.rows == 0:
+        raise JointIdError(
+            "No motor moves visibly in any record, so that friction cannot be told from elasticity: "
+            "move the motors more, or log their positions with more digits."
+        )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
@@ -153,17 +203,17 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
 
     It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit.
     """
-    n, damping = problem.n, 1e-3
+    damping = 1e-3
     cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
-        size = np.where(size > 0, size, 1.0)
+        size = np.where(size > NO_EFFECT, size, 1.0)
         near = _TOLERANCE * np.sqrt(max(1.0, 2 * cost / problem.rows))
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = -np.linalg.solve(scaled, gradient / size) / size
             trial = p + step
-            if np.all(trial[:n] > 0) and np.all(trial[:n] < problem.stiffest):
+            if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
                 new = quadratic(problem, trial, scale)
@@ -173,20 +223,42 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
                 return p, normal
             damping = max(10 * damping, 1e-6)
         p, (cost, gradient, normal) = trial, new
-        damping /= 10
+        damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
 
 
 def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
-    """Cost, half its gradient, and normal matrix."""
+    """Cost, half its gradient, and normal matrix, the prior's part included."""
     residual = WhitenedResidual.of(problem, p, scale)
     rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
-    return float(rows @ rows), columns.T @ rows, columns.T @ columns
+    deviation, weight = problem.pull(p)
+    cost = float(rows @ rows) + _penalty(problem, p)
+    gradient = columns.T @ rows + 0.5 * weight * deviation
+    return cost, gradient, columns.T @ columns + 0.5 * np.diag(weight)
 
 
-def inverse_normal(problem: Problem, normal: Floats) -> Floats:
-    """Inverse of the normal matrix; zero in rows and columns of parameters without any effect."""
-    seen, size, scaled = unit_diagonal(normal)
+def _penalty(problem: Problem, p: Floats) -> float:
+    """Cost of the prior: a negative log likelihood like the data's."""
+    deviation, weight = problem.pull(p)
+    return float(0.5 * (weight * deviation**2).sum())
+
+
+def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
+    """The part of the covariance that the prior makes, shape (P, P).
+
+    With the information A of the data and B of the prior, C = (A + B)⁻¹ = C A C + C B C.
+    """
+    finite = np.isfinite(np.diag(covariance))
+    C = np.where(np.outer(finite, finite), covariance, 0.0)
+    return np.asarray((C * problem.pull(p)[1]) @ C)
+
+
+def _require_separable(problem: Problem, normal: Floats) -> None:
+    """Refuse exact inertias with records that do not determine all parameters."""
+    seen, _, scaled = unit_diagonal(normal)
+    if not np.all(seen[: 2 * problem.n]):
+        name = problem.layout.labels[int(np.argmin(seen))]
+        raise JointIdError(f"The records do not determine {name}: move joint {name[1:]} more.")
     values, vectors = np.linalg.eigh(scaled)
     if values[0] < _INSEPARABLE:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
@@ -194,6 +266,3 @@ def inverse_normal(problem: Problem, normal: Floats) -> Floats:
             f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "
             "and with other relative amplitudes and phases of the joints."
         )
-    inverse = np.zeros_like(normal)
-    inverse[np.ix_(seen, seen)] = np.linalg.inv(scaled) / np.outer(size, size)
-    return inverse

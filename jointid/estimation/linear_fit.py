@@ -14,6 +14,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.joint_equations import SpringEquations
 from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.small_matrices import covariance_of, root, whitener
 
 _WEIGHT_ITERATIONS = 3
 """Updates of the weights, which depend on K and D only weakly."""
@@ -93,12 +94,11 @@ def _least_squares_gain(equations: SpringEquations) -> Complexes:
 
 def _weighted_gain(equations: SpringEquations, V: Complexes) -> tuple[Complexes, Floats]:
     """Gain (r, 2n, n) and normal matrix (2n, 2n) for the error covariance V (r, n, n)."""
-    R = _regressors(equations)
-    RV = np.linalg.solve(V, R).conj().swapaxes(1, 2)  # RᴴV⁻¹
-    normal = (RV @ R).sum(axis=0).real
-    scale = 1 / np.sqrt(np.diag(normal))  # K and D differ by orders of magnitude
-    inverse = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
-    return np.asarray(inverse @ RV), normal
+    W = whitener(V)
+    R = W @ _regressors(equations)
+    rows = R.reshape(-1, R.shape[2])
+    normal = (rows.conj().T @ rows).real
+    return np.asarray(covariance_of(normal) @ R.conj().swapaxes(1, 2) @ W), normal
 
 
 def _regressors(equations: SpringEquations) -> Complexes:
@@ -130,11 +130,12 @@ def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) ->
     leverage = np.einsum("rpj,rjp->r", gain, _regressors(equations)).real
     penalty = np.ones(r)
     if weighted:
-        penalty += (1 - leverage / (2 * n)) * (noise.weight_penalty - 1)
+        penalty += np.maximum(1 - leverage / (2 * n), 0) * (noise.weight_penalty - 1)
     # Re(G e) of a circular complex e has half the covariance of the complex number.
-    covariance = 0.5 * np.einsum("r,rpi,rij,rqj->pq", penalty, gain, V, gain.conj()).real
+    error = np.sqrt(0.5 * penalty)[:, None, None] * (gain @ root(V))
+    covariance = np.einsum("rpi,rqi->pq", error, error.conj()).real
     V = V * noise.inverse_bias[:, None, None]
-    cost = float(np.einsum("ri,ri->", e.conj(), np.linalg.solve(V, e[..., None])[..., 0]).real)
+    cost = float((np.abs(whitener(V) @ e[..., None]) ** 2).sum())
     _, normal = _weighted_gain(equations, V)
     expected = float((n - leverage).sum() + np.trace(normal @ covariance)) if r > 1 else 0.0
     return Estimate(ParameterLayout.of(n), p, covariance, cost, expected, parameter_count=2 * n)

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice, Model
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
-from jointid.estimation.joint_equations import inertia_arrays
-from jointid.estimation.likelihood import LikelihoodEstimate, gain_of_delay, maximum_likelihood
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood, score_gains
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
@@ -35,6 +37,9 @@ _LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
+_CHANCE = 1e-3
+"""Probability that the score of any effect leads to a fit on an ideal robot."""
+_MOST_EFFECTS = 3
 _CERTAIN = 1000.0
 """Squared Coulomb friction over its variance from which models without friction are skipped; far above
 the square of ``_SIGNIFICANT``."""
@@ -42,7 +47,7 @@ the square of ``_SIGNIFICANT``."""
 
 def choose_model(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
+    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
     start: Floats,
     noise: Noise,
     *,
@@ -61,7 +66,9 @@ def choose_model(
     """
     frictions = FRICTIONS if friction else (NO_FRICTION,) if exactly else (NO_FRICTION, *FRICTIONS)
     lags = (delay,) if delay or exactly else (False, True)
-    return _searched(_Search(phasors, inertia, start, noise, frictions, lags))
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    search = _Search(phasors, prior, ParameterLayout.of(phasors.n).named(start), noise, frictions, lags)
+    return _searched(search)
 
 
 def _searched(search: _Search) -> Choice:
@@ -69,32 +76,31 @@ def _searched(search: _Search) -> Choice:
 
     Heavy friction can make the linear estimate negative, or lead it to another local minimum.
     """
-    best = search.search()
+    best = search.with_effects(search.search())
     misfit = search.misfit(best)
     if misfit < _LOST:
         return search.choice(best)
     better = min(misfit / 10, _FAR)
     good = _LOST if np.isinf(misfit) else min(misfit / 3, max(_LOST, misfit / _LOST))
     probe = Model(search.frictions[:3][-1][0], search.lags[-1])
-    for start in _other_starts(search.phasors, search.inertia):
+    for start in _other_starts(search.phasors, search.prior):
         other = replace(search, start=start, tried={})
         other.fit(probe)
         if other.misfit(probe) < better:
-            found = other.search()
+            found = other.with_effects(other.search())
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
 
 
-def _other_starts(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Floats]:
+def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
     """K with the arm's resonance at frequencies of the records, and a small D."""
-    _, arm = inertia_arrays(phasors, inertia)
-    own = np.diagonal(np.linalg.inv(arm), axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
-    starts = []
+    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
+    layout, starts = ParameterLayout.of(phasors.n), []
     for share in (0.5, 1.0, 0.0):
         omega = float(np.quantile(phasors.omega, share))
         K = own * omega**2
-        starts.append(np.concatenate([K, 0.05 * K / omega]))
+        starts.append(layout.named(layout.pack(K=K, D=0.05 * K / omega)))
     return starts
 
 
@@ -103,8 +109,8 @@ class _Search:
     """Models fitted so far, with their estimates."""
 
     phasors: Phasors
-    inertia: Inertia | Sequence[Inertia]
-    start: Floats
+    prior: InertiaPrior
+    start: Parameters
     noise: Noise
     frictions: Sequence[tuple[float | None, bool]]
     lags: Sequence[bool]
@@ -119,14 +125,15 @@ class _Search:
             return
         self.tried[model] = self._fitted(model, self._start(model))
 
-    def _fitted(self, model: Model, start: Floats) -> LikelihoodEstimate | JointIdError:
+    def _fitted(self, model: Model, start: Parameters) -> LikelihoodEstimate | JointIdError:
         try:
             return maximum_likelihood(
                 self.phasors,
-                self.inertia,
+                self.prior,
                 start,
                 friction=self._waveforms(model.reversal, model.curve),
                 delay=model.delay,
+                effects=model.effects,
                 noise=self.noise,
             )
         except JointIdError as error:
@@ -141,16 +148,56 @@ class _Search:
         without = self.tried.get(replace(model, delay=False))
         if False not in self.lags or not isinstance(without, LikelihoodEstimate):
             return None
-        gain = gain_of_delay(
-            self.phasors,
-            self.inertia,
-            without,
-            self._waveforms(model.reversal, model.curve),
-            self.noise,
-        )
-        if gain / max(1.0, without.misfit) > _WORTH_A_FIT:
+        if self._gains(model, without, ["delay"])["delay"] / max(1.0, without.misfit) > _WORTH_A_FIT:
             return None
         return JointIdError("Not fitted: the data show no lag of the torque.")
+
+    def _gains(
+        self, model: Model, estimate: LikelihoodEstimate, blocks: Sequence[str]
+    ) -> dict[str, float]:
+        waveforms = self._waveforms(model.reversal, model.curve)
+        return score_gains(self.phasors, self.prior, estimate, waveforms, self.noise, blocks)
+
+    def with_effects(self, best: Model) -> Model:
+        """Add effects with a significant score, one at a time, and drop what they make superfluous."""
+        if not self.prior.inertia_std:
+            return best
+        while isinstance(found := self.tried[best], LikelihoodEstimate):
+            absent = [name for name in EFFECTS if name not in best.effects]
+            if not absent or len(best.effects) == _MOST_EFFECTS:
+                break
+            gains = self._gains(best, found, absent)
+            name = max(gains, key=lambda name: gains[name])
+            score = 2 * gains[name] / max(1.0, found.misfit)
+            if score < chi2.isf(_CHANCE / len(EFFECTS), self.phasors.n):
+                break
+            effects = tuple(known for known in EFFECTS if known in (*best.effects, name))
+            richer = replace(best, effects=effects)
+            self.tried[richer] = self._fitted(richer, found.named)
+            better = self._simplified(richer)
+            if better == best:
+                break
+            best = better
+        return best
+
+    def _simplified(self, model: Model) -> Model:
+        """The best of a model and those without its friction, delay or single effects."""
+        found = self.tried[model]
+        if isinstance(found, JointIdError):
+            return model
+        simpler = [
+            replace(model, effects=tuple(e for e in model.effects if e != one)) for one in model.effects
+        ]
+        if model.delay and False in self.lags:
+            simpler.append(replace(model, delay=False))
+        if model.reversal is not None and NO_FRICTION in self.frictions:
+            simpler.append(replace(model, reversal=None, curve=False))
+            simpler.append(replace(model, reversal=None, curve=False, delay=False))
+        for one in simpler:
+            if one not in self.tried or isinstance(self.tried[one], JointIdError):
+                self.tried[one] = self._fitted(one, found.named)
+        criterion = self._criterion()
+        return min([model, *simpler], key=lambda one: criterion[one])
 
     def _lacks_friction(self, model: Model) -> bool:
         """Whether a model has no friction although the same with friction finds it with certainty.
@@ -202,10 +249,8 @@ class _Search:
             return best
         if isinstance(found, JointIdError):
             return best
-        before, p = self.misfit(plain), found.named
-        lag = {"delay": p.delay} if best.delay else {}
-        start = ParameterLayout.of(self.phasors.n, delay=best.delay).pack(K=p.K, D=p.D, **lag)
-        again = self._fitted(plain, start)
+        before = self.misfit(plain)
+        again = self._fitted(plain, found.named)
         if isinstance(again, LikelihoodEstimate) and again.misfit < before:
             self.tried[plain] = again
             return self.best(models)
@@ -240,15 +285,15 @@ class _Search:
             chosen=chosen and fitted is not None,
         )
 
-    def _start(self, model: Model) -> Floats:
+    def _start(self, model: Model) -> Parameters:
         """Parameters of the last fit of a similar model, or the linear estimate."""
         for lag in (model.delay, False):
             for earlier, estimate in reversed(self.tried.items()):
                 alike = (earlier.reversal is None) == (model.reversal is None) and earlier.delay == lag
                 if alike and isinstance(estimate, LikelihoodEstimate):
                     if earlier.curve == model.curve:
-                        return estimate.p
-                    return estimate.elasticity
+                        return estimate.named
+                    return self.start.layout.named(estimate.elasticity)
         return self.start
 
     def _criterion(self) -> dict[Model, float]:
@@ -264,7 +309,7 @@ class _Search:
         for model, estimate in fitted.items():
             if self._is_significant(model, estimate):
                 free = estimate.parameter_count - estimate.p.size
-                penalty = float(np.log(rows)) * estimate.p.size + 2 * free
+                penalty = float(np.log(np.maximum(rows, 1))) * estimate.p.size + 2 * free
                 criterion[model] = 2 * estimate.cost / misfit + penalty
         return criterion
 
@@ -282,11 +327,10 @@ class _Search:
             found = significant[own_part] & (estimate.p[own_part] > 0)  # friction dissipates energy
             if model.curve:
                 found = significant[layout.span("coulomb", "curve")]
-            parts.append((Model(None, model.delay), bool(found.any())))
+            without = replace(model, reversal=None, curve=False)
+            parts.append((without, bool(found.any())))
         if model.delay and False in self.lags:
-            parts.append(
-                (Model(model.reversal, False, model.curve), bool(significant[layout["delay"]].any()))
-            )
+            parts.append((replace(model, delay=False), bool(significant[layout["delay"]].any())))
         for without, clear in parts:
             other = self.tried.get(without)
             if isinstance(other, LikelihoodEstimate):

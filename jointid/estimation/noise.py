@@ -26,6 +26,8 @@ _MOST_PRIOR, _LEAST_PRIOR = 1e3, 0.5
 """Range of the prior degrees of freedom; below it the records share no common noise."""
 _REWEIGHTED = 8
 """Iterations of the relative weights of the sensor variances."""
+_NEGLIGIBLE = 1e-40
+"""Variance, over the largest, of a record without motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,9 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
         density = density * np.eye(channels)
         total = np.maximum(total, n + 3.0)
     covariance = density / phasors.duration_s[:, None, None, None]
-    largest = np.abs(phasors.z).max(axis=0)
+    largest = np.abs(phasors.z).max(axis=0).reshape(2, n)
+    # A signal that is zero throughout gets the floor of the others of its kind.
+    largest = np.where(largest > 0, largest, largest.max(axis=1, keepdims=True)).ravel()
     return Noise(covariance + np.diag((_FLOOR * largest) ** 2), total)
 
 
@@ -97,7 +101,7 @@ def _sensor_variances(gains: Floats, variances: Floats) -> Floats:
     H, channels = gains.shape[1], gains.shape[3]
     rows = gains.swapaxes(0, 1).reshape(H, -1, channels)
     values = variances.swapaxes(0, 1).reshape(H, -1)
-    use = values > 0
+    use = values > _NEGLIGIBLE * values.max(axis=1, keepdims=True)
     weight = np.where(use, 1 / np.where(use, values, 1.0), 0.0)
     solution = np.zeros((H, channels))
     for _ in range(_REWEIGHTED):  # errors relative to the model are unbiased

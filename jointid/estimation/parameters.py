@@ -1,7 +1,8 @@
-"""Named blocks of the parameter vector: stiffness, damping, friction, delay."""
+"""Named blocks of the parameter vector: stiffness, damping, friction, effects, inertias."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
+from jointid.estimation.effects import EFFECTS
 
 
 class Block(NamedTuple):
@@ -32,9 +34,18 @@ class ParameterLayout:
 
     @classmethod
     def of(
-        cls, n: int, *, friction: bool = False, curve_parts: int = 0, delay: bool = False
+        cls,
+        n: int,
+        *,
+        friction: bool = False,
+        curve_parts: int = 0,
+        delay: bool = False,
+        effects: Sequence[str] = (),
+        rotors: int = 0,
+        arms: int = 0,
+        torque_scale: bool = False,
     ) -> ParameterLayout:
-        """Layout of n joints: K and D, then friction with its curve, then the delay, as far as fitted.
+        """Layout of n joints: K and D, then the further blocks of the model.
 
         Parameters
         ----------
@@ -46,18 +57,34 @@ class ParameterLayout:
             Numbers per joint of a friction curve that varies with speed.
         delay : bool
             One delay of the torque.
+        effects : sequence of str
+            Keys of ``effects.EFFECTS``, one number per joint each.
+        rotors, arms : int
+            Distinct rotor inertias M and arm inertias M2 to fit.
+        torque_scale : bool
+            One torque scale per joint.
         """
         joints = range(1, n + 1)
-        blocks = [Block(letter, (n,), tuple(f"{letter}{j}" for j in joints)) for letter in "KD"]
+        blocks = [_of_joints(n, letter, letter) for letter in "KD"]
         if friction:
             curve = (f"friction curve {c + 1} of joint {j}" for j in joints for c in range(curve_parts))
             blocks += [
-                Block("coulomb", (n,), tuple(f"Coulomb friction {j}" for j in joints)),
-                Block("viscous", (n,), tuple(f"viscous friction {j}" for j in joints)),
+                _of_joints(n, "coulomb", "Coulomb friction "),
+                _of_joints(n, "viscous", "viscous friction "),
                 Block("curve", (n, curve_parts), tuple(curve)),
             ]
         if delay:
             blocks.append(Block("delay", (), ("delay",)))
+        blocks += [_of_joints(n, name, f"{EFFECTS[name].label} ") for name in effects]
+        if rotors:
+            names = [f"J_m{j}{_suffix(m, rotors)}" for m in range(rotors) for j in joints]
+            blocks.append(Block("M", (rotors, n), tuple(names)))
+        if arms:
+            pairs = [(i, j) for i in joints for j in range(1, i + 1)]
+            names = [f"{arm_label(i, j)}{_suffix(p, arms)}" for p in range(arms) for i, j in pairs]
+            blocks.append(Block("M2", (arms, len(pairs)), tuple(names)))
+        if torque_scale:
+            blocks.append(_of_joints(n, "torque_scale", "torque scale "))
         return cls(tuple(blocks))
 
     @cached_property
@@ -111,6 +138,10 @@ class Parameters:
         shape = next(block.shape for block in self.layout.blocks if block.name == name)
         return self.vector[self.layout[name]].reshape(shape)
 
+    def effect(self, name: str) -> Floats | float:
+        """Values of an effect, shape (n,); 0 where it is not fitted."""
+        return self[name] if name in self.layout else 0.0
+
     @property
     def K(self) -> Floats:
         """Stiffness, shape (n,), N·m/rad."""
@@ -137,9 +168,27 @@ class Parameters:
         return self["curve"]
 
     @property
+    def torque_scale(self) -> Floats | float:
+        """Torque over logged torque, shape (n,); 1 where it is not fitted."""
+        return self["torque_scale"] if "torque_scale" in self.layout else 1.0
+
+    @property
     def delay(self) -> float:
         """Seconds by which the torque lags; 0 where it is not fitted."""
         return float(self["delay"]) if "delay" in self.layout else 0.0
+
+
+def arm_label(i: int, j: int) -> str:
+    """Label of an element of M2, joints counted from 1: J_a1, J_12."""
+    return f"J_a{i}" if i == j else f"J_{min(i, j)}{max(i, j)}"
+
+
+def _of_joints(n: int, name: str, label: str) -> Block:
+    return Block(name, (n,), tuple(f"{label}{j}" for j in range(1, n + 1)))
+
+
+def _suffix(index: int, count: int) -> str:
+    return f", pose {index + 1}" if count > 1 else ""
 
 
 def elasticity_labels(n: int) -> tuple[str, ...]:

@@ -1,8 +1,10 @@
 """Residual torque of the model at the motors at every harmonic, its covariance and its Jacobian.
 
-At harmonic h, s = ihω, the residual is r = τ e^{-sδ} − F − Z q with the impedance Z = s²(M + S⁻¹),
-S = M2⁻¹ + s²(K + sD)⁻¹, the inverse of equation (16), and friction F. Both τ and q carry noise of
-covariance C, so that r has the covariance V = E C Eᴴ with E = [−Z, e^{-sδ} I].
+At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2, both with
+the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual is
+r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without effects
+s²M + X is the inverse of equation (16) times s². Both τ and q carry noise of covariance C; r has the
+covariance V = E C Eᴴ with E = ∂r/∂[q; τ].
 """
 
 from __future__ import annotations
@@ -14,13 +16,15 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.effects import ARM_EFFECTS
 from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
-from jointid.estimation.joint_equations import inertia_arrays, spring_equations
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
-from jointid.joints import Inertia, motor_impedance
+from jointid.joints import motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import inverse, propagated
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
@@ -34,8 +38,7 @@ class Problem:
     z: Complexes  # (r, H, 2n)
     noise: Noise
     known: np.ndarray  # (r, H), false where the sample rate or record length excludes the harmonic
-    M: Floats  # (r, n)
-    arm: Floats  # M2⁻¹, (r, n, n)
+    prior: InertiaPrior
     friction: FrictionWaveforms | None
     layout: ParameterLayout
     stiffest: Floats  # upper bound on K, (n,)
@@ -43,7 +46,7 @@ class Problem:
     @property
     def n(self) -> int:
         """Number of joints."""
-        return int(self.M.shape[1])
+        return self.prior.n
 
     @property
     def free(self) -> FreeFriction:
@@ -53,53 +56,106 @@ class Problem:
     @property
     def used(self) -> np.ndarray:
         """Whether a joint's residual in a record carries information, shape (r, n)."""
-        return np.ones(self.M.shape, bool) if self.friction is None else ~self.friction.stationary
+        return (
+            np.ones((len(self.s), self.n), bool) if self.friction is None else ~self.friction.stationary
+        )
 
     @property
     def rows(self) -> int:
         """Number of real equations."""
         return int(2 * self.known.sum(axis=1) @ self.used.sum(axis=1))
 
+    def rotor_inertia(self, p: Parameters) -> Floats:
+        """Distinct M, shape (m, n), kg·m²."""
+        return p["M"] if "M" in self.layout else self.prior.M
+
+    def arm_inertia(self, p: Parameters) -> Floats:
+        """Distinct M2, shape (p, n, n), kg·m²."""
+        return self.prior.symmetric(p["M2"]) if "M2" in self.layout else self.prior.M2
+
+    def feasible(self, vector: Floats) -> bool:
+        """Whether K, M and the torque scales are positive and every M2 is positive definite."""
+        p = self.layout.named(vector)
+        positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
+        if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
+            return False
+        return "M2" not in self.layout or bool(np.all(np.linalg.eigvalsh(self.arm_inertia(p)) > 0))
+
+    def start(self, values: Parameters) -> Floats:
+        """Start vector, shape (P,): the given values, means of the prior, zero for the rest."""
+        means = {name: mean for name, (mean, _) in self.prior.blocks().items()}
+        shapes = {block.name: block.shape for block in self.layout.blocks}
+        given = {block.name: values[block.name] for block in values.layout.blocks}
+        same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
+        return self.layout.pack(**(means | same))
+
+    def pull(self, vector: Floats) -> tuple[Floats, Floats]:
+        """Deviation from the prior's mean, shape (P,), and the prior's inverse variance, shape (P,)."""
+        deviation, weight = np.zeros(vector.size), np.zeros(vector.size)
+        for name, (mean, std) in self.prior.blocks().items():
+            if name in self.layout:
+                place = self.layout[name]
+                deviation[place] = vector[place] - mean.ravel()
+                weight[place] = std.ravel() ** -2.0
+        return deviation, weight
+
+
+def fitted_layout(
+    prior: InertiaPrior,
+    friction: FrictionWaveforms | None,
+    delay: bool,
+    effects: Sequence[str] = (),
+) -> ParameterLayout:
+    """Parameters of a fit with these friction waveforms, delay and effects."""
+    parts = 0 if friction is None else friction.curve.shape[3]
+    free = prior.blocks()
+    return ParameterLayout.of(
+        prior.n,
+        friction=friction is not None,
+        curve_parts=parts,
+        delay=delay,
+        effects=effects,
+        rotors=len(prior.M) if "M" in free else 0,
+        arms=len(prior.M2) if "M2" in free else 0,
+        torque_scale="torque_scale" in free,
+    )
+
 
 def make_problem(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
-    start: Floats,
+    prior: InertiaPrior,
+    layout: ParameterLayout,
+    stiffness: Floats,
     friction: FrictionWaveforms | None,
-    delay: bool,
-    noise: Noise | None,
+    noise: Noise,
 ) -> Problem:
-    """Collect the data of a fit; parameters as in ``likelihood.maximum_likelihood``.
+    """Collect the data of a fit.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (n,)
+        Start value of K.
 
     Raises
     ------
     JointIdError
-        When the start has a negative stiffness, or the inertias do not fit the records.
+        When the start has a negative stiffness.
     """
-    n = phasors.n
-    if np.any(start[:n] <= 0):
+    if np.any(stiffness <= 0):
         raise JointIdError(
-            f"K{int(np.argmin(start[:n])) + 1} comes out negative by least squares: check the sign and "
+            f"K{int(np.argmin(stiffness)) + 1} comes out negative by least squares: check the sign and "
             "unit of the torque, the gear ratios, and the inertias M and M2."
         )
-    M, arm = inertia_arrays(phasors, inertia)
     return Problem(
         s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
         z=phasors.harmonics,
-        noise=noise or spring_equations(phasors, inertia).noise,
+        noise=noise,
         known=np.any(phasors.harmonics != 0, axis=2),
-        M=M,
-        arm=arm,
+        prior=prior,
         friction=friction,
-        layout=fitted_layout(n, friction, delay=delay),
-        stiffest=_STIFFEST * start[:n],
+        layout=layout,
+        stiffest=_STIFFEST * stiffness,
     )
-
-
-def fitted_layout(n: int, friction: FrictionWaveforms | None, *, delay: bool) -> ParameterLayout:
-    """Parameters of a fit with these friction waveforms and with or without a delay."""
-    parts = 0 if friction is None else friction.curve.shape[3]
-    return ParameterLayout.of(n, friction=friction is not None, curve_parts=parts, delay=delay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,56 +170,147 @@ class Residual:
     """Its covariance, shape (r, H, n, n)."""
     CE: Complexes
     """Covariance of the signals z with it, C Eᴴ, shape (r, H, 2n, n)."""
-    stiff: Complexes
-    """S⁻¹, shape (r, H, n, n)."""
+    gear: Complexes
+    """κ, shape (r, H, n), N·m/rad."""
+    arm: Complexes
+    """A⁻¹, shape (r, H, n, n), rad/(N·m)."""
+    X: Complexes
+    """Torque through the gears over motor angle, shape (r, H, n, n), N·m/rad."""
     lag: Complexes
-    """e^{-sδ}, shape (r, H)."""
+    """e^{-sδ} of each joint, shape (r, H, n)."""
+    advance: Complexes
+    """Position over logged position, shape (r, H, n)."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:
         """Evaluate the residual at a parameter vector, shape (P,)."""
-        n, s, p = problem.n, problem.s, problem.layout.named(vector)
-        Z, stiff = motor_impedance(s, problem.M[:, None], problem.arm[:, None], p.K, p.D)
-        lag = np.exp(-s * p.delay)
-        E = np.zeros((*Z.shape[:3], 2 * n), complex)
-        E[..., :n] = -Z
+        n, p = problem.n, problem.layout.named(vector)
+        s = problem.s[..., None]
+        gear = p.K * (1 + 1j * np.asarray(p.effect("loss_factor"))) + s * p.D
+        arm = _arm_compliance(problem, p)
+        compliance = arm.copy()
         for j in range(n):
-            if problem.friction is not None:  # viscous friction acts on q like the impedance
-                E[..., j, j] -= s * p.viscous[j]
-            E[..., j, n + j] = lag
+            compliance[..., j, j] += 1 / gear[..., j]
+        X = inverse(compliance)
+        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n))
+        advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
+        own = _motor_stiffness(problem, p)
+        E = np.zeros((*X.shape[:3], 2 * n), complex)
+        E[..., :n] = -X
+        for j in range(n):
+            E[..., j, j] -= own[..., j]
+            E[..., j, n + j] = lag[..., j] * np.broadcast_to(p.torque_scale, n)[j]
+        E[..., :n] *= advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         r = (E @ problem.z[..., None])[..., 0]
         if problem.friction is not None:
             r -= sliding_friction(problem.friction, p, s.shape[1])
-        return cls(problem, p, r, E @ CE, CE, stiff, lag)
+        return cls(problem, p, r, propagated(E, CE), CE, gear, arm, X, lag, advance)
+
+    def ideal_torque(self) -> Complexes:
+        """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
+        problem, p, s = self.problem, self.p, self.problem.s[:, :1]
+        arm = inverse(problem.arm_inertia(p))[problem.prior.pose, None]
+        rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
+        Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
+        return np.asarray((Z[:, 0] @ self.position[..., None])[..., 0])
+
+    @property
+    def position(self) -> Complexes:
+        """Fundamental of the motor angle, freed of a filter, shape (r, n), rad."""
+        return np.asarray((self.problem.z[..., : self.problem.n] * self.advance)[:, 0])
 
     def jacobian(self, weighted_residual: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
+
+        With the gear torque f = X q, the arm angle A⁻¹f and the deflection κ⁻¹f, ∂f = Xκ⁻¹ ∂κ κ⁻¹f +
+        XA⁻¹ ∂A A⁻¹f, and XA⁻¹ + Xκ⁻¹ = I.
 
         Parameters
         ----------
         weighted_residual : ndarray, shape (r, H, n)
             V⁻¹r without the part that free friction explains.
         """
-        problem, p, n, s = self.problem, self.p, self.problem.n, self.problem.s
-        layout = problem.layout
+        problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
+        s = problem.s[..., None]
         smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
+        q, tau = smooth[..., :n] * self.advance, smooth[..., n:] * self.lag
+        f = (self.X @ q[..., None])[..., 0]
         J = np.zeros((*self.r.shape, layout.size), complex)
-        # ∂Z = −s² S⁻¹ ∂S S⁻¹, ∂S = −s² ∂spring/spring² on the diagonal: a product of a column and a row.
-        spring = p.K + s[..., None] * p.D
-        twist = (self.stiff @ smooth[..., :n, None])[..., 0] * (-((s * s) ** 2)[..., None] / spring**2)
-        J[..., layout["K"]] = self.stiff * twist[..., None, :]
-        J[..., layout["D"]] = s[..., None, None] * J[..., layout["K"]]
-        for j in range(n):
-            if problem.friction is not None:
+        by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
+        J[..., layout["K"]] = by_gear * (1 + 1j * np.asarray(p.effect("loss_factor")))
+        J[..., layout["D"]] = by_gear * s[..., None]
+        if "loss_factor" in layout:
+            J[..., layout["loss_factor"]] = by_gear * (1j * p.K)
+        self._differentiate_arm(J, f)
+        own: dict[str, Complexes] = {}  # blocks of which parameter j acts on joint j's residual only
+        if problem.friction is not None:
+            own["coulomb"], own["viscous"] = -problem.friction.coulomb, -s * q
+            for j in range(n):
                 curve = problem.friction.curve[:, :, j]
                 first = layout["curve"].start + j * curve.shape[2]
-                J[..., j, layout["coulomb"].start + j] = -problem.friction.coulomb[..., j]
-                J[..., j, layout["viscous"].start + j] = -s * smooth[..., j]
                 J[..., j, first : first + curve.shape[2]] = -curve
-            if "delay" in layout:
-                J[..., j, layout["delay"].start] = -s * self.lag * smooth[..., n + j]
+        own["lag"], own["torque_scale"] = -s * tau * p.torque_scale, tau
+        for name, columns in own.items():
+            if name in layout:
+                for j in range(n):
+                    J[..., j, layout[name].start + j] = columns[..., j]
+        if "delay" in layout:
+            J[..., layout["delay"].start] = own["lag"]
+        if "position_filter" in layout:
+            rate = s * smooth[..., :n]
+            J[..., layout["position_filter"]] = -self.X * rate[..., None, :]
+            inertial = _motor_stiffness(problem, p) * rate
+            for j in range(n):
+                J[..., j, layout["position_filter"].start + j] -= inertial[..., j]
+        if "M" in layout:
+            for j in range(n):
+                for m in range(len(problem.prior.M)):
+                    uses = (problem.prior.rotor == m)[:, None]
+                    J[..., j, layout["M"].start + m * n + j] = np.where(uses, -(s * s * q)[..., j], 0)
         return J
+
+    def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
+        """Fill the columns of M2 and of the effects on the arm's dynamic stiffness."""
+        problem, layout, s = self.problem, self.problem.layout, self.problem.s
+        if not any(name in layout for name in (*ARM_EFFECTS, "M2")):
+            return
+        share = -self.X @ self.arm  # −XA⁻¹
+        angle = (self.arm @ f[..., None])[..., 0]
+        by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
+        factors = {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}
+        for name, factor in factors.items():
+            if name in layout:
+                J[..., layout[name]] = by_arm * factor[..., None, None]
+        if "M2" in layout:
+            rows, columns = problem.prior.elements
+            angle = angle * (s * s)[..., None]
+            by_element = share[..., rows] * angle[..., None, columns]
+            coupling = rows != columns
+            by_element[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
+            for pose in range(len(problem.prior.M2)):
+                first = layout["M2"].start + pose * rows.size
+                uses = problem.prior.pose == pose
+                J[uses, :, :, first : first + rows.size] = by_element[uses]
+
+
+def _motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
+    """s²M with viscous friction, shape (r, H, n), N·m/rad."""
+    s = problem.s[..., None]
+    inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
+    return np.asarray(inertial if problem.friction is None else inertial + s * p.viscous)
+
+
+def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
+    """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
+    s, M2 = problem.s[..., None, None], problem.arm_inertia(p)
+    if not any(name in problem.layout for name in ARM_EFFECTS):
+        return np.asarray(inverse(M2)[problem.prior.pose, None] / (s * s))
+    A = s * s * M2[problem.prior.pose, None]
+    own = s[..., 0] * p.effect("arm_viscous") - s[..., 0] ** 4 * p.effect("link") + p.effect("gravity")
+    for j in range(problem.n):
+        A[..., j, j] += own[..., j]
+    return inverse(np.asarray(A))
 
 
 def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import Projection, real_rows
-from jointid.estimation.residual import Problem, Residual, sliding_friction
+from jointid.estimation.residual import Problem, Residual
 from jointid.small_matrices import whitener
 
 
@@ -61,17 +61,15 @@ class WhitenedResidual:
         left = 1 - rank / max(problem.rows, 1)
         return np.asarray(squares / np.maximum(measured * left, 1.0))
 
-    def friction_delay_torque(self) -> Complexes:
-        """Fundamental of the torque that friction and delay account for, shape (r, n), N·m."""
-        problem, p = self.at.problem, self.at.p
-        n, s, z = problem.n, problem.s[:, :1], problem.z[:, 0]
-        torque = z[:, n:] * (1 - np.exp(-s * p.delay))
-        if problem.friction is None:
-            return np.asarray(torque)
-        torque = torque + sliding_friction(problem.friction, p, 1)[:, 0] + p.viscous * s * z[:, :n]
-        torque = torque + self.projection.fundamental(self.whole)
+    def compensated(self) -> tuple[Complexes, Complexes]:
+        """Fundamentals of motor angle and torque without friction, delay and effects, both shape (r, n).
+
+        The torque is that of equation (1) at the fitted parameters, plus the residual.
+        """
+        left = self.at.r[:, 0] - self.projection.fundamental(self.whole)
         # At a stationary motor the whole residual is friction.
-        return np.asarray(np.where(problem.used, torque, torque + self.at.r[:, 0]))
+        left = np.where(self.at.problem.used, left, 0.0)
+        return self.at.position, np.asarray(self.at.ideal_torque() + left)
 
 
 def _whitener(problem: Problem, V: Complexes) -> Complexes:

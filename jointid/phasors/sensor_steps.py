@@ -28,6 +28,8 @@ _FINEST = 1e-6
 """Smallest step, over the range of the signal, that is distinguished from rounding."""
 _REPEATS = 0.02
 """Deviation of the period from whole samples, in samples, with which the error repeats."""
+_LEAST_STEP = 1e-150
+"""Smallest step whose square does not underflow."""
 
 
 def may_have_steps(record: SineRecord) -> bool:
@@ -48,7 +50,7 @@ def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
         step = quantum(used[:_EXAMINED])
-        if step > 0:
+        if step > _LEAST_STEP:
             passed = 4 * np.abs(fit.fundamental[channel]) / step * different / period
             seen = float(scatter[channel]) / step**2
             # An error that does not repeat exactly is in the scatter already.

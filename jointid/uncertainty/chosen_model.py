@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from numpy.typing import ArrayLike
-
 from jointid.arrays import Floats
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
-from jointid.estimation.joint_equations import inertia_arrays, spring_equations
-from jointid.estimation.likelihood import harmonic_scale, inverse_normal, maximum_likelihood, quadratic
+from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.likelihood import harmonic_scale, maximum_likelihood, quadratic
 from jointid.estimation.linear_fit import LINEAR, Estimate
-from jointid.estimation.residual import fitted_layout, make_problem
+from jointid.estimation.residual import make_problem
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import determined_covariance
 
 _GAUSS_NEWTON = 2
 """Steps that follow the optimum when an inertia changes by a per cent."""
@@ -48,20 +48,14 @@ def refit(
     """
     if fit.method in LINEAR:
         return LINEAR[fit.method](spring_equations(phasors, inertia))
-    waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
-    lags = fit.delay is not None if delay is None else delay
-    start = _parameters(fit, waveforms, lags)
-    return maximum_likelihood(phasors, inertia, start, friction=waveforms, delay=lags)
-
-
-def _parameters(fit: ElasticityFit, waveforms: FrictionWaveforms | None, lags: bool) -> Floats:
-    """Parameters of the likelihood at the fit; those of a friction curve are zero."""
-    values: dict[str, ArrayLike] = {"K": fit.K, "D": fit.D}
-    if fit.friction is not None:
-        values |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
-    if lags:
-        values["delay"] = fit.delay or 0.0
-    return fitted_layout(fit.n, waveforms, delay=lags).pack(**values)
+    return maximum_likelihood(
+        phasors,
+        fit.prior.like(inertia, phasors.q.shape),
+        fit.parameters,
+        friction=None if fit.friction is None else chosen_friction(phasors, fit),
+        delay=fit.delay is not None if delay is None else delay,
+        effects=[name for name in EFFECTS if name in fit.parameters.layout],
+    )
 
 
 def difference_by_inertia(
@@ -83,20 +77,18 @@ def difference_by_inertia(
             refit(phasors, one, fit).elasticity - refit(phasors, other, fit).elasticity
         )
     waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
-    lags, noise = fit.delay is not None, fit.equations.noise
-    p = _parameters(fit, waveforms, lags)
-    if waveforms is not None and waveforms.curve.shape[3]:
-        p = maximum_likelihood(phasors, inertia, p, friction=waveforms, delay=lags, noise=noise).p
-    problem = make_problem(phasors, inertia, p, waveforms, lags, noise)
+    layout, p = fit.parameters.layout, fit.parameters.vector
+    shape = phasors.q.shape
+    prior = fit.prior.like(inertia, shape)
+    problem = make_problem(phasors, prior, layout, fit.K, waveforms, fit.equations.noise)
 
     def optimum(inertias: Sequence[Inertia]) -> Floats:
-        M, arm = inertia_arrays(phasors, inertias)
-        changed, x = replace(problem, M=M, arm=arm), p
+        changed, x = replace(problem, prior=fit.prior.like(inertias, shape)), p
         for _ in range(_GAUSS_NEWTON):
             _, scale = harmonic_scale(changed, x)
             _, gradient, normal = quadratic(changed, x, scale)
-            x = x - inverse_normal(changed, normal) @ gradient
-        return x[problem.layout.span("K", "D")]
+            x = x - determined_covariance(normal) @ gradient
+        return x[layout.span("K", "D")]
 
     return lambda one, other: optimum(one) - optimum(other)
 

@@ -14,13 +14,13 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import friction_waveforms
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout
 from jointid.estimation.residual import Problem
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
-from jointid.small_matrices import unit_diagonal
 from jointid.uncertainty.chosen_model import free_reversal
 from jointid.uncertainty.validation import compensated_phasors
 
@@ -112,8 +112,7 @@ def record_information(
         z=signals,
         noise=Noise(C, np.full(omega.size, _EXACT)),
         known=np.ones(s.shape, bool),
-        M=np.array([i.M for i in inertias]),
-        arm=np.linalg.inv(np.array([i.M2 for i in inertias])),
+        prior=InertiaPrior.of(inertias, *q.shape),
         friction=waves,
         layout=now.layout,
         stiffest=np.full(n, np.inf),
@@ -121,20 +120,6 @@ def record_information(
     p = now.layout.pack(K=fit.K, D=fit.D)
     columns = WhitenedResidual.of(problem, p, np.ones(orders.size)).columns(smooth=False)
     return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
-
-
-def bound(information: Floats) -> Floats:
-    """Inverse of an information matrix (P, P); infinite variances for undetermined parameters."""
-    seen, size, scaled = unit_diagonal(information)
-    covariance = np.zeros(information.shape)
-    covariance[~seen, ~seen] = np.inf
-    values, vectors = np.linalg.eigh(scaled)
-    known = values > _INSEPARABLE
-    inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
-    unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
-    inner[unknown, unknown] = np.inf
-    covariance[np.ix_(seen, seen)] = inner / np.outer(size, size)
-    return covariance
 
 
 def _sines(omega: Floats, q: Complexes, tau: Complexes, C: Complexes, duration_s: Floats) -> Phasors:

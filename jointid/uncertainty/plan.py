@@ -14,10 +14,10 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, resonances
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import determined_covariance
 from jointid.uncertainty.chosen_model import inertia_of_each
 from jointid.uncertainty.information import (
     PlanningModel,
-    bound,
     measured_information,
     planning_model,
     record_information,
@@ -203,7 +203,9 @@ def _planned_information(planned: PlannedRecords, pose: Inertia, now: PlanningMo
 
 def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
     """Standard errors of K and D, inflated as in the fit, shape (2n,)."""
-    return np.asarray(np.sqrt(fit.inflation) * np.sqrt(np.diag(bound(information))[: 2 * fit.n]))
+    return np.asarray(
+        np.sqrt(fit.inflation) * np.sqrt(np.diag(determined_covariance(information))[: 2 * fit.n])
+    )
 
 
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:

@@ -18,6 +18,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.joint_equations import pseudo_inverse, spring_equations
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
+from jointid.small_matrices import whitener
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
 
 _EXACT = 200
@@ -169,7 +170,8 @@ def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     E = equations.residual_gain(fit.K, fit.D)
     CE = equations.noise.covariance[:, 0] @ E.conj().swapaxes(1, 2)
     e = equations.residual(fit.K, fit.D)[..., None]
-    correction = -(CE @ np.linalg.solve(E @ CE, e))[..., 0]
+    W = whitener(E @ CE)
+    correction = -(CE @ W.conj().swapaxes(1, 2) @ W @ e)[..., 0]
     harmonics = phasors.harmonics.copy()
     harmonics[:, 0] += correction
     return replace(

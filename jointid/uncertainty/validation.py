@@ -106,11 +106,9 @@ def predict_left_out(
         floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
         covariance += floor[:, None, None] * np.eye(deviation.shape[1])
         squares = (deviation.conj() * np.linalg.solve(covariance, deviation)).real.sum((1, 2))
-        size = np.linalg.norm(matrix.H, axis=(1, 2))
-        rows.append(
-            (matrix.omega, matrix.H, predicted, np.linalg.norm(deviation[..., 0], axis=1) / size,
-             squares / deviation.shape[1])
-        )  # fmt: skip
+        with np.errstate(divide="ignore"):  # motors that do not move
+            error = np.linalg.norm(deviation[..., 0], axis=1) / np.linalg.norm(matrix.H, axis=(1, 2))
+        rows.append((matrix.omega, matrix.H, predicted, error, squares / deviation.shape[1]))
     omega, measured, predicted, error, score = (np.concatenate(part) for part in zip(*rows, strict=True))
     order = np.argsort(omega)
     return Prediction(

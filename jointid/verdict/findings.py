@@ -29,6 +29,7 @@ from jointid.verdict.rules_model import (
 from jointid.verdict.rules_outlier import find_outlier, one_record_off
 from jointid.verdict.rules_records import (
     coarse_encoder,
+    constant_torque,
     counted_twice,
     few_periods,
     off_frequency,
@@ -51,6 +52,7 @@ _OF_RECORDS: tuple[_Rule, ...] = (
     same_experiment,
     stationary_joint,
     few_periods,
+    constant_torque,
     coarse_encoder,
     one_frequency,
 )

@@ -16,13 +16,15 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
 from jointid.joints import Inertia, arm_inertias, motor_impedance
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import whitener
+from jointid.small_matrices import covariance_of, whitener
 
 _PRIOR = 0.3
 """Relative prior standard deviation of the inertias; it determines what the records do not."""
 
 _ITERATIONS = 25
 """Upper limit of Levenberg-Marquardt."""
+_LEAST_DAMPING = 1e-12
+"""Of the normal matrix of unit diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ def check_inertia(phasors: Phasors, inertia: Inertia, K: Floats, D: Floats) -> I
     fixed, cost_given, _ = _minimise(phasors, noise, layout, start, size, count)
     found, cost, information = _minimise(phasors, noise, layout, fixed, size, start.size)
     misfit = 2 * cost / (rows - size.size)
-    covariance = np.linalg.inv(information / max(1.0, misfit))
+    covariance = covariance_of(information / max(1.0, misfit))
     error = np.sqrt(np.diag(covariance)) * size
     return InertiaCheck(
         names=layout.labels[inertias],
@@ -149,7 +151,7 @@ def _minimise(
             damping *= 10
         else:
             break
-        p, damping = trial, damping / 10
+        p, damping = trial, max(damping / 10, _LEAST_DAMPING)
         if before - after < 1e-6 * max(after, 1.0):
             break
     row = whitened(p, _whitening(phasors, noise, layout.named(p)))

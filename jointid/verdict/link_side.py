@@ -31,6 +31,8 @@ _BETTER = 0.2
 """Largest ratio of this residual to those of the motor's equation and of rigid joints."""
 _ITERATIONS = 8
 """Updates of the weights."""
+_NO_SPRING = 1e-100
+"""Dynamic stiffness of an arm at rest, N·m/rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,21 +96,30 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
     g = -(omega**2) * M * f  # rest = g / (K + iω D)
     size = np.sqrt(np.mean(np.abs(tau) ** 2, axis=0))
     n = phasors.n
+    none = LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+    if not np.all(size > 0):
+        return none
     K, D = np.ones(n), np.zeros(n)
     for _ in range(_ITERATIONS):
         # Linear in K and D; the weights turn the equation error into the error of the torque.
-        weight = 1 / (np.abs(K + 1j * omega * D) + 1e-300)
+        spring = K + 1j * omega * D
+        if not np.all(np.abs(spring) > _NO_SPRING):
+            return none
+        weight = 1 / np.abs(spring)
         for j in range(n):
             A = np.column_stack([rest[:, j], 1j * omega[:, 0] * rest[:, j]]) * weight[:, j : j + 1]
             b = g[:, j] * weight[:, j]
             real = np.concatenate([A.real, A.imag])
             scale = np.linalg.norm(real, axis=0)
             if not np.all(scale > 0):
-                return LinkSide(np.full(n, np.nan), np.full(n, np.nan), np.inf, np.inf)
+                return none
             K[j], D[j] = (
                 np.linalg.lstsq(real / scale, np.concatenate([b.real, b.imag]), rcond=None)[0] / scale
             )
-    left = rest - g / (K + 1j * omega * D)
+    spring = K + 1j * omega * D
+    if not np.all(np.abs(spring) > _NO_SPRING):
+        return none
+    left = rest - g / spring
     share = np.sqrt(np.mean(np.abs(left) ** 2, axis=0)) / size
     rigid = np.sqrt(np.mean(np.abs(rest) ** 2, axis=0)) / size
     return LinkSide(K, D, float(share.max()), float(rigid.min()))

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import identify_elasticity
+from jointid.estimation.joint_equations import LARGEST, LEAST
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, problem
@@ -178,7 +179,7 @@ def _refined(hypothesis: _Hypothesis, phasors: Phasors, inertias: Sequence[Inert
     def cost(x: Floats) -> float:
         if np.any(np.abs(x) > _FARTHEST):
             return 1e3
-        return float(min(np.log(_misfit(*_mend(scaled(x), phasors, inertias))), 1e3))
+        return float(min(np.log(max(_misfit(*_mend(scaled(x), phasors, inertias)), 1e-300)), 1e3))
 
     # Beside the valley of the right ratios lie others, where springs are negative.
     count = int(free.sum())
@@ -291,7 +292,9 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
         real = np.concatenate([(A / size).real, (A / size).imag])
         if np.linalg.cond(real) < 1e4:
             b = np.concatenate([phasors.tau[rows].real, phasors.tau[rows].imag])
-            return np.asarray((np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T)
+            inertia = (np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T
+            size = np.abs(np.diag(inertia))
+            return np.asarray(inertia) if np.all((size > LEAST) & (size < LARGEST)) else None
     return None
 
 

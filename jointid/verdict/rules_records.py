@@ -178,6 +178,24 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
+def constant_torque(evidence: Evidence) -> Iterator[Finding]:
+    """A joint moves, but the log of its torque is one number: the sensor or the column is wrong."""
+    constant = np.array([record.constant for record in evidence.records])
+    n = evidence.fit.n
+    for j in np.flatnonzero((constant[:, n:] & ~constant[:, :n]).any(axis=0)):
+        concerned = np.flatnonzero(constant[:, n + j] & ~constant[:, j])
+        record = evidence.records[int(concerned[0])]
+        one = concerned.size == 1
+        where, which = ("a record", "this record") if one else ("records", "these records")
+        yield problem(
+            f"The torque of joint {j + 1} is constant in {where}",
+            f"{some([evidence.phasors.labels[i] for i in concerned])}: the joint moves while "
+            f"tau_m{j + 1}_Nm stays at {number(float(record.tau_Nm[record.start, j]))} N·m.",
+            f"Check where tau_m{j + 1}_Nm comes from, or leave {which} out.",
+            2.0,
+        )
+
+
 def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     """Quantisation of the encoder dominates the noise of the angle."""
     phasors, n = evidence.phasors, evidence.fit.n
@@ -186,7 +204,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
     for j in range(n):
-        stepped = step[:, j] > 0
+        stepped = (rounding[:, j] > 0) & (variance[:, j] > 0)
         if not stepped.any():
             continue
         counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
@@ -239,6 +257,8 @@ def _proportional(evidence: Evidence, first: int, second: int) -> bool:
     z, deviation = evidence.phasors.z, evidence.phasors.standard_deviation
     size = np.maximum(np.abs(z[first]), np.abs(z[second]))
     x, y = z[first] / np.where(size > 0, size, 1), z[second] / np.where(size > 0, size, 1)
+    if not x.any():
+        return False
     factor = np.vdot(x, y) / np.vdot(x, x)
     apart = np.abs(y - factor * x)
     noise = np.hypot(deviation[second], abs(factor) * deviation[first]) / np.where(size > 0, size, 1)

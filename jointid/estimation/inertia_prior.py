@@ -1,0 +1,158 @@
+"""Inertias and torque scales as given, with their uncertainty: the prior of the fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.joints import Inertia
+from jointid.wording import counted
+
+_LEAST_COUPLING = 0.1
+"""A coupling's standard deviation is at least this share of that of √(M2_ii M2_jj): one given as 0 must
+stay free."""
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaPrior:
+    """Rotor inertias M, arm inertias M2 of each pose, and torque scales, with standard deviations.
+
+    Records with equal arrays share them: usually one M, and one M2 per pose.
+    """
+
+    M: Floats
+    """Distinct rotor inertias, shape (m, n), kg·m²."""
+    M2: Floats
+    """Distinct arm inertias, shape (p, n, n), kg·m²."""
+    rotor: np.ndarray
+    """Row of M of each record, shape (r,)."""
+    pose: np.ndarray
+    """Matrix of M2 of each record, shape (r,)."""
+    inertia_std: float = 0.0
+    """Relative standard deviation of M and M2; 0: exact, inf: unknown."""
+    torque_std: float = 0.0
+    """Relative standard deviation of each joint's torque scale; 0: exact, inf: unknown."""
+
+    @classmethod
+    def of(
+        cls,
+        inertia: Inertia | Sequence[Inertia] | InertiaPrior,
+        records: int,
+        joints: int,
+        *,
+        inertia_std: float | None = None,
+        torque_std: float | None = None,
+    ) -> InertiaPrior:
+        """Collect the inertias of r records.
+
+        Parameters
+        ----------
+        inertia : Inertia, sequence of Inertia or InertiaPrior
+            One for all records, or one per record when they come from several poses; a prior is
+            returned as it is.
+        records, joints : int
+            What the inertias must fit.
+        inertia_std, torque_std : float, optional
+            Relative standard deviations; None is 0.
+
+        Raises
+        ------
+        JointIdError
+            When the inertias do not fit the records, or a standard deviation is negative or NaN.
+        """
+        if isinstance(inertia, InertiaPrior):
+            return inertia
+        each = [inertia] * records if isinstance(inertia, Inertia) else list(inertia)
+        if len(each) != records:
+            raise JointIdError(
+                f"{len(each)} inertias for {records} records: give one, or one per record."
+            )
+        for one in each:
+            if one.n != joints:
+                raise JointIdError(
+                    f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
+                )
+        M, rotor = _distinct([one.M for one in each])
+        M2, pose = _distinct([one.M2 for one in each])
+        return cls(
+            M=M,
+            M2=M2,
+            rotor=rotor,
+            pose=pose,
+            inertia_std=_checked_std("inertia_std", inertia_std),
+            torque_std=_checked_std("torque_std", torque_std),
+        )
+
+    def like(self, inertia: Inertia | Sequence[Inertia], shape: tuple[int, ...]) -> InertiaPrior:
+        """Prior of other inertias or records, shape (records, joints), as uncertain as this one."""
+        return InertiaPrior.of(inertia, *shape, inertia_std=self.inertia_std, torque_std=self.torque_std)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.M.shape[1])
+
+    @property
+    def elements(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of M2's distinct elements, the lower triangle, each shape (t,)."""
+        return np.tril_indices(self.n)
+
+    @property
+    def lower(self) -> Floats:
+        """Distinct elements of each M2, shape (p, t), kg·m²."""
+        rows, columns = self.elements
+        return np.asarray(self.M2[:, rows, columns])
+
+    @property
+    def lower_std(self) -> Floats:
+        """Standard deviation of those elements, shape (p, t), kg·m²."""
+        rows, columns = self.elements
+        size = np.sqrt(self.M2[:, rows, rows] * self.M2[:, columns, columns])
+        return np.asarray(self.inertia_std * np.maximum(np.abs(self.lower), _LEAST_COUPLING * size))
+
+    def blocks(self) -> dict[str, tuple[Floats, Floats]]:
+        """Mean and standard deviation of each uncertain block of the parameter vector."""
+        blocks = {}
+        if self.inertia_std > 0:
+            blocks["M"] = self.M, self.inertia_std * self.M
+            blocks["M2"] = self.lower, self.lower_std
+        if self.torque_std > 0:
+            one = np.ones(self.n)
+            blocks["torque_scale"] = one, self.torque_std * one
+        return blocks
+
+    def symmetric(self, lower: Floats) -> Floats:
+        """Matrices, shape (p, n, n), of lower triangles, shape (p, t)."""
+        rows, columns = self.elements
+        M2 = np.empty((len(lower), self.n, self.n))
+        M2[:, rows, columns] = lower
+        M2[:, columns, rows] = lower
+        return M2
+
+    def inertias(self, M: Floats, M2: Floats) -> list[Inertia]:
+        """Inertia of each record from distinct M, shape (m, n), and M2, shape (p, n, n)."""
+        pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
+        distinct = {(m, p): Inertia(M[m], M2[p]) for m, p in set(pairs)}
+        return [distinct[pair] for pair in pairs]
+
+
+def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
+    """Distinct arrays in order of appearance, and the index of each among them."""
+    places: dict[bytes, int] = {}
+    index = [places.setdefault(array.tobytes(), len(places)) for array in arrays]
+    return np.array([np.frombuffer(key).reshape(arrays[0].shape) for key in places]), np.array(index)
+
+
+def _checked_std(name: str, value: ArrayLike | None) -> float:
+    std = 0.0 if value is None else value
+    if isinstance(std, bool) or not isinstance(std, int | float) or not std >= 0:
+        raise JointIdError(
+            f"{name} = {value!r:.60}: expected a relative standard deviation, such as 0.05 for 5 %, "
+            "0 for exact values, or infinity for unknown ones."
+        )
+    return float(std)

@@ -1,0 +1,171 @@
+"""Inertias and torque scales with a prior, and effects: known robots are found from wrong inertias."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
+
+from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
+from jointid.estimation.inertia_prior import InertiaPrior
+
+TRUTH = np.concatenate([PAPER.K, PAPER.D])
+SIGMA = np.array([1e-6, 1e-6, 2e-3, 1e-3])
+"""Standard deviations of the phasors, rad and N·m; the torques have an amplitude of 1 N·m."""
+
+
+def measured(
+    inertia: Inertia = PARALLELOGRAM,
+    seed: int = 0,
+    frequencies: np.ndarray = BAND_HZ,
+    scale: float = 1.0,
+) -> Phasors:
+    """Phasors of the paper's robot with noise; the logged torque is the true one over ``scale``."""
+    rng = np.random.default_rng(seed)
+    frequencies_hz, torques = campaign(frequencies, 2)
+    covariance = np.broadcast_to(np.diag(SIGMA**2).astype(complex), (len(torques), 4, 4))
+    error = circular(rng, covariance, 1)[0]
+    q = motion(inertia, PAPER, frequencies_hz, torques)
+    return exact_phasors(
+        frequencies_hz, q + error[:, :2], torques / scale + error[:, 2:], covariance.copy()
+    )
+
+
+def wrong(inertia: Inertia, by: float, seed: int) -> Inertia:
+    """Every inertia off by a share of itself, with random signs."""
+    signs = np.random.default_rng(seed).choice([-1, 1], (3, 2))
+    M2 = inertia.M2 * (1 + by * np.diag(signs[1]))
+    M2[0, 1] = M2[1, 0] = inertia.M2[0, 1] * (1 + by * signs[2, 0])
+    return Inertia(inertia.M * (1 + by * signs[0]), M2)
+
+
+@pytest.mark.parametrize(("by", "std"), [(0.05, 0.05), (0.3, 0.3), (0.3, math.inf)])
+@pytest.mark.parametrize("inertia", [PARALLELOGRAM, SERIAL])
+def test_k_and_d_are_found_from_wrong_inertias(inertia: Inertia, by: float, std: float) -> None:
+    fit = identify_elasticity(measured(inertia, 1), wrong(inertia, by, 1), inertia_std=std)
+    assert np.abs(fit.estimate / TRUTH - 1).max() < 0.02
+    assert np.abs((fit.estimate - TRUTH) / fit.standard_error).max() < 4
+    assert isinstance(fit.inertia, Inertia)
+    assert pytest.approx(inertia.M, rel=0.02) == fit.inertia.M
+    assert pytest.approx(inertia.M2, rel=0.05) == fit.inertia.M2
+    given = identify_elasticity(measured(inertia, 1), wrong(inertia, by, 1))
+    assert np.abs(given.estimate / TRUTH - 1).max() > by
+
+
+def test_the_standard_error_is_that_of_the_scatter() -> None:
+    scores = []
+    for seed in range(60):
+        fit = identify_elasticity(
+            measured(seed=seed), wrong(PARALLELOGRAM, 0.03, seed), inertia_std=math.inf,
+            method="maximum-likelihood",
+        )  # fmt: skip
+        scores.append((fit.estimate - TRUTH) / fit.standard_error)
+    assert np.abs(np.mean(np.square(scores), axis=0) - 1).max() < 4 * np.sqrt(2 / 60)
+
+
+def test_an_exact_prior_is_the_paper_and_a_loose_one_ends_in_the_unknown() -> None:
+    phasors, given = measured(), wrong(PARALLELOGRAM, 0.02, 3)
+    exact = identify_elasticity(phasors, given)
+    tight = identify_elasticity(phasors, given, inertia_std=1e-7, method="maximum-likelihood")
+    assert tight.estimate == pytest.approx(exact.estimate, rel=1e-4)
+    assert tight.inertia == given or pytest.approx(given.M, rel=1e-5) == tight.inertia.M
+    loose = identify_elasticity(phasors, given, inertia_std=100.0, method="maximum-likelihood")
+    unknown = identify_elasticity(phasors, given, inertia_std=math.inf, method="maximum-likelihood")
+    assert loose.estimate == pytest.approx(unknown.estimate, rel=1e-4)
+    assert loose.standard_error == pytest.approx(unknown.standard_error, rel=1e-2)
+
+
+def test_the_error_has_a_part_of_the_noise_and_one_of_the_prior() -> None:
+    fit = identify_elasticity(measured(), PARALLELOGRAM, inertia_std=0.001)
+    assert np.square(fit.noise_error) + np.square(fit.prior_error) == pytest.approx(
+        np.square(fit.standard_error)
+    )
+    assert np.all(fit.noise_error > 0)
+    assert np.all(np.asarray(fit.prior_error) > 0)
+
+
+def test_what_nothing_determines_has_an_infinite_error() -> None:
+    """One frequency gives two numbers per joint and record, fewer than the unknowns."""
+    phasors = measured(frequencies=np.array([8.7]))
+    known = identify_elasticity(phasors, PARALLELOGRAM)
+    assert np.all(np.isfinite(known.standard_error))
+    unknown = identify_elasticity(
+        phasors, PARALLELOGRAM, inertia_std=math.inf, method="maximum-likelihood"
+    )
+    assert np.all(np.isinf(unknown.standard_error))
+    assert np.all(np.isinf(unknown.noise_error))
+    assert np.all(np.isfinite(unknown.estimate))
+
+
+def test_the_torque_scale_and_the_inertias_are_known_together_only() -> None:
+    """Scaling torque, inertias, K and D by one factor changes no motion."""
+    phasors = measured(scale=1.1)
+    fit = identify_elasticity(phasors, PARALLELOGRAM, inertia_std=0.001, torque_std=0.2)
+    assert fit.torque_scale == pytest.approx([1.1, 1.1], rel=0.005)
+    assert pytest.approx(PAPER.K, rel=0.01) == fit.K
+    ratio = identify_elasticity(phasors, PARALLELOGRAM, inertia_std=math.inf, torque_std=0.1)
+    share = ratio.standard_error / np.abs(ratio.estimate)
+    assert share.min() > 0.05  # no better than the torque scale's prior
+    own = np.diag(ratio.inertia.M2)
+    assert ratio.K / own == pytest.approx(PAPER.K / np.diag(PARALLELOGRAM.M2), rel=0.01)
+
+
+def test_poses_share_the_rotors() -> None:
+    stretched = Inertia(PARALLELOGRAM.M, 1.7 * PARALLELOGRAM.M2)
+    parts = [measured(PARALLELOGRAM, 1), measured(stretched, 2)]
+    phasors = Phasors(
+        **{
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in parts[0].__dict__
+            if name != "labels"
+        },
+        labels=parts[0].labels + parts[1].labels,
+    )
+    count = len(parts[0].labels)
+    given = [wrong(PARALLELOGRAM, 0.05, 4)] * count
+    given += [Inertia(given[0].M, wrong(stretched, 0.05, 5).M2)] * count
+    fit = identify_elasticity(phasors, given, inertia_std=0.05)
+    assert len({id(one) for one in fit.inertias}) == 2
+    assert pytest.approx(fit.inertias[-1].M) == fit.inertias[0].M
+    assert pytest.approx(stretched.M2, rel=0.03) == fit.inertias[-1].M2
+    assert fit.estimate == pytest.approx(TRUTH, rel=0.02)
+
+
+def with_arm_friction(viscous: np.ndarray) -> Phasors:
+    """The parallelogram with viscous friction at the arm side, by its own equations."""
+    frequencies_hz, torques = campaign(BAND_HZ, 2)
+    q = np.empty_like(torques)
+    for r, f in enumerate(frequencies_hz):
+        s = 2j * np.pi * f
+        gear = np.diag(PAPER.K + s * PAPER.D)
+        arm = s * s * PARALLELOGRAM.M2 + s * np.diag(viscous)
+        dynamic = np.block([[s * s * np.diag(PARALLELOGRAM.M) + gear, -gear], [-gear, arm + gear]])
+        q[r] = np.linalg.solve(dynamic, np.append(torques[r], [0, 0]))[:2]
+    covariance = np.broadcast_to(np.diag(SIGMA**2).astype(complex), (len(torques), 4, 4))
+    error = circular(np.random.default_rng(2), covariance, 1)[0]
+    return exact_phasors(frequencies_hz, q + error[:, :2], torques + error[:, 2:], covariance.copy())
+
+
+def test_friction_at_the_arm_is_told_from_friction_at_the_motor() -> None:
+    viscous = 0.1 * PAPER.D
+    fit = identify_elasticity(with_arm_friction(viscous), PARALLELOGRAM, inertia_std=0.05)
+    assert "arm-side viscous friction" in next(c.name for c in fit.candidates if c.chosen)
+    assert fit.parameters["arm_viscous"] == pytest.approx(viscous, rel=0.2)
+    assert np.abs((fit.estimate - TRUTH) / fit.standard_error).max() < 4
+
+
+@pytest.mark.parametrize("value", [-0.1, math.nan, "5 %", True])
+def test_a_standard_deviation_is_a_share(value: object) -> None:
+    with pytest.raises(JointIdError, match=r"inertia_std = .*0\.05 for 5 %"):
+        identify_elasticity(measured(), PARALLELOGRAM, inertia_std=value)  # type: ignore[arg-type]
+
+
+def test_a_coupling_given_as_zero_stays_free() -> None:
+    given = Inertia(PARALLELOGRAM.M, np.diag(np.diag(PARALLELOGRAM.M2)))
+    prior = InertiaPrior.of(given, 1, 2, inertia_std=0.05)
+    assert prior.lower_std[0, 1] == pytest.approx(0.005 * np.sqrt(0.004104 * 0.001889))
+    fit = identify_elasticity(measured(), given, inertia_std=0.3)
+    assert fit.inertia.M2[0, 1] == pytest.approx(PARALLELOGRAM.M2[0, 1], rel=0.05)
+    assert pytest.approx(Elasticity(PAPER.K, PAPER.D).K, rel=0.01) == fit.elasticity.K
