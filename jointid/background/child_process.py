@@ -78,16 +78,6 @@ class Child:
         """Whether the process is up, so that a request need not wait for its start."""
         return self._process is not None and self._process.poll() is None
 
-    def start(self) -> None:
-        """Start the process unless it runs.
-
-        Raises
-        ------
-        JointIdError
-            When no process can be started.
-        """
-        self._running()
-
     def ask(
         self,
         request: dict[str, Any],
@@ -113,7 +103,7 @@ class Child:
             When no process can be started.
         """
         for attempt in range(2):
-            process = self._running()
+            process = self.start()
             late, begun = threading.Event(), False
             timer = _kill_after(self._limits.time_s, process, late)
             try:
@@ -165,7 +155,14 @@ class Child:
         self._stopped = True
         self._end()
 
-    def _running(self) -> subprocess.Popen[bytes]:
+    def start(self) -> subprocess.Popen[bytes]:
+        """Start the process unless it runs.
+
+        Raises
+        ------
+        JointIdError
+            When no process can be started.
+        """
         if self._process is not None and self.is_running:
             return self._process
         self._end()

@@ -41,11 +41,6 @@ def serve_here(answer: Answer, memory_bytes: int) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # other output must not mix with responses
     _limit_memory(memory_bytes)
-    serve(answer, sys.stdin.buffer, answers)
-
-
-def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
-    """Serve requests until stdin closes."""
 
     def report(*done: float | str) -> None:
         _send(answers, {"progress": done}, b"")
@@ -53,12 +48,12 @@ def serve(answer: Answer, requests: BinaryIO, answers: BinaryIO) -> None:
     _send(answers, {"ready": True}, b"")
     while True:
         _end_in(IDLE_S)
-        line = requests.readline()
+        line = sys.stdin.buffer.readline()
         if not line:
             return
         request = json.loads(line)
         _end_in(request["time_s"] + GRACE_S)
-        body = requests.read(request["bytes"])
+        body = sys.stdin.buffer.read(request["bytes"])
         _send(answers, {"begun": True}, b"")
         _send(answers, *answer(request, body, report))
 

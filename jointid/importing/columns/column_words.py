@@ -7,7 +7,7 @@ import unicodedata
 from dataclasses import dataclass
 
 from jointid.importing.columns.log_table import LogColumn
-from jointid.importing.columns.units import ANGLE_UNITS, TORQUE_UNITS
+from jointid.importing.columns.units import QUANTITIES
 
 _LINES = {  # English, German, French, Italian, Spanish; without accents
     "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo uhrzeit "
@@ -47,8 +47,6 @@ class NamedColumn:
     """A column and the meaning of its name."""
 
     column: LogColumn
-    words: tuple[str, ...]
-    """Lower-case words and numbers of its name."""
     group: str
     """Identifier of the joint: the name without the words for quantities."""
     score: dict[str, float]
@@ -60,10 +58,9 @@ def described(column: LogColumn) -> NamedColumn:
     words = words_of(column.name)
     stated = set(words)
     score = {}
-    for role, units in (("position", ANGLE_UNITS), ("torque", TORQUE_UNITS)):
+    for role, (units, _) in QUANTITIES.items():
         points = 0.0
-        named = stated & WORDS[role]
-        if named:
+        if named := stated & WORDS[role]:
             # "joint", "axis" and "ist" go with any quantity.
             points += 0.8 if named <= WORDS["any"] else 2.0
         if column.unit in units and column.unit != "V":
@@ -80,7 +77,7 @@ def described(column: LogColumn) -> NamedColumn:
         score[role] = points
     # Without the words for quantities, the rest of the name identifies the joint.
     left = [w for w in words if w.isdigit() or w not in _ALL_WORDS]
-    return NamedColumn(column, words, " ".join(left).lstrip("0") or " ".join(left), score)
+    return NamedColumn(column, " ".join(left).lstrip("0") or " ".join(left), score)
 
 
 def words_of(name: str) -> tuple[str, ...]:

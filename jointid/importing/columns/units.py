@@ -22,7 +22,7 @@ ANGLE_UNITS: Mapping[str, float] = MappingProxyType(
         "V": np.pi / 180,  # times degrees per volt
     }
 )
-"""Radians per unit; for "counts" and "V" with the scale of ``SCALES``."""
+"""Radians per unit; for "counts" and "V" with the scale of ``POSITION_SCALES``."""
 
 TORQUE_UNITS: Mapping[str, float] = MappingProxyType(
     {
@@ -36,7 +36,7 @@ TORQUE_UNITS: Mapping[str, float] = MappingProxyType(
         "V": 1.0,  # times N·m per volt
     }
 )
-"""Newton metres per unit; for all but the first three with the scale of ``SCALES``."""
+"""Newton metres per unit; for all but the first three with the scale of ``TORQUE_SCALES``."""
 
 POSITION_SCALES: Mapping[str, str] = MappingProxyType(
     {"counts": "counts per turn", "V": "degrees per volt"}
@@ -52,6 +52,11 @@ TORQUE_SCALES: Mapping[str, str] = MappingProxyType(
     }
 )
 """Meaning of the scale of a torque, by unit; other units have none."""
+
+QUANTITIES: Mapping[str, tuple[Mapping[str, float], Mapping[str, str]]] = MappingProxyType(
+    {"position": (ANGLE_UNITS, POSITION_SCALES), "torque": (TORQUE_UNITS, TORQUE_SCALES)}
+)
+"""Units and scales of the two channels of a joint."""
 
 _SPELLINGS = {
     "s": "s sec secs second seconds sek sekunde sekunden seconde secondes segundos secondi",
@@ -96,9 +101,7 @@ _LAST_WORD = re.compile(r"(?:^|[\s_./,-]+)([^\s_./,\-]+)$")
 def unit_of(text: str) -> str:
     """Return the unit that a text names, in the spelling of this module, or ""."""
     plain = re.sub(r"\s+", "", text.replace("μ", "µ").replace("⋅", "·")).strip("[](){}<>")
-    if plain in ("M", "N", "n", "NM", "S"):
-        return {"NM": "N·m", "M": "m", "N": "N", "n": "", "S": "s"}[plain]
-    return _CANONICAL.get(plain.lower() if plain not in ("mNm", "MNm") else "mnm", "")
+    return "" if plain == "n" else _CANONICAL.get(plain.lower(), "")
 
 
 def split_unit(name: str) -> tuple[str, str]:

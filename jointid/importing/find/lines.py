@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -42,11 +42,17 @@ def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
         amplitude = _spectrum(time_s, group)
         for peak in _peaks(amplitude):
             found.append((float(amplitude[peak] / amplitude.max()), peak + vertex(amplitude, peak)))
+    kept = _apart([place for _, place in sorted(found, reverse=True)])
+    return sorted(place * resolution for place in kept)
+
+
+def _apart(places: Iterable[float]) -> list[float]:
+    """Places in order, without those within three bins of an earlier one; at most ``MOST_LINES``."""
     kept: list[float] = []
-    for _, place in sorted(found, reverse=True):
+    for place in places:
         if len(kept) < MOST_LINES and all(abs(place - other) > _DISTANCE for other in kept):
             kept.append(place)
-    return sorted(place * resolution for place in kept)
+    return kept
 
 
 def in_lines(time_s: Floats, signals: Floats, lines_hz: Sequence[float]) -> float:
@@ -116,12 +122,5 @@ def _peaks(amplitude: Floats) -> list[int]:
     places = places[places >= 2]
     order = places[np.argsort(-amplitude[places])][: 8 * MOST_LINES]
     floor = float(np.median(amplitude)) * _PROMINENCE
-    kept: list[int] = []
-    for place in order:
-        if len(kept) == MOST_LINES or amplitude[place] < max(
-            floor, _MIN_AMPLITUDE * amplitude[order[0]]
-        ):
-            break
-        if all(abs(place - other) > _DISTANCE for other in kept):
-            kept.append(int(place))
-    return kept
+    clear = amplitude[order] >= np.maximum(floor, _MIN_AMPLITUDE * amplitude[order[:1]])
+    return [int(place) for place in _apart(order[clear])]

@@ -49,10 +49,8 @@ def multisines(
     lines_hz : list of float
     """
     free = np.ones(len(time), bool)
-    lengths = [1 << k for k in range(len(time).bit_length(), 0, -1) if 1 << k >= _SHORTEST]
-    lengths = [length for length in lengths if length <= len(time)]
-    if len(time) >= _SHORTEST:
-        lengths.insert(0, len(time))
+    lengths = [len(time), *(1 << k for k in reversed(range(len(time).bit_length())))]
+    lengths = [length for length in lengths if length >= _SHORTEST]
     for number, length in enumerate(lengths):
         progress(number / len(lengths))
         for begin in range(0, len(time) - length + 1, length // 2):

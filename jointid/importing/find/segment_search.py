@@ -116,16 +116,16 @@ class SegmentSearch:
         failed: list[Candidate] = []
         for number, candidate in enumerate(candidates):
             progress(_CANDIDATE_WORK + (1 - _CANDIDATE_WORK) * number / len(candidates))
-            begin, end = int(candidate.begin), min(int(candidate.end), self._time.size)
+            begin, end = candidate.begin, min(candidate.end, self._time.size)
             for first, last in true_runs(~(taken[begin:end] | done[begin:end])):
                 part = replace(candidate, begin=begin + first, end=begin + last)
                 too_short = (last - first) * part.frequency < self._fewest
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
-                rows = slice(int(part.begin), int(part.end))
-                before = int(taken[rows].sum())
+                rows = slice(part.begin, part.end)
+                before = taken[rows].sum()
                 yield part
-                if int(taken[rows].sum()) > before:
+                if taken[rows].sum() > before:
                     # The edges of a run that was found look like sines of other frequencies.
                     done[rows] = True
                 else:
@@ -133,8 +133,8 @@ class SegmentSearch:
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int]]:
         """Settled runs of one excitation pattern within a candidate."""
-        offset = int(candidate.begin)
-        part = self._even[offset : int(candidate.end)]
+        offset = candidate.begin
+        part = self._even[offset : candidate.end]
         rough = frames_of(part, candidate.frequency, periods=2, hop_periods=0.5)
         for first, last in runs(rough, max(3, round(2 * self._fewest) - 3)):
             begin = offset + int(rough.begin[first])

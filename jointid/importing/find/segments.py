@@ -147,27 +147,22 @@ def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
     duration are the same set point of the controller; they get the mean, weighted by the errors.
     """
     entries = sorted((line, k) for k, s in enumerate(segments) for line in s.lines_hz)
-    shared: dict[tuple[int, float], float] = {}
-    group: list[tuple[float, int]] = []
-
-    def close() -> None:
-        weights = [1 / (_error(segments[k]) ** 2 + (1e-9 * line) ** 2) for line, k in group]
-        mean = float(np.average([line for line, _ in group], weights=weights))
-        shared.update({(k, line): mean if len(group) > 1 else line for line, k in group})
-
+    groups: list[list[tuple[float, int]]] = []
     for line, k in entries:
-        if group:
-            last, other = group[-1]
+        if groups and k not in [index for _, index in groups[-1]]:
+            last, other = groups[-1][-1]
             pair = (segments[k], segments[other])
             errors = float(np.hypot(_error(pair[0]), _error(pair[1])))
             unresolved = 0.01 / min(s.stop_s - s.start_s for s in pair)
-            near = line - last <= max(1e-4 * line, unresolved, min(4 * errors, 1e-3 * line))
-            if not near or k in [index for _, index in group]:
-                close()
-                group = []
-        group.append((line, k))
-    if group:
-        close()
+            if line - last <= max(1e-4 * line, unresolved, min(4 * errors, 1e-3 * line)):
+                groups[-1].append((line, k))
+                continue
+        groups.append([(line, k)])
+    shared: dict[tuple[int, float], float] = {}
+    for group in groups:
+        weights = [1 / (_error(segments[k]) ** 2 + (1e-9 * line) ** 2) for line, k in group]
+        mean = float(np.average([line for line, _ in group], weights=weights))
+        shared |= {(k, line): mean if len(group) > 1 else line for line, k in group}
     return tuple(
         replace(
             s,
@@ -185,7 +180,6 @@ def _error(segment: Segment) -> float:
 def _without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
-    edges = [0, *gaps.tolist(), time.size]
-    for begin, end in pairwise(edges):
+    for begin, end in pairwise([0, *gaps.tolist(), time.size]):
         if end - begin >= _FEWEST_SAMPLES:
             yield begin, end

@@ -31,9 +31,9 @@ _ROUND_OFF = 1e-12  # variance over the mean square below which a signal is cons
 class Candidate:
     """A span in which one frequency explains most of the motion."""
 
-    begin: float
+    begin: int
     """First sample, of the original ones."""
-    end: float
+    end: int
     """One past the last sample."""
     frequency: float
     """Cycles per sample, within a few per cent."""

@@ -20,9 +20,7 @@ PATTERN_CHANGE = 0.12
 SETTLED_CHANGE = 0.01
 """Relative distance from the steady phasors below which a run has settled."""
 
-_MULTISINE_CHANGE = (
-    0.03  # as PATTERN_CHANGE for all lines of a multisine, whose frequencies are known well
-)
+_MULTISINE_CHANGE = 0.03  # as PATTERN_CHANGE, for a multisine, whose frequencies are known well
 _MAX_NOISE_CHANGE = 0.4  # relative change beyond which noise is no excuse
 _SEED_FRAMES = 5  # fewest frames whose phasors show that they are constant
 _LINE_RESOLUTION = 1.5  # frame length × distance of the closest lines; 1 is the limit of resolution
@@ -317,19 +315,19 @@ def _grown(y: Complexes, noise: float) -> tuple[int, int]:
     if misfit[first] * size > tolerance:
         return 0, 0
     fitted = last - first
+
+    def near(k: int) -> bool:
+        return 0 <= k < len(y) and _is_near(y[k], centre, turn * (k - origin), tolerance)
+
     open_left = open_right = True
     while open_left or open_right:
         if last - first > 1.1 * fitted:
             centre, turn, origin = _mean_phasors(y[first:last], first)
             fitted = last - first
-        if open_right:
-            open_right = last < len(y) and _is_near(y[last], centre, turn * (last - origin), tolerance)
-            last += open_right
-        if open_left:
-            open_left = first > 0 and _is_near(
-                y[first - 1], centre, turn * (first - 1 - origin), tolerance
-            )
-            first -= open_left
+        open_right = open_right and near(last)
+        last += open_right
+        open_left = open_left and near(first - 1)
+        first -= open_left
     return first, last
 
 

@@ -176,9 +176,8 @@ def _uncovered(
     for first, last in covered:
         margin = max(_MIN_SPAN_S, _MARGIN * (last - first))
         low, high = first - margin, last + margin
-        left = [
-            part for a, b in left for part in ((a, min(b, low)), (max(a, high), b)) if part[1] > part[0]
-        ]
+        parts = [part for a, b in left for part in ((a, min(b, low)), (max(a, high), b))]
+        left = [(a, b) for a, b in parts if b > a]
     return left
 
 

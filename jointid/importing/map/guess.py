@@ -17,12 +17,7 @@ from jointid.importing.columns.column_words import (
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
-)
+from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
 from jointid.importing.map.more_joints import join_by_number, lone_columns
@@ -30,6 +25,8 @@ from jointid.importing.map.reasons import Reason, scale_reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted
+
+_NO_SIDE = "The name says no side; the motor's is assumed."
 
 
 @dataclass(frozen=True)
@@ -72,11 +69,8 @@ def guess_mapping(table: LogTable) -> Guess:
     if not pairs:
         pairs = _first_two(table, columns, reasons)
     joints = tuple(_joint(number, *pair, reasons) for number, pair in enumerate(pairs, start=1))
-    reasons.append(
-        Reason(
-            "torque hold", "A log does not say whether the torque is held from sample to sample.", False
-        )
-    )
+    hold = "A log does not say whether the torque is held from sample to sample."
+    reasons.append(Reason("torque hold", hold))
     return Guess(Mapping(time, joints), tuple(reasons))
 
 
@@ -93,11 +87,9 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
     by_their_number = join_by_number(best, complete)
-    keys = (
-        sorted(complete, key=by_number)
-        if all(number_in(k) is not None for k in complete)
-        else [*complete]
-    )
+    keys = [*complete]
+    if all(number_in(key) is not None for key in keys):
+        keys.sort(key=by_number)
     pairs = []
     for number, key in enumerate(keys, start=1):
         group = complete[key]
@@ -105,17 +97,12 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
             column = group[role].column
             clear = group[role].score[role] >= 2 and key not in by_their_number
             said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
-            reasons.append(
-                Reason(
-                    f"{role} of joint {number}",
-                    f"The name or unit of {said} says {role}."
-                    if clear
-                    else f"{said} is paired by its number alone: check that both are of one joint."
-                    if key in by_their_number
-                    else f"{said} fits best, but neither name nor unit is clear.",
-                    clear,
-                )
-            )
+            why = f"{said} fits best, but neither name nor unit is clear."
+            if key in by_their_number:
+                why = f"{said} is paired by its number alone: check that both are of one joint."
+            elif clear:
+                why = f"The name or unit of {said} says {role}."
+            reasons.append(Reason(f"{role} of joint {number}", why, clear))
         pairs.append((group["position"].column, group["torque"].column))
     reasons += lone_columns(best, [*complete.values()])
     return pairs
@@ -125,9 +112,8 @@ def _first_two(
     table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
     """Return a first proposal when names are unclear: the clearest columns, else the first that vary."""
-    varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)] or [
-        *columns
-    ]
+    varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
+    varying = varying or [*columns]
     if len(varying) < 2:
         raise JointIdError(
             f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
@@ -137,49 +123,32 @@ def _first_two(
     rest = [c for c in varying if c is not position]
     torque = max(rest, key=lambda c: c.score["torque"])
     for role, entry in (("position", position), ("torque", torque)):
-        reasons.append(
-            Reason(
-                f"{role} of joint 1",
-                f'No name says which column is the {role}; "{entry.column.name}" is a mere proposal. '
-                "Choose the right one.",
-                False,
-            )
-        )
+        why = f'No name says which column is the {role}; "{entry.column.name}" is a mere proposal. '
+        reasons.append(Reason(f"{role} of joint 1", why + "Choose the right one."))
     return [(position.column, torque.column)]
 
 
 def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
-    angle, angle_sure, why_angle = _angle_unit(position)
-    moment, moment_sure, why_moment = _torque_unit(torque)
-    reasons.append(Reason(f"unit of position of joint {number}", why_angle, angle_sure))
-    reasons.append(Reason(f"unit of torque of joint {number}", why_moment, moment_sure))
-    sides = []
-    for role, column in (("position", position), ("torque", torque)):
-        side, sure, why = _side(role, column, position, torque)
-        sides.append(side)
-        reasons.append(Reason(f"side of {role} of joint {number}", why, sure))
-    if JOINT in sides:
-        reasons.append(
-            Reason(
-                f"gear ratio of joint {number}",
-                "A log does not say it. Give motor turns over joint turns, negative when they turn "
-                "against each other; 1 is assumed.",
-                False,
-            )
-        )
+    ends = [f"{role} of joint {number}" for role in QUANTITIES]
+    units = (_angle_unit(position), _torque_unit(torque))
+    sides = (_position_side(position, torque), _torque_side(torque))
+    for what, guesses in (("unit", units), ("side", sides)):
+        for end, (_, sure, why) in zip(ends, guesses, strict=True):
+            reasons.append(Reason(f"{what} of {end}", why, sure))
+    if any(side == JOINT for side, _, _ in sides):
+        why = "A log does not say it. Give motor turns over joint turns, negative when they turn "
+        why += "against each other; 1 is assumed."
+        reasons.append(Reason(f"gear ratio of joint {number}", why))
     channels = []
-    for role, column, unit, side, scales in (
-        ("position", position, angle, sides[0], POSITION_SCALES),
-        ("torque", torque, moment, sides[1], TORQUE_SCALES),
+    for end, column, (unit, *_), (side, *_), (_, scales) in zip(
+        ends, (position, torque), units, sides, QUANTITIES.values(), strict=True
     ):
-        meaning = scales.get(unit)
-        if meaning:
-            reasons.append(scale_reason(f"{role} of joint {number}", unit, meaning))
+        if meaning := scales.get(unit):
+            reasons.append(scale_reason(end, unit, meaning))
         channels.append(Channel(column.name, unit, 1.0 if meaning else None, side))
-    finite = position.values[np.isfinite(position.values)]
-    turned = unwrapped(finite, channels[0])
+    turned = unwrapped(position.values[np.isfinite(position.values)], channels[0])
     if turned.jumps.size:
-        reasons.append(Reason(f"turns of position of joint {number}", turned.note(channels[0]), True))
+        reasons.append(Reason(f"turns of {ends[0]}", turned.note(channels[0]), True))
     return JointMapping(channels[0], channels[1])
 
 
@@ -205,24 +174,29 @@ def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
-def _side(role: str, column: LogColumn, position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
-    words = words_of(column.name)
-    if WORDS["motor"] & set(words):
+def _torque_side(torque: LogColumn) -> tuple[str, bool, str]:
+    words = set(words_of(torque.name))
+    if WORDS["motor"] & words:
         return MOTOR, True, "The name says motor."
-    if role == "torque":
-        if column.unit in ("A", "mA", "%", "‰") or WORDS["current"] & set(words):
-            return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
-        if "effort" in words:
-            return JOINT, False, "An effort is given at the joint by convention."
-        if WORDS["behind"] & set(words):
-            return JOINT, False, "The name says joint, link or output: behind the gear."
-        return MOTOR, False, "The name says no side; the motor's is assumed."
-    if WORDS["joint"] & set(words):
+    if torque.unit in ("A", "mA", "%", "‰") or WORDS["current"] & words:
+        return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
+    if "effort" in words:
+        return JOINT, False, "An effort is given at the joint by convention."
+    if WORDS["behind"] & words:
+        return JOINT, False, "The name says joint, link or output: behind the gear."
+    return MOTOR, False, _NO_SIDE
+
+
+def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
+    words = set(words_of(position.name))
+    if WORDS["motor"] & words:
+        return MOTOR, True, "The name says motor."
+    if WORDS["joint"] & words:
         return JOINT, False, "The name says joint or axis."
     if position.unit == "deg":
         return JOINT, False, "Degrees are what controllers show for joints."
     if "effort" in words_of(torque.name):
         return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
-    if column.unit == "counts":
+    if position.unit == "counts":
         return MOTOR, False, "Counts come from the motor's encoder, as a rule."
-    return MOTOR, False, "The name says no side; the motor's is assumed."
+    return MOTOR, False, _NO_SIDE

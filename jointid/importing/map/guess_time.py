@@ -38,7 +38,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
     if best is None:
-        reasons.append(Reason("time", _no_time(table), False))
+        reasons.append(Reason("time", _no_time(table)))
         return TimeColumn("", SAMPLES, 1000.0)
     score, column, late = best
     named = score >= 2
@@ -90,20 +90,14 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     step = float(np.median(steps[steps > 0]))
     counts = step == 1 and bool(np.all(values == np.round(values)))
     if column.unit == SAMPLES or (counts and not WORDS["time"] & set(words_of(column.name))):
-        reasons.append(
-            Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed.", False)
-        )
+        reasons.append(Reason("unit of time", "It counts samples: give the rate. 1000 Hz is assumed."))
         return TimeColumn(column.name, SAMPLES, 1000.0)
     # Controllers sample between about 20 Hz and 50 kHz: the step determines the unit.
     unit = next((u for u, below in (("s", 0.1), ("ms", 60.0), ("µs", 6e4)) if 0 < step <= below), "ns")
     sure = unit == "s" and step >= 2e-5
-    reasons.append(
-        Reason(
-            "unit of time",
-            f'Its steps are {step:.3g}, which makes {1 / (step * TIME_UNITS[unit]):.4g} Hz in "{unit}".',
-            sure,
-        )
-    )
+    rate_hz = 1 / (step * TIME_UNITS[unit])
+    why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
+    reasons.append(Reason("unit of time", why, sure))
     return TimeColumn(column.name, unit)
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from jointid.errors import JointIdError
-from jointid.importing.columns.log_table import LogColumn, LogTable, main_tables
+from jointid.importing.columns.log_table import LogTable, main_tables
 from jointid.importing.map.guess import guess_mapping
 from jointid.importing.map.mapping import Mapping
 from jointid.importing.map.simultaneous_logs import (
@@ -41,17 +42,15 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
     if len(parts) < len(tables) or len(parts) < 2:
         raise JointIdError("Only logs of one joint each, two or more, can be joined.")
     first = parts[0]
-    start, stop = 0, first.table.rows
-    for part in parts[1:]:
+    common = []
+    for part in parts:
         rows = rows_in_common(first, part)
         if rows is None:
             raise JointIdError(f"{first.table.name} and {part.table.name} have no times in common.")
-        start, stop = max(start, rows[0].start), min(stop, rows[0].stop)
-    cuts = []
-    for part in parts:
-        common = rows_in_common(first, part)
-        offset = 0 if common is None or part is first else common[1].start - common[0].start
-        cuts.append(slice(start + offset, stop + offset))
+        common.append(rows)
+    start, stop = max(mine.start for mine, _ in common), min(mine.stop for mine, _ in common)
+    offsets = [other.start - mine.start for mine, other in common]
+    cuts = [slice(start + offset, stop + offset) for offset in offsets]
     named = [part.joint for part in parts]
     stems = [stem(part.table.name) for part in parts]
     for labels in (named if all(named) else stems, stems, [f"{k}" for k in range(1, len(parts) + 1)]):
@@ -120,10 +119,10 @@ def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[st
     columns = []
     if first.time_column:
         time = first.table.column(first.time_column)
-        columns.append(LogColumn(time.name, time.values[cuts[0]], time.unit, time.where))
+        columns.append(replace(time, values=time.values[cuts[0]]))
     for part, cut, label in zip(parts, cuts, labels, strict=True):
         columns += [
-            LogColumn(f"{label} {c.name}", c.values[cut], c.unit, c.where)
+            replace(c, name=f"{label} {c.name}", values=c.values[cut])
             for c in part.table.columns
             if c.name != part.time_column
         ]
@@ -134,13 +133,12 @@ def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[st
     if rows < most:
         said += f" The {rows} rows that all have are used, of up to {most}."
     notes = [f"{part.table.name}: {note}" for part in parts for note in part.table.notes]
-    return LogTable(
-        _joined_name(names),
-        tuple(columns),
-        (said, *notes),
-        first.table.first_row + cuts[0].start,
-        first.table.row_word,
-        first.table.source,
+    return replace(
+        first.table,
+        name=_joined_name(names),
+        columns=tuple(columns),
+        notes=(said, *notes),
+        first_row=first.table.first_row + cuts[0].start,
     )
 
 

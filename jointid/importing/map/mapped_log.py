@@ -115,9 +115,10 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
             f"{missed} of {table.rows} rows {said} left out; the first is {table.place(first)}."
         )
     rows = np.flatnonzero(complete)
-    times = sample_times(table, mapping.time, rows, time[complete], [column[complete] for column in raw])
-    rows = rows[times.kept]
-    notes += times.notes
+    signals = [column[rows] for column in raw]
+    time_s, used, repairs = sample_times(table, mapping.time, rows, time[rows], signals)
+    rows = rows[used]
+    notes += repairs
     n = mapping.n
     theta, tau = np.empty((rows.size, n), order="F"), np.empty((rows.size, n), order="F")
     for j, joint in enumerate(mapping.joints):
@@ -128,7 +129,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         theta[:, j] = position.values * joint.rad_per_unit
         tau[:, j] = raw[n + j][rows] * joint.Nm_per_unit
     return MappedLog(
-        time_s=times.time_s,
+        time_s=time_s,
         theta_rad=theta,
         tau_Nm=tau,
         torque_hold=mapping.torque_hold,

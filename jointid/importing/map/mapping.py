@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping as MappingType
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from jointid.arrays import finite_array
 from jointid.errors import JointIdError
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    SAMPLES,
-    TIME_UNITS,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
-)
+from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS, TORQUE_UNITS
 from jointid.wording import listed, shown
 
 MOTOR, JOINT = "motor", "joint"
@@ -55,7 +47,10 @@ class TimeColumn:
                     "time: sample numbers need a rate. Give rate_hz, samples per second: 1000, for "
                     "instance."
                 )
-            object.__setattr__(self, "rate_hz", _positive("time: rate_hz (Hz)", self.rate_hz))
+            rate = float(finite_array("time: rate_hz (Hz)", self.rate_hz, ndim=0))
+            if rate <= 0:
+                raise JointIdError(f"time: rate_hz (Hz) = {rate:g}: must be positive.")
+            object.__setattr__(self, "rate_hz", rate)
         elif self.rate_hz is not None:
             raise JointIdError(f'time: rate_hz goes with the unit "samples", not with "{self.unit}".')
         elif not self.column:
@@ -111,13 +106,12 @@ class JointMapping:
     gear_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        position = _checked_channel("position", self.position, tuple(ANGLE_UNITS), POSITION_SCALES)
-        torque = _checked_channel("torque", self.torque, tuple(TORQUE_UNITS), TORQUE_SCALES)
+        for what in QUANTITIES:
+            object.__setattr__(self, what, _checked_channel(what, getattr(self, what)))
         ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
         if ratio == 0:
             raise JointIdError("gear_ratio = 0: give motor turns over joint turns, for instance 100.")
-        for name, value in (("position", position), ("torque", torque), ("gear_ratio", ratio)):
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "gear_ratio", ratio)
 
     @property
     def rad_per_unit(self) -> float:
@@ -203,16 +197,15 @@ class Mapping:
         return (*time, *positions, *(joint.torque.column for joint in self.joints))
 
 
-def _checked_channel(
-    what: str, channel: object, units: Sequence[str], scales: MappingType[str, str]
-) -> Channel:
+def _checked_channel(what: str, channel: object) -> Channel:
+    units, scales = QUANTITIES[what]
     if not isinstance(channel, Channel):
         raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
     _require_text(what, "column", channel.column)
     if not channel.column:
         raise JointIdError(f"{what}: no column is chosen. Choose one.")
     where = f"{what} ({channel.column:.60})"
-    _require_one_of(where, "unit", channel.unit, units)
+    _require_one_of(where, "unit", channel.unit, tuple(units))
     _require_one_of(where, "side", channel.side, (MOTOR, JOINT))
     if not isinstance(channel.sign, int) or isinstance(channel.sign, bool) or abs(channel.sign) != 1:
         raise JointIdError(f"{where}: sign = {shown(channel.sign)}; expected 1 or -1.")
@@ -226,7 +219,7 @@ def _checked_channel(
     scale = float(finite_array(f"{where}: {meaning}", channel.scale, ndim=0))
     if scale == 0:
         raise JointIdError(f"{where}: {meaning} is 0: give another number.")
-    return Channel(channel.column, channel.unit, scale, channel.side, channel.sign)
+    return replace(channel, scale=scale)
 
 
 def _require_text(where: str, key: str, value: object) -> None:
@@ -237,10 +230,3 @@ def _require_text(where: str, key: str, value: object) -> None:
 def _require_one_of(where: str, key: str, value: object, known: Sequence[str]) -> None:
     if value not in known:
         raise JointIdError(f"{where}: {key} = {shown(value)}; expected one of {listed(known)}.")
-
-
-def _positive(name: str, value: float) -> float:
-    number = float(finite_array(name, value, ndim=0))
-    if number <= 0:
-        raise JointIdError(f"{name} = {number:g}: must be positive.")
-    return number

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, MutableMapping, Sequence
 
 from jointid.importing.columns.column_words import NamedColumn, described, number_in
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.columns.units import ANGLE_UNITS, POSITION_SCALES, TORQUE_SCALES, TORQUE_UNITS
+from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.mapping import JOINT, Channel
 from jointid.importing.map.reasons import Reason, scale_reason
 
@@ -72,13 +72,8 @@ def lone_columns(
     if not lone:
         return []
     said = "; ".join(f'"{name}" has no {missing} beside it' for name, missing in lone)
-    return [
-        Reason(
-            "joints",
-            f"{said}: left out. If the log has both, give more joints and choose the columns.",
-            False,
-        )
-    ]
+    text = f"{said}: left out. If the log has both, give more joints and choose the columns."
+    return [Reason("joints", text)]
 
 
 def propose_joint(
@@ -104,30 +99,26 @@ def propose_joint(
     """
     free = [described(column) for column in table.columns if column.name not in used]
     channels, reasons = [], []
-    for role, first, units, scales in (
-        ("position", like[0], tuple(ANGLE_UNITS), POSITION_SCALES),
-        ("torque", like[1], tuple(TORQUE_UNITS), TORQUE_SCALES),
-    ):
+    for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
         end = f"{role} of joint {number}"
         fit = max(free, key=lambda c, r=role: c.score[r] - c.score[_OTHER[r]], default=None)  # type: ignore[misc]
         if fit is not None and role == "position" and len(free) == 1:
             fit = fit if fit.score["position"] >= fit.score["torque"] else None
-        if fit is None:
-            reasons.append(Reason(end, "No column is left for it: choose one, or a joint less.", False))
-        else:
+        text, said = "No column is left for it: choose one, or a joint less.", ""
+        if fit is not None:
             free.remove(fit)
             text = f'"{fit.column.name}" is a mere proposal, of the columns not yet used.'
-            reasons.append(Reason(end, text, False))
-        said = fit.column.unit if fit is not None else ""
+            said = fit.column.unit
+        reasons.append(Reason(end, text))
         unit = said if said in units else first.unit
         why = f'The file says "{said}".' if unit == said else f"As joint 1's, {unit}."
         reasons.append(Reason(f"unit of {end}", why, unit == said))
-        reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s.", False))
+        reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s."))
         if meaning := scales.get(unit):
             reasons.append(scale_reason(end, unit, meaning))
         scale = 1.0 if unit in scales else None
         channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
     if JOINT in (channels[0].side, channels[1].side):
         text = "A log does not say it. Give motor turns over joint turns; 1 is assumed."
-        reasons.append(Reason(f"gear ratio of joint {number}", text, False))
+        reasons.append(Reason(f"gear ratio of joint {number}", text))
     return channels[0], channels[1], reasons

@@ -13,11 +13,11 @@ class Reason:
     """The entry: "time", "joints", "position of joint 1", "gear ratio of joint 1" ..."""
     text: str
     """The reason as a sentence, or the value that the user should give."""
-    sure: bool
+    sure: bool = False
     """False where the file does not state it and the user should check."""
 
 
 def scale_reason(channel: str, unit: str, meaning: str) -> Reason:
     """Return the reason for the scale of a channel, such as "torque of joint 1"."""
     text = f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.'
-    return Reason(f"scale of {channel}", text, False)
+    return Reason(f"scale of {channel}", text)

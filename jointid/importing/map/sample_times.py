@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,19 +21,9 @@ _MAX_REPEATED = 0.01  # share of rows that may repeat a time with other values
 _DAY_S = 86400.0
 
 
-@dataclass(frozen=True, eq=False)
-class SampleTimes:
-    """Strictly increasing times, and the rows they belong to."""
-
-    time_s: Floats
-    kept: Bools
-    """Mask of the rows that are kept."""
-    notes: tuple[str, ...]
-
-
 def sample_times(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, signals: Sequence[Floats]
-) -> SampleTimes:
+) -> tuple[Floats, Bools, list[str]]:
     """Return strictly increasing times; notes name repairs and their rows.
 
     Parameters
@@ -48,6 +37,13 @@ def sample_times(
         As in the file.
     signals : sequence of ndarray, shape (N,)
         All other columns in use: a copy agrees in all of them.
+
+    Returns
+    -------
+    time_s : ndarray
+    kept : ndarray of bool, shape (N,)
+        Mask of the rows that the times belong to.
+    notes : list of str
 
     Raises
     ------
@@ -66,10 +62,9 @@ def sample_times(
     if time.size > 1 and np.diff(time).min() <= 0:
         kept, time, said = _increasing(table, unit, rows, time, signals, seconds)
         notes.append(said)
-    used = rows[kept]
     time = time[kept]
-    notes += _gaps(table, unit, used, time, seconds)
-    return SampleTimes((time - time[0]) * seconds, kept, tuple(notes))
+    notes += _gaps(table, unit, rows[kept], time, seconds)
+    return (time - time[0]) * seconds, kept, notes
 
 
 def _increasing(
@@ -135,21 +130,16 @@ def _overflow_note(
 ) -> tuple[Floats, str]:
     back = np.flatnonzero(np.diff(time) <= 0) + 1
     turn = float(unwrapped[back[0]] - time[back[0]])
-    word = "" if unit.unit == SAMPLES else f" {unit.unit}"
     return unwrapped, (
-        f'"{unit.column}" begins anew {counted(back.size, "time")}, after each {turn:.12g}{word}, first '
-        f"at {table.row_word} {table.first_row + int(rows[back[0]])}: the times go on there."
+        f'"{unit.column}" begins anew {counted(back.size, "time")}, after each {_in_unit(turn, unit)}, '
+        f"first at {table.row_word} {table.first_row + int(rows[back[0]])}: the times go on there."
     )
 
 
 def _dropped_note(table: LogTable, rows: np.ndarray, late: Bools, why: str) -> str:
-    at = rows[late]
+    at = rows[late] + table.first_row
     runs = np.split(at, np.flatnonzero(np.diff(at) != 1) + 1)
-    said = [
-        f"{table.first_row + int(run[0])}"
-        + (f" to {table.first_row + int(run[-1])}" if run.size > 1 else "")
-        for run in runs[:5]
-    ]
+    said = [f"{run[0]} to {run[-1]}" if run.size > 1 else f"{run[0]}" for run in runs[:5]]
     more = f" and {len(runs) - 5} more places" if len(runs) > 5 else ""
     which = f"{table.row_word} {', '.join(said)}{more}"
     return f"{counted(at.size, 'row')} {why} left out: {which}."
@@ -159,20 +149,17 @@ def _gaps(
     table: LogTable, unit: TimeColumn, rows: np.ndarray, time: Floats, seconds: float
 ) -> list[str]:
     steps = np.diff(time)
-    if not steps.size:
-        return []
-    found = np.flatnonzero(steps > GAP * np.median(steps))
+    found = np.flatnonzero(steps > GAP * np.median(steps)) if steps.size else steps
     if not found.size:
         return []
     first = int(found[0])
-    word = "" if unit.unit == SAMPLES else f" {unit.unit}"
     many = "A gap" if found.size == 1 else f"{found.size} gaps, the first"
     lasts = float(steps[first]) * seconds
     before = f"{table.row_word} {table.first_row + int(rows[first + 1])}"
     return [
         f"{many} of {lasts:.4g} s, before {before}: the time goes from "
-        f"{time[first]:.12g} to {time[first + 1]:.12g}{word}. The log is split there; no run is taken "
-        "across."
+        f"{time[first]:.12g} to {_in_unit(time[first + 1], unit)}. The log is split there; no run is "
+        "taken across."
     ]
 
 
@@ -184,7 +171,6 @@ def _error(
     at = int(np.flatnonzero(wrong)[0])
     value, before = float(time[at]), float(time[at - 1])
     fault = "repeats" if value == before else "goes back from"
-    word = "" if unit.unit == SAMPLES else f" {unit.unit}"
     if value == before and np.mean(steps == 0) > 0.2:
         remedy = (
             "The clock is coarser than the samples: number the rows instead (no time column, unit "
@@ -193,6 +179,10 @@ def _error(
     else:
         remedy = "Times must increase: choose another time column, or cut the log there."
     return JointIdError(
-        f'{table.place(int(rows[at]))}, column "{unit.column}": {value:.12g}{word} {fault} '
-        f"{before:.12g}{word}. {remedy}"
+        f'{table.place(int(rows[at]))}, column "{unit.column}": {_in_unit(value, unit)} {fault} '
+        f"{_in_unit(before, unit)}. {remedy}"
     )
+
+
+def _in_unit(time: float, unit: TimeColumn) -> str:
+    return f"{time:.12g}" if unit.unit == SAMPLES else f"{time:.12g} {unit.unit}"

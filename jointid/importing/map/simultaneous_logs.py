@@ -81,12 +81,10 @@ def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ..
     groups: list[tuple[int, ...]] = []
     for signature in dict.fromkeys(part.table.signature for part in parts):
         alike = [part for part in parts if part.table.signature == signature]
-        left, clusters = list(alike), []
+        left = alike
         while left:
-            first = left[0]
-            clusters.append([p for p in left if p is first or rows_in_common(first, p) is not None])
-            left = [part for part in left if not any(part is p for p in clusters[-1])]
-        for cluster in clusters:
+            cluster = [part for part in left if rows_in_common(left[0], part) is not None]
+            left = [part for part in left if part not in cluster]
             groups += _groups(cluster, len(cluster) == len(alike))
     return tuple(groups)
 
@@ -212,13 +210,8 @@ def _same_sines(a: JointLog, b: JointLog) -> bool:
     for x, y in zip(a.signals, b.signals, strict=True):
         if not _share_line(_power(x[:size]), _power(y[:size])):
             continue
-        shared = [
-            _share_line(_power(one), _power(two))
-            for one, two in zip(
-                np.array_split(x[:size], blocks), np.array_split(y[:size], blocks), strict=True
-            )
-        ]
-        if np.mean(shared) >= 0.5:
+        pairs = zip(*(np.array_split(v[:size], blocks) for v in (x, y)), strict=True)
+        if np.mean([_share_line(_power(one), _power(two)) for one, two in pairs]) >= 0.5:
             return True
     return False
 

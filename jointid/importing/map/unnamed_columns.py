@@ -58,19 +58,10 @@ def pairs_by_shape(
     if gains[best] < gains[0] + _CLEAR:
         best = 0  # the usual order
     for number, (q, t) in enumerate(layouts[best], start=1):
-        for role, column, how in (
-            ("position", columns[q], "smoother"),
-            ("torque", columns[t], "rougher"),
-        ):
+        for role, k, how in (("position", q, "smoother"), ("torque", t, "rougher")):
             why = f"it is the {how} one" if gains[best] >= _CLEAR else "of its place"
-            reasons.append(
-                Reason(
-                    f"{role} of joint {number}",
-                    f'No column has a name; "{column.name}" is a mere proposal, because {why}. '
-                    "Check it in the picture.",
-                    False,
-                )
-            )
+            text = f'No column has a name; "{columns[k].name}" is a mere proposal, because {why}. '
+            reasons.append(Reason(f"{role} of joint {number}", text + "Check it in the picture."))
     return [(columns[q], columns[t]) for q, t in layouts[best]]
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import TypeAlias
 
 from jointid.errors import JointIdError
 from jointid.files.container_limits import Container
@@ -20,6 +18,7 @@ from jointid.importing.columns.log_table import (
     require_small,
 )
 from jointid.importing.read.file_types import is_zip
+from jointid.importing.read.reader_process import ReaderProcess
 from jointid.wording import counted, listed
 
 _BAG = "metadata.yaml"
@@ -31,9 +30,6 @@ _OTHER_ENDINGS = frozenset(
     {".md", ".pdf", ".png", ".jpg", ".jpeg", ".json", ".yaml", ".yml", ".toml", ".m", ".py"}
 )
 """Endings of files that accompany logs."""
-
-ReadFile: TypeAlias = Callable[[str, bytes], tuple[LogTable, ...]]
-ReadBag: TypeAlias = Callable[[str, Path], tuple[LogTable, ...]]
 
 
 def is_archive(name: str, source: bytes | Path) -> bool:
@@ -50,9 +46,7 @@ def is_archive(name: str, source: bytes | Path) -> bool:
     return name.lower().endswith(".zip")
 
 
-def read_archive(
-    name: str, source: bytes | Path, read_file: ReadFile, read_bag: ReadBag
-) -> tuple[LogTable, ...]:
+def read_archive(name: str, source: bytes | Path, reader: ReaderProcess) -> tuple[LogTable, ...]:
     """Read every log of a zip archive.
 
     Parameters
@@ -60,10 +54,7 @@ def read_archive(
     name : str
         Name of the archive, for messages.
     source : bytes or Path
-    read_file : callable
-        Reads a log from its name and content.
-    read_bag : callable
-        Reads the folder of a ROS 2 bag from its name and path.
+    reader : ReaderProcess
 
     Returns
     -------
@@ -85,11 +76,10 @@ def read_archive(
                 f'{name} holds a study ({_STUDY}), not logs: open it with "Open a study (.zip)", or '
                 "give it to jointid identify."
             )
-        bags = [str(PurePosixPath(f).parent) for f in files if PurePosixPath(f).name == _BAG]
-        parts = [(bag, [f for f in files if str(PurePosixPath(f).parent) == bag]) for bag in bags]
-        parts += [
-            (f, []) for f in files if str(PurePosixPath(f).parent) not in bags and not _is_other(f)
-        ]
+        folder = {file: str(PurePosixPath(file).parent) for file in files}
+        bags = {folder[file] for file in files if PurePosixPath(file).name == _BAG}
+        parts = [(bag, [file for file in files if folder[file] == bag]) for bag in bags]
+        parts += [(file, []) for file in files if folder[file] not in bags and not _is_other(file)]
         if len(parts) > MAX_TABLES:
             raise JointIdError(
                 f"{name} holds {len(parts)} files, more than the limit of {MAX_TABLES} logs: split it."
@@ -98,9 +88,12 @@ def read_archive(
             label = name if part in (".", "") else f"{name}/{part}"
             try:
                 if of_bag:
-                    tables = _bag(container, label, of_bag, read_bag)
+                    tables = _bag(container, label, of_bag, reader)
                 else:
-                    tables = read_file(label, _content(container, part, label))
+                    data = _content(container, part, label)
+                    if is_zip(data) and is_archive(label, data):
+                        raise JointIdError(f"{label} is a zip archive within an archive: unpack it.")
+                    tables = reader.read_content(label, data)
             except JointIdError as error:
                 problems.append(str(error))
                 continue
@@ -118,21 +111,20 @@ def read_archive(
 def _content(container: Container, file: str, label: str) -> bytes:
     data = container.read(file, at_most=MAX_LOG_BYTES + 1)
     require_small(label, len(data))
-    if is_zip(data) and is_archive(label, data):
-        raise JointIdError(f"{label} is a zip archive within an archive: unpack it.")
     return data
 
 
-def _bag(container: Container, label: str, files: list[str], read_bag: ReadBag) -> tuple[LogTable, ...]:
+def _bag(
+    container: Container, label: str, files: list[str], reader: ReaderProcess
+) -> tuple[LogTable, ...]:
     """Extract a bag to a temporary folder for its reader."""
     with TemporaryDirectory(prefix="jointid-") as folder:
         place = Path(folder, "bag")
         place.mkdir()
         for file in files:
-            data = container.read(file, at_most=MAX_LOG_BYTES + 1)
-            require_small(f"{label}: {file}", len(data))
+            data = _content(container, file, f"{label}: {file}")
             (place / PurePosixPath(file).name).write_bytes(data)
-        return read_bag(label, place)
+        return reader.read("db3", label, place)
 
 
 def _is_other(file: str) -> bool:

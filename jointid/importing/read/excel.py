@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime
 import io
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from jointid.errors import JointIdError
@@ -13,14 +15,15 @@ from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
 
 
-def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
+def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read every sheet of a workbook that holds a table of numbers.
 
     Parameters
     ----------
     file : str
         Its name, for messages.
-    data : bytes
+    path : str
+        Where it lies.
 
     Raises
     ------
@@ -28,7 +31,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
         When python-calamine is not installed, or no sheet holds a table.
     """
     calamine = import_optional("python_calamine", "python-calamine", "Excel files")
-    workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+    workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(Path(path).read_bytes()))
     tables: list[LogTable] = []
     problems: list[str] = []
     held = 0
@@ -43,7 +46,7 @@ def read_excel(file: str, data: bytes) -> tuple[LogTable, ...]:
         text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
         try:
             table = read_text_table(f"{file}: {name}", text.encode())
-            tables.append(LogTable(table.name, table.columns, table.notes, table.first_row, "row"))
+            tables.append(replace(table, row_word="row"))
         except JointIdError as error:
             problems.append(str(error))
     if not tables:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -22,7 +23,7 @@ _UNIT_ATTRIBUTES = ("unit", "units", "Unit", "Units", "einheit", "Einheit")
 _LABEL_ATTRIBUTES = ("columns", "column_names", "names", "labels", "Columns", "fields")
 
 
-def read_hdf5(file: str, path: str) -> tuple[LogTable, ...]:
+def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the tables of an HDF5 file; one group's arrays of equal length are a table.
 
     Parameters
@@ -54,6 +55,7 @@ class _Reader:
     def __init__(self, h5py: Any, file: str, root: Any) -> None:
         self._h5py = h5py
         self._file = file
+        self._object = partial(own_object, file)
         self._values = 0
         top = [self._object(root, key) for key in islice(root, 50)]
         self._is_matlab = any("MATLAB_class" in item.attrs for item in top if item is not None)
@@ -77,9 +79,6 @@ class _Reader:
             elif isinstance(item, self._h5py.Dataset):
                 yield from self._dataset(item, inner)
 
-    def _object(self, group: Any, key: Any) -> Any:
-        return own_object(self._file, group, key)
-
     def _dataset(self, item: Any, name: str) -> Iterator[NamedArray]:
         kind = item.dtype.kind
         if item.shape is None or (kind not in "biuf" and item.dtype.names is None):
@@ -97,8 +96,9 @@ class _Reader:
             # MATLAB stores columns first; groups are structs, whose arrays belong together.
             yield NamedArray(name.replace("/", "."), np.asarray(values).T)
             return
-        labels = self._labels(item)
-        yield NamedArray(short, values, unit=self._unit(item), labels=labels, group=group)
+        unit = _text(_attribute(item, _UNIT_ATTRIBUTES, ""))
+        labels = np.ravel(_attribute(item, _LABEL_ATTRIBUTES, ()))[:_MOST_OBJECTS]
+        yield NamedArray(short, values, unit, tuple(_text(label) for label in labels), group)
 
     def _is_scope(self, group: Any) -> bool:
         signals = self._object(group, "signals")
@@ -142,17 +142,9 @@ class _Reader:
         self._values += int(np.prod(item.shape, dtype=float)) * max(1, len(item.dtype.names or ()))
         require_few_values(self._file, self._values)
 
-    def _unit(self, item: Any) -> str:
-        for key in _UNIT_ATTRIBUTES:
-            if key in item.attrs:
-                return _text(item.attrs[key])
-        return ""
 
-    def _labels(self, item: Any) -> tuple[str, ...]:
-        for key in _LABEL_ATTRIBUTES:
-            if key in item.attrs:
-                return tuple(_text(label) for label in np.ravel(item.attrs[key])[:_MOST_OBJECTS])
-        return ()
+def _attribute(item: Any, keys: Sequence[str], default: Any) -> Any:
+    return next((item.attrs[key] for key in keys if key in item.attrs), default)
 
 
 def _text(value: Any) -> str:

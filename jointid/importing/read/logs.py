@@ -13,7 +13,6 @@ from jointid.importing.columns.log_table import MAX_LOG_BYTES, LogTable, require
 from jointid.importing.read.archives import is_archive, read_archive
 from jointid.importing.read.file_types import TEXT, is_zip, kind_of
 from jointid.importing.read.reader_process import ReaderProcess
-from jointid.importing.read.text.tables import read_text_table
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 """Path or content of a log."""
@@ -80,24 +79,9 @@ def _read(source: LogSource, name: str, reader: ReaderProcess) -> tuple[LogTable
     data = bytes(source)
     name = name or "the log"
     require_small(name, len(data))
-    kind = kind_of(name, data[:4096])
     if is_zip(data) and is_archive(name, data):
-        return _read_archive(name, data, reader)
-    return _read_content(kind, name, data, reader)
-
-
-def _read_content(kind: str, name: str, data: bytes, reader: ReaderProcess) -> tuple[LogTable, ...]:
-    return (read_text_table(name, data),) if kind == TEXT else reader.read(kind, name, data)
-
-
-def _read_archive(name: str, source: bytes | Path, reader: ReaderProcess) -> tuple[LogTable, ...]:
-    def read_file(label: str, data: bytes) -> tuple[LogTable, ...]:
-        return _read_content(kind_of(label, data[:4096]), label, data, reader)
-
-    def read_bag(label: str, folder: Path) -> tuple[LogTable, ...]:
-        return reader.read("db3", label, folder)
-
-    return read_archive(name, source, read_file, read_bag)
+        return read_archive(name, data, reader)
+    return reader.read_content(name, data)
 
 
 def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, ...]:
@@ -118,7 +102,7 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
             head = file.read(4096)
             kind = kind_of(name, head)
             if is_zip(head) and is_archive(name, path):
-                return _read_archive(name, path, reader)
+                return read_archive(name, path, reader)
             if kind != TEXT:
                 is_bag = kind in ("db3", "mcap", "bag")
                 if not is_bag or path.suffix == f".{kind}":  # the reader of bags requires it
@@ -126,7 +110,7 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
             file.seek(0)
             data = file.read(MAX_LOG_BYTES + 1)
         require_small(name, len(data))
-        return _read_content(kind, name, data, reader)
+        return reader.read_content(name, data)
     except (OSError, ValueError) as error:
         if isinstance(error, JointIdError):
             raise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,14 +17,15 @@ _DEEPEST = 8
 _MOST_ELEMENTS = 500
 
 
-def read_matlab(file: str, data: bytes) -> tuple[LogTable, ...]:
+def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the tables of a .mat file of version 5 to 7.
 
     Parameters
     ----------
     file : str
         Its name, for messages.
-    data : bytes
+    path : str
+        Where it lies.
 
     Returns
     -------
@@ -40,7 +40,11 @@ def read_matlab(file: str, data: bytes) -> tuple[LogTable, ...]:
     """
     scipy_io = import_optional("scipy.io", "scipy", "MATLAB files")
     content = scipy_io.loadmat(
-        io.BytesIO(data), struct_as_record=False, squeeze_me=True, verify_compressed_data_integrity=True
+        path,
+        appendmat=False,
+        struct_as_record=False,
+        squeeze_me=True,
+        verify_compressed_data_integrity=True,
     )
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     arrays = [a for name, value in variables.items() for a in _walk(name, value, "", _DEEPEST)]

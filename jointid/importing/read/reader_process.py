@@ -1,4 +1,4 @@
-"""Read binary logs in a child process with bounded memory and time."""
+"""Read logs: text here, binary files in a child process with bounded memory and time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.read.file_types import TYPE_NAMES
+from jointid.importing.read.file_types import TEXT, TYPE_NAMES, kind_of
+from jointid.importing.read.text.tables import read_text_table
 
 LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
 """Per file; a log of the largest size, 256 MiB, takes half the memory."""
@@ -31,8 +32,22 @@ class ReaderProcess:
         self._child = Child("jointid.importing.read.worker", limits)
         self._folder: TemporaryDirectory[str] | None = None
 
-    def read(self, kind: str, name: str, source: Path | bytes) -> tuple[LogTable, ...]:
-        """Read one file.
+    def read_content(self, name: str, data: bytes) -> tuple[LogTable, ...]:
+        """Read the content of one file of any kind; binary content goes through a temporary file."""
+        kind = kind_of(name, data[:4096])
+        if kind == TEXT:
+            return (read_text_table(name, data),)
+        if self._folder is None:
+            self._folder = TemporaryDirectory(prefix="jointid-")
+        path = Path(self._folder.name, f"log.{kind}")
+        path.write_bytes(data)
+        try:
+            return self.read(kind, name, path)
+        finally:
+            path.unlink(missing_ok=True)
+
+    def read(self, kind: str, name: str, path: Path) -> tuple[LogTable, ...]:
+        """Read one binary file.
 
         Parameters
         ----------
@@ -40,28 +55,17 @@ class ReaderProcess:
             As in ``jointid.importing.read.file_types``, not "text".
         name : str
             For messages.
-        source : Path or bytes
-            File or folder, or the content of a file; content goes through a temporary file.
+        path : Path
+            File or folder.
 
         Raises
         ------
         JointIdError
             When the file is no log, crashes the process, or exceeds the limits.
         """
-        if isinstance(source, Path):
-            return self._read_path(kind, name, source.absolute())
-        if self._folder is None:
-            self._folder = TemporaryDirectory(prefix="jointid-")
-        path = Path(self._folder.name, f"log.{kind}")
-        path.write_bytes(source)
+        request = {"kind": kind, "name": name, "path": str(path.absolute())}
         try:
-            return self._read_path(kind, name, path)
-        finally:
-            path.unlink(missing_ok=True)
-
-    def _read_path(self, kind: str, name: str, path: Path) -> tuple[LogTable, ...]:
-        try:
-            header, body = self._child.ask({"kind": kind, "name": name, "path": str(path)})
+            header, body = self._child.ask(request)
         except Ended as ended:
             late = f"reading it took more than {self._limits.time_s:g} s"
             fault = late if ended.late else "its content stops the reader"
@@ -84,18 +88,10 @@ def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:
     """Tables from a response of the worker: their description, and all columns in sequence."""
     tables, offset = [], 0
     for table in header["tables"]:
-        columns = []
-        for name, unit, where in table["columns"]:
-            values = np.frombuffer(body, np.float64, table["rows"], offset)
+        rows, columns = table.pop("rows"), []
+        for name, unit, where in table.pop("columns"):
+            values = np.frombuffer(body, np.float64, rows, offset)
             offset += values.nbytes
             columns.append(LogColumn(name, values, unit, where))
-        tables.append(
-            LogTable(
-                table["name"],
-                tuple(columns),
-                tuple(table["notes"]),
-                table["first_row"],
-                table["row_word"],
-            )
-        )
+        tables.append(LogTable(columns=tuple(columns), **table))
     return tuple(tables)

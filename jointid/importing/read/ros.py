@@ -25,7 +25,7 @@ _QUANTITIES = (("position", "rad"), ("velocity", "rad/s"), ("effort", "N·m"))
 _MOST_JOINTS = 200
 
 
-def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, ...]:
+def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the joint states of a ROS bag; one table per topic.
 
     Parameters
@@ -34,8 +34,6 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
         Its name, for messages.
     path : str
         A .db3 or .mcap file, or the folder of a bag; a .bag file of ROS 1.
-    version : {1, 2}, default 2
-        Of ROS.
 
     Returns
     -------
@@ -49,6 +47,7 @@ def read_ros_bag(file: str, path: str, *, version: int = 2) -> tuple[LogTable, .
         When rosbags is not installed, a file's name cannot be used, or there is no such topic.
     """
     _require_plain_names(file, Path(path))
+    version = 1 if path.endswith(".bag") and Path(path).is_file() else 2
     rosbag = import_optional(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
     typesys = import_optional("rosbags.typesys", "rosbags", "ROS bags")
     stores = typesys.Stores

@@ -7,7 +7,7 @@ The response is JSON and plain numbers, not a pickle: the files come from strang
 from __future__ import annotations
 
 import os
-from pathlib import Path
+from importlib import import_module
 from typing import Any
 
 from jointid.background.serving import Progress, serve_here
@@ -24,26 +24,10 @@ def read_binary(kind: str, name: str, path: str) -> tuple[LogTable, ...]:
     Exception
         Whatever the library raises; ``answer`` turns it into a message.
     """
-    if kind == "hdf5":
-        from jointid.importing.read.hdf5 import read_hdf5
-
-        return read_hdf5(name, path)
-    if kind in ("db3", "mcap", "bag"):
-        from jointid.importing.read.ros import read_ros_bag
-
-        return read_ros_bag(name, path, version=1 if kind == "bag" else 2)
-    data = Path(path).read_bytes()
-    if kind == "matlab":
-        from jointid.importing.read.matlab import read_matlab
-
-        return read_matlab(name, data)
-    if kind == "parquet":
-        from jointid.importing.read.parquet import read_parquet
-
-        return read_parquet(name, data)
-    from jointid.importing.read.excel import read_excel
-
-    return read_excel(name, data)
+    module = "ros" if kind in ("db3", "mcap", "bag") else kind
+    read = import_module(f"jointid.importing.read.{module}").read  # only what the file needs
+    tables: tuple[LogTable, ...] = read(name, path)
+    return tables
 
 
 def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 import unicodedata
+from contextlib import suppress
 
 import numpy as np
 
@@ -99,10 +100,9 @@ class ClockCells:
         """Day number of each date, by the only valid order or the one that makes the log continuous."""
         readings: dict[str, dict[str, int]] = {}
         for order in ("day.month.year", "month.day.year"):
-            days = [_day_number(date, order) for date in dates]
-            if None not in days:
-                known = [day for day in days if day is not None]
-                readings[order] = {date: day - known[0] for date, day in zip(dates, known, strict=True)}
+            with suppress(ValueError, KeyError):  # no date of a calendar
+                days = [_day_number(date, order) for date in dates]
+                readings[order] = {date: day - days[0] for date, day in zip(dates, days, strict=True)}
         distinct = list({tuple(days.values()): order for order, days in readings.items()}.values())
         continuous = [order for order in distinct if self._is_continuous(readings[order], of_day)]
         if len(distinct) == 1:
@@ -132,8 +132,8 @@ class ClockCells:
         return bool(np.all((pauses > -_MAX_PAUSE_S) & (pauses < _MAX_PAUSE_S)))
 
 
-def _day_number(date: str, order: str) -> int | None:
-    """Proleptic day number; None for an invalid date."""
+def _day_number(date: str, order: str) -> int:
+    """Proleptic day number; ValueError or KeyError for an invalid date."""
     parts = [part for part in re.split(r"[-./ ]+", date) if part]
     if len(parts[0]) == 4:
         year, month, day = parts
@@ -141,11 +141,8 @@ def _day_number(date: str, order: str) -> int | None:
         day, month, year = parts
     else:
         month, day, year = parts
-    try:
-        full = int(year) + (2000 if len(year) == 2 else 0)
-        return datetime.date(full, _month(month), int(day)).toordinal()
-    except (ValueError, KeyError):
-        return None
+    full = int(year) + (2000 if len(year) == 2 else 0)
+    return datetime.date(full, _month(month), int(day)).toordinal()
 
 
 def _month(text: str) -> int:

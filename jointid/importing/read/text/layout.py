@@ -12,25 +12,21 @@ from dataclasses import dataclass, replace
 from jointid.errors import JointIdError
 from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.text.clock_times import is_clock
-from jointid.importing.read.text.numbers import (
-    is_number,
-    marks_note,
-    proven_thousands,
-    thousands_in,
-)
+from jointid.importing.read.text.numbers import is_number, marks_note, proven_thousands, thousands_in
 
 BLANKS = " "
 """Separator of columns with any number of blanks between them."""
 MAX_LINE = 1 << 16
 """Longest line of a text table, characters."""
+NO_NUMBER = frozenset(
+    {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
+)
+"""Cells that denote a missing value, in lower case."""
 
 _SAMPLED = 1 << 18  # characters examined at the beginning
 _SAMPLED_LINES = 1000
 _PROBED = 1 << 14  # characters examined in the middle and at the end
 _SEPARATORS = (";", "\t", ",", "|", BLANKS)
-_NO_NUMBER = frozenset(
-    {"nan", "inf", "-inf", "+inf", "-nan", "na", "n/a", "null", "none", "-", "--", "1.#qnan", "#n/a", ""}
-)
 _COMMENT = re.compile(r"^\s*(?:#+|%+|//+|;+(?=\s*[A-Za-z#])|\*+|!+|\"?#)\s*")
 
 
@@ -126,9 +122,10 @@ def find_layout(file: str, text: str) -> TextLayout:
             if score > best:
                 best, found = score, (separator, decimal, thousands, first, width)
     if found is None:
+        first_line = next((line for line in lines if line.strip()), "")
         raise JointIdError(
             f"{file} is not a table of numbers: expected columns separated by commas, semicolons, tabs "
-            f"or blanks, at least two of them numbers. First line: {_first(lines)[:80]!r}."
+            f"or blanks, at least two of them numbers. First line: {first_line[:80]!r}."
         )
     separator, decimal, thousands, first, width = found
     thousands = thousands or proven_thousands(text, decimal, separator)
@@ -160,7 +157,7 @@ def split_line(line: str, separator: str) -> list[str]:
 
 def is_missing(cell: str) -> bool:
     """Whether a cell denotes a missing value."""
-    return cell.lower() in _NO_NUMBER
+    return cell.lower() in NO_NUMBER
 
 
 _MARKS = (
@@ -284,7 +281,3 @@ def _header_cells(line: str, separator: str, width: int) -> list[str] | None:
                 cells[0] = _COMMENT.sub("", cells[0])
                 return cells
     return None
-
-
-def _first(lines: Sequence[str]) -> str:
-    return next((line for line in lines if line.strip()), "")

@@ -18,6 +18,7 @@ from jointid.importing.read.text.clock_times import ClockCells
 from jointid.importing.read.text.layout import (
     BLANKS,
     MAX_LINE,
+    NO_NUMBER,
     TextLayout,
     decoded,
     find_layout,
@@ -27,23 +28,7 @@ from jointid.importing.read.text.layout import (
 from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
 
-_NULLS = [
-    "",
-    "nan",
-    "NaN",
-    "NAN",
-    "-nan",
-    "inf",
-    "-inf",
-    "Inf",
-    "-Inf",
-    "NA",
-    "N/A",
-    "n/a",
-    "null",
-    "NULL",
-]
-_NULLS += ["-", "--", "None", "none", "#N/A", "1.#QNAN"]
+_NULLS = [form for word in NO_NUMBER for form in (word, word.upper(), word.title())] + ["NaN"]
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
