@@ -1,8 +1,9 @@
 """Whatever a log holds, the package answers or refuses: no other exception, no warning, no output.
 
 Studies come from seeds (``any_study.random_study``): robots at any scale, repeated, collinear, constant,
-clipped, tiny and huge signals. A failure names its seed; ``faults(seed, small=True)`` repeats it. Larger
-studies, with every use of an analysis, are for the night; the environment says how many:
+clipped, tiny and huge signals. A failure names its seed; ``faults(seed, small=True)`` repeats it. With
+``--long`` there are four times as many. The environment sets the number of larger studies with every use
+of an analysis, for a nightly run:
 
     JOINTID_LONG=3000 python -m pytest -n 0 --timeout 0 tests/test_any_study.py
 """
@@ -15,10 +16,11 @@ import traceback
 import numpy as np
 import pytest
 from any_study import analysed, faults, random_study
+from examples import share
 
 from jointid import Inertia, JointIdError, SineRecord, Study, analyse
 
-SEEDS, AT_ONCE, EVERY = 150, 10, 4
+AT_ONCE, EVERY = 10, 4
 LONG = int(os.environ.get("JOINTID_LONG", "2"))
 
 
@@ -29,7 +31,7 @@ def told(seed: int, found: list[tuple[str, Exception]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("first", range(0, SEEDS, AT_ONCE))
+@pytest.mark.parametrize("first", range(0, share(150), AT_ONCE))
 def test_any_study_is_analysed_or_refused(first: int) -> None:
     for seed in range(first, first + AT_ONCE):
         found = faults(seed, small=True, every=EVERY)

@@ -40,8 +40,6 @@ _INSEPARABLE = 1e-10
 parameters cannot be separated."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
-_LEAST_DAMPING = 1e-12
-"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 
 
 @dataclass(frozen=True, eq=False)

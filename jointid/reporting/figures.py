@@ -148,7 +148,7 @@ def _bode(
     inner = width - left - right
     phases = phases_deg(curves)
     known = np.concatenate([p[np.isfinite(p)] for p in phases])
-    lowest, highest = min(-90.0, float(known.min())), max(180.0, float(known.max()))
+    lowest, highest = float(known.min(initial=-90.0)), float(known.max(initial=180.0))
     size = _Frame(left, legend, inner, 86, x, (np.log10(limits[0] / 1.3), np.log10(limits[1] * 1.3)))
     turn = _Frame(left, legend + 94, inner, 46, x, (lowest - 15, highest + 15))
     shapes: list[Line | Marks | Text] = [*keys]
