@@ -36,9 +36,14 @@ def study() -> Study:
 
 def answers(pool: Pool) -> int:
     """Which process answers, as soon as there is one."""
-    pool.start()
-    until(lambda: not pool._idle.empty())
-    return int(pool.call(os.getpid))
+    end = monotonic() + PATIENCE_S
+    while True:
+        pool.start()
+        until(lambda: not pool._idle.empty())
+        try:
+            return int(pool.call(os.getpid))
+        except NoWorkerError:  # the idle one was dead; another is being started
+            assert monotonic() < end
 
 
 def until(condition: Callable[[], bool]) -> None:

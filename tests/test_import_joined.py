@@ -234,7 +234,7 @@ def test_the_page_joins_them_and_can_leave_it(
         made.append(study)
         keep(study, name)
 
-    monkeypatch.setattr(workspace, "keep", noted)
+    monkeypatch.setattr("jointid.ui.importing.panels.keep", noted)
     at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
     at = at.switch_page("pages/9_Import_a_log.py").run()
     files = [(f"axis{k}.csv", data, "text/csv") for k, data in enumerate(axes, start=1)]

@@ -11,6 +11,8 @@ import math
 import os
 import signal
 import sys
+import threading
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +24,8 @@ Answer = Callable[[dict[str, Any], bytes, Progress], tuple[dict[str, Any], bytes
 
 IDLE_S = 600.0
 """Idle time after which the process ends itself: its parent may have died silently, s."""
+_WATCH_S = 1.0
+"""Interval at which the process looks for its parent, s."""
 GRACE_S = 10.0
 """Delay beyond the time limit after which the process ends itself if its parent has not, s."""
 
@@ -41,6 +45,7 @@ def serve_here(answer: Answer, memory_bytes: int) -> None:
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # other output must not mix with responses
     _limit_memory(memory_bytes)
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
     def report(*done: float | str) -> None:
         _send(answers, {"progress": done}, b"")
@@ -68,6 +73,13 @@ def _end_in(time_s: float) -> None:
     """Let the system end this process after a time, even inside a call that never returns."""
     if hasattr(signal, "alarm"):
         signal.alarm(math.ceil(time_s))
+
+
+def _end_with(parent: int) -> None:
+    """End this process, also inside a call that never returns, soon after its parent was killed."""
+    while os.getppid() == parent:
+        time.sleep(_WATCH_S)
+    os._exit(1)
 
 
 def _limit_memory(size: int) -> None:

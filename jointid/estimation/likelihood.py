@@ -128,7 +128,7 @@ def maximum_likelihood(
         covariance=covariance,
         prior_covariance=_prior_part(problem, p, covariance),
         cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost + _penalty(problem, p),
-        expected_cost=max((problem.rows + determined - rank - p.size) / 2, 0.0),
+        expected_cost=float(max((problem.rows + determined - rank - p.size) / 2, 0.0)),
         parameter_count=rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
