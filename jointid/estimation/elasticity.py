@@ -119,9 +119,10 @@ class ElasticityFit:
 
     @property
     def inertia(self) -> Inertia | tuple[Inertia, ...]:
-        """Fitted inertia: one value where all records share it, else one per record."""
-        first = self.inertias[0]
-        return first if all(one is first for one in self.inertias) else self.inertias
+        """Fitted inertia, one or one per record as given; the given one where it was exact."""
+        if not self.prior.inertia_std:
+            return self.prior.given
+        return self.inertias[0] if isinstance(self.prior.given, Inertia) else self.inertias
 
     @property
     def correlation(self) -> Floats:

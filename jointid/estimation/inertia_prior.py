@@ -25,6 +25,8 @@ class InertiaPrior:
     Records with equal arrays share them: usually one M, and one M2 per pose.
     """
 
+    given: Inertia | tuple[Inertia, ...]
+    """As given: one for all records, or one per record."""
     M: Floats
     """Distinct rotor inertias, shape (m, n), kg·m²."""
     M2: Floats
@@ -80,6 +82,7 @@ class InertiaPrior:
         M, rotor = _distinct([one.M for one in each])
         M2, pose = _distinct([one.M2 for one in each])
         return cls(
+            given=inertia if isinstance(inertia, Inertia) else tuple(each),
             M=M,
             M2=M2,
             rotor=rotor,
