@@ -16,6 +16,7 @@ from jointid.importing.find.segment_search import SegmentSearch
 from jointid.importing.find.unused_spans import unused_spans, without_sweeps
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.importing.map.sample_times import GAP
+from jointid.small_matrices import one_thread
 from jointid.wording import counted
 
 FEWEST_PERIODS = 5
@@ -79,7 +80,8 @@ def find_segments(
             if progress is not None:
                 progress((begin + share * (end - begin)) / log.time_s.size)
 
-        found += SegmentSearch(log, begin, end, fewest_periods).segments(report)
+        with one_thread():  # its matrices are small: more threads only wait for each other
+            found += SegmentSearch(log, begin, end, fewest_periods).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
