@@ -172,3 +172,44 @@ def test_a_coupling_given_as_zero_stays_free() -> None:
     fit = identify_elasticity(measured(), given, inertia_std=0.3)
     assert fit.inertia.M2[0, 1] == pytest.approx(PARALLELOGRAM.M2[0, 1], rel=0.05)
     assert pytest.approx(Elasticity(PAPER.K, PAPER.D).K, rel=0.01) == fit.elasticity.K
+
+
+@pytest.mark.parametrize("seed", [7777, 7794, 1, 2, 3, 4])
+def test_a_linear_start_from_wrong_inertias_is_no_end(seed: int) -> None:
+    """Wrong inertias may turn the linear estimate negative."""
+    fit = identify_elasticity(measured(SERIAL, seed), wrong(SERIAL, 0.4, seed), inertia_std=math.inf)
+    assert np.abs(fit.estimate / TRUTH - 1).max() < 0.02
+
+
+def test_inertias_that_differ_by_rounding_are_one() -> None:
+    phasors = measured()
+    given = [Inertia(SERIAL.M, SERIAL.M2 * (1 + 9e-16 * k)) for k in range(len(phasors.labels))]
+    prior = InertiaPrior.of(given, *phasors.q.shape, inertia_std=0.05)
+    assert len(prior.M2) == 1
+
+
+def test_linear_estimators_refuse_a_prior() -> None:
+    with pytest.raises(JointIdError, match="takes inertias and torque scales as exact"):
+        identify_elasticity(measured(), PARALLELOGRAM, method="weighted", inertia_std=0.05)
+
+
+def test_an_undetermined_fit_has_a_correlation_and_a_condition() -> None:
+    phasors = measured(frequencies=np.array([8.7]))
+    fit = identify_elasticity(phasors, PARALLELOGRAM, inertia_std=math.inf)
+    assert np.all(np.isfinite(fit.correlation))
+    assert np.diag(fit.correlation) == pytest.approx(1)
+    assert np.isfinite(fit.condition)
+
+
+def test_a_position_filter_is_told_from_a_delay() -> None:
+    """A first-order filter of 100 Hz on the logged position."""
+    frequencies_hz, torques = campaign(np.linspace(2, 30, 12), 2)
+    time_constant = 1 / (2 * np.pi * 100)
+    q = motion(PARALLELOGRAM, PAPER, frequencies_hz, torques)
+    q = q / (1 + 2j * np.pi * frequencies_hz[:, None] * time_constant)
+    covariance = np.broadcast_to(np.diag(SIGMA**2).astype(complex), (len(torques), 4, 4)).copy()
+    error = circular(np.random.default_rng(5), covariance, 1)[0]
+    phasors = exact_phasors(frequencies_hz, q + error[:, :2], torques + error[:, 2:], covariance)
+    fit = identify_elasticity(phasors, PARALLELOGRAM, inertia_std=0.05)
+    assert "position filter" in next(c.name for c in fit.candidates if c.chosen)
+    assert np.abs((fit.estimate - TRUTH) / fit.standard_error).max() < 4

@@ -115,7 +115,7 @@ class ElasticityFit:
         known = np.square(self.unseen_error) + np.square(self.prior_error)
         with np.errstate(invalid="ignore"):  # infinite where nothing determines a parameter
             noise = np.nan_to_num(np.diag(self.covariance) - known, nan=np.inf, posinf=np.inf)
-        return np.asarray(np.sqrt(noise))
+        return np.asarray(np.sqrt(np.maximum(noise, 0.0)))
 
     @property
     def inertia(self) -> Inertia | tuple[Inertia, ...]:
@@ -126,9 +126,11 @@ class ElasticityFit:
 
     @property
     def correlation(self) -> Floats:
-        """Correlation matrix of the estimates, shape (2n, 2n)."""
-        error = np.where(self.standard_error > 0, self.standard_error, 1.0)
-        return np.asarray(self.covariance / np.outer(error, error))
+        """Correlation matrix of the estimates, shape (2n, 2n); undetermined ones are uncorrelated."""
+        known = np.isfinite(self.standard_error)
+        error = np.where(known & (self.standard_error > 0), self.standard_error, 1.0)
+        covariance = np.where(np.outer(known, known), self.covariance, np.diag(~known * 1.0))
+        return np.asarray(covariance / np.outer(error, error))
 
     @property
     def misfit(self) -> float:
@@ -138,7 +140,9 @@ class ElasticityFit:
     @property
     def condition(self) -> float:
         """Condition number of A in equation (12), its columns in units of D1, K1, D2, K2, ..."""
-        p = np.stack([np.maximum(np.abs(self.D), self.standard_error[self.n :]), np.abs(self.K)], axis=1)
+        error = self.standard_error[self.n :]
+        damping = np.maximum(np.abs(self.D), np.where(np.isfinite(error), error, 0.0))
+        p = np.stack([damping, np.abs(self.K)], axis=1)
         return float(np.linalg.cond(self.equations.matrix()[0] * p.ravel()))
 
     @property
@@ -245,6 +249,11 @@ def _identified(
         if friction or delay:
             raise JointIdError(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
+            )
+        if prior.blocks():
+            raise JointIdError(
+                f'method = "{method}" takes inertias and torque scales as exact; inertia_std and '
+                'torque_std need "auto" or "maximum-likelihood".'
             )
         return _fit(method, LINEAR[method](equations), equations, phasors, prior)
     linear = weighted(equations)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -16,6 +16,9 @@ from jointid.wording import counted
 _LEAST_COUPLING = 0.1
 """A coupling's standard deviation is at least this share of that of √(M2_ii M2_jj): one given as 0 must
 stay free."""
+
+_ROUNDING = 1e-9
+"""Difference between inertias, over the largest element, that counts as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,17 +148,25 @@ class InertiaPrior:
 
 
 def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
-    """Distinct arrays in order of appearance, and the index of each among them."""
-    places: dict[bytes, int] = {}
-    index = [places.setdefault(array.tobytes(), len(places)) for array in arrays]
-    return np.array([np.frombuffer(key).reshape(arrays[0].shape) for key in places]), np.array(index)
+    """Arrays that differ by more than rounding, in order of appearance, and the index of each."""
+    found: list[Floats] = []
+    index = []
+    for array in arrays:
+        limit = _ROUNDING * np.abs(array).max()
+        same = (k for k, other in enumerate(found) if np.abs(array - other).max() <= limit)
+        index.append(next(same, len(found)))
+        if index[-1] == len(found):
+            found.append(array)
+    return np.array(found), np.array(index)
 
 
-def _checked_std(name: str, value: ArrayLike | None) -> float:
-    std = 0.0 if value is None else value
-    if isinstance(std, bool) or not isinstance(std, int | float) or not std >= 0:
+def _checked_std(name: str, value: object) -> float:
+    if value is None:
+        return 0.0
+    std = np.nan if isinstance(value, bool) or not isinstance(value, Real) else float(value)
+    if not std >= 0:
         raise JointIdError(
             f"{name} = {value!r:.60}: expected a relative standard deviation, such as 0.05 for 5 %, "
             "0 for exact values, or infinity for unknown ones."
         )
-    return float(std)
+    return std

@@ -40,6 +40,8 @@ _FAR = 1e4
 _CHANCE = 1e-3
 """Probability that the score of any effect leads to a fit on an ideal robot."""
 _MOST_EFFECTS = 3
+_TRIED = 2
+"""Effects of the highest scores that are fitted for each one added: similar ones differ by cost only."""
 _CERTAIN = 1000.0
 """Squared Coulomb friction over its variance from which models without friction are skipped; far above
 the square of ``_SIGNIFICANT``."""
@@ -67,7 +69,9 @@ def choose_model(
     frictions = FRICTIONS if friction else (NO_FRICTION,) if exactly else (NO_FRICTION, *FRICTIONS)
     lags = (delay,) if delay or exactly else (False, True)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
-    search = _Search(phasors, prior, ParameterLayout.of(phasors.n).named(start), noise, frictions, lags)
+    linear = ParameterLayout.of(phasors.n).named(start)
+    effects = prior.inertia_std > 0 and not exactly
+    search = _Search(phasors, prior, linear, noise, frictions, lags, effects)
     return _searched(search)
 
 
@@ -83,6 +87,8 @@ def _searched(search: _Search) -> Choice:
     better = min(misfit / 10, _FAR)
     good = _LOST if np.isinf(misfit) else min(misfit / 3, max(_LOST, misfit / _LOST))
     probe = Model(search.frictions[:3][-1][0], search.lags[-1])
+    if search.phasors.harmonics.shape[1] == 1:  # friction shows in harmonics only
+        probe = Model(search.frictions[0][0], search.lags[0])
     for start in _other_starts(search.phasors, search.prior):
         other = replace(search, start=start, tried={})
         other.fit(probe)
@@ -114,6 +120,8 @@ class _Search:
     noise: Noise
     frictions: Sequence[tuple[float | None, bool]]
     lags: Sequence[bool]
+    effects: bool
+    """Whether effects of real robots are tried."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
 
@@ -159,22 +167,33 @@ class _Search:
         return score_gains(self.phasors, self.prior, estimate, waveforms, self.noise, blocks)
 
     def with_effects(self, best: Model) -> Model:
-        """Add effects with a significant score, one at a time, and drop what they make superfluous."""
-        if not self.prior.inertia_std:
+        """The best model with effects; a delay may have been chosen in place of one."""
+        if not self.effects:
             return best
+        starts = [best]
+        if best.delay and False in self.lags:
+            starts.append(replace(best, delay=False))
+        found = [best, *(self._extended(start) for start in starts if start in self.tried)]
+        criterion = self._criterion()
+        return min(found, key=lambda model: criterion[model])
+
+    def _extended(self, best: Model) -> Model:
+        """Add effects with a significant score, one at a time, and drop superfluous parts."""
         while isinstance(found := self.tried[best], LikelihoodEstimate):
             absent = [name for name in EFFECTS if name not in best.effects]
             if not absent or len(best.effects) == _MOST_EFFECTS:
                 break
             gains = self._gains(best, found, absent)
-            name = max(gains, key=lambda name: gains[name])
-            score = 2 * gains[name] / max(1.0, found.misfit)
-            if score < chi2.isf(_CHANCE / len(EFFECTS), self.phasors.n):
-                break
-            effects = tuple(known for known in EFFECTS if known in (*best.effects, name))
-            richer = replace(best, effects=effects)
-            self.tried[richer] = self._fitted(richer, found.named)
-            better = self._simplified(richer)
+            least = chi2.isf(_CHANCE / len(EFFECTS), self.phasors.n)
+            wider = []
+            for name in sorted(absent, key=lambda name: -gains[name])[:_TRIED]:
+                if 2 * gains[name] / max(1.0, found.misfit) > least:
+                    effects = tuple(known for known in EFFECTS if known in (*best.effects, name))
+                    richer = replace(best, effects=effects)
+                    self.tried[richer] = self._fitted(richer, found.named)
+                    wider.append(self._simplified(richer))
+            criterion = self._criterion()
+            better = min([best, *wider], key=lambda model: criterion[model])
             if better == best:
                 break
             best = better

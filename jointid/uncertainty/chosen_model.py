@@ -15,7 +15,7 @@ from jointid.estimation.linear_fit import LINEAR, Estimate
 from jointid.estimation.residual import make_problem
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import determined_covariance
+from jointid.small_matrices import positive_inverse
 
 _GAUSS_NEWTON = 2
 """Steps that follow the optimum when an inertia changes by a per cent."""
@@ -87,7 +87,7 @@ def difference_by_inertia(
         for _ in range(_GAUSS_NEWTON):
             _, scale = harmonic_scale(changed, x)
             _, gradient, normal = quadratic(changed, x, scale)
-            x = x - determined_covariance(normal) @ gradient
+            x = x - positive_inverse(normal) @ gradient
         return x[layout.span("K", "D")]
 
     return lambda one, other: optimum(one) - optimum(other)
