@@ -19,6 +19,10 @@ Numbers = TypeVar("Numbers", Complexes, Floats)
 
 NO_EFFECT = 1e-60
 """Root of a diagonal element of a normal matrix below which its parameter has no effect (SI units)."""
+INSEPARABLE = 1e-10
+"""Smallest eigenvalue, of a normal matrix of unit diagonal, that determines a combination."""
+_INVOLVED = 1e-3
+"""Share of a parameter in an undetermined combination from which its variance is infinite."""
 _LEAST_EIGENVALUE = 1e-15
 """Smallest eigenvalue of a matrix of unit diagonal in double precision."""
 _ROUNDING = 1e-15
@@ -137,19 +141,13 @@ def positive_inverse(A: Floats) -> Floats:
     return inverted
 
 
-_INSEPARABLE = 1e-10
-"""Smallest eigenvalue, of a normal matrix of unit diagonal, that determines a combination."""
-_INVOLVED = 1e-3
-"""Share of a parameter in an undetermined combination from which its variance is infinite."""
-
-
 def determined_covariance(normal: Floats) -> Floats:
     """Inverse of a normal matrix, shape (P, P); infinite variances for undetermined parameters."""
     seen, size, scaled = unit_diagonal(normal)
     covariance = np.zeros(normal.shape)
     covariance[~seen, ~seen] = np.inf
     values, vectors = np.linalg.eigh(scaled)
-    known = values > _INSEPARABLE
+    known = values > INSEPARABLE
     inner = (vectors[:, known] / values[known]) @ vectors[:, known].T
     unknown = np.any(np.abs(vectors[:, ~known]) > _INVOLVED, axis=1)
     inner[unknown, unknown] = np.inf

@@ -27,7 +27,7 @@ from jointid.estimation.residual import Problem, fitted_layout, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import NO_EFFECT, determined_covariance, unit_diagonal
+from jointid.small_matrices import INSEPARABLE, NO_EFFECT, determined_covariance, unit_diagonal
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
@@ -35,9 +35,6 @@ _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12
 """The same for the score test."""
-_INSEPARABLE = 1e-10
-"""Smallest eigenvalue of the information matrix of unit diagonal; below it, in double precision,
-parameters cannot be separated."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -258,7 +255,7 @@ def _require_separable(problem: Problem, normal: Floats) -> None:
         name = problem.layout.labels[int(np.argmin(seen))]
         raise JointIdError(f"The records do not determine {name}: move joint {name[1:]} more.")
     values, vectors = np.linalg.eigh(scaled)
-    if values[0] < _INSEPARABLE:
+    if values[0] < INSEPARABLE:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
         raise JointIdError(
             f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "

@@ -26,10 +26,6 @@ from jointid.uncertainty.validation import compensated_phasors
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
-_INSEPARABLE = 1e-10
-"""Smallest eigenvalue of the information matrix of unit diagonal that determines a combination."""
-_INVOLVED = 1e-3
-"""Share of a parameter in an undetermined combination from which its variance is infinite."""
 
 
 @dataclass(frozen=True, eq=False)
