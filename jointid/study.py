@@ -11,6 +11,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_each
+from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import SineRecord
@@ -18,6 +19,10 @@ from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.wording import counted
+
+INERTIA_STD = 0.05
+"""Relative standard deviation of inertias where a study says nothing: computed from drawings, they are
+known to a few per cent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,11 @@ class Study:
         Name of the robot, to compare robots of a fleet and to follow one over time.
     date : date or datetime, optional
         When it was measured; a datetime's offset from UTC, if it has one, in whole minutes.
+    inertia_std : float, default 0.05
+        Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones,
+        ``math.inf`` for unknown ones.
+    torque_std : float, optional
+        The same for the torque constant of each joint. None: not stated, and taken as exact.
 
     Raises
     ------
@@ -60,6 +70,8 @@ class Study:
     poses: Mapping[str, Inertia] = field(default_factory=dict)
     robot: str = ""
     date: datetime.date | datetime.datetime | None = None
+    inertia_std: float = INERTIA_STD
+    torque_std: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -79,6 +91,9 @@ class Study:
         if not isinstance(self.robot, str):
             raise JointIdError(f"robot = {self.robot!r:.60}: expected a text such as cell 7, robot A.")
         _require_date(self.date)
+        object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
+        if self.torque_std is not None:
+            object.__setattr__(self, "torque_std", checked_std("torque_std", self.torque_std))
         for number, record in enumerate(self.records, start=1):
             where = record.label or f"record {number}"
             if record.n != self.inertia.n:
@@ -105,6 +120,13 @@ class Study:
     def inertias(self) -> Sequence[Inertia]:
         """The inertia that each record was measured with, by its pose."""
         return [self.inertia if r.pose is None else self.poses[r.pose] for r in self.records]
+
+    @property
+    def prior(self) -> InertiaPrior:
+        """The inertias and torque scales of the records, with their uncertainty."""
+        inertia = self.inertias if self.poses else self.inertia
+        shape = len(self.records), self.inertia.n
+        return InertiaPrior.of(inertia, *shape, inertia_std=self.inertia_std, torque_std=self.torque_std)
 
 
 def _require_date(date: object) -> None:
@@ -164,7 +186,7 @@ def _analyse(study: Study, method: str) -> Analysis:
     _require_torques(study)
     phasors = extract_phasors(study.records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
-    fits = identify_each(phasors, study.inertias, [method, "weighted", "least-squares", "explicit"])
+    fits = identify_each(phasors, study.prior, [method, "weighted", "least-squares", "explicit"])
     freed, _ = _transfer_matrices(study, fits[method].phasors)
     return Analysis(
         study=study,

@@ -168,7 +168,7 @@ def test_a_standard_deviation_is_a_share(value: object) -> None:
 def test_a_coupling_given_as_zero_stays_free() -> None:
     given = Inertia(PARALLELOGRAM.M, np.diag(np.diag(PARALLELOGRAM.M2)))
     prior = InertiaPrior.of(given, 1, 2, inertia_std=0.05)
-    assert prior.lower_std[0, 1] == pytest.approx(0.005 * np.sqrt(0.004104 * 0.001889))
+    assert prior.blocks()["M2"][1][0, 1] == pytest.approx(0.005 * np.sqrt(0.004104 * 0.001889))
     fit = identify_elasticity(measured(), given, inertia_std=0.3)
     assert fit.inertia.M2[0, 1] == pytest.approx(PARALLELOGRAM.M2[0, 1], rel=0.05)
     assert pytest.approx(Elasticity(PAPER.K, PAPER.D).K, rel=0.01) == fit.elasticity.K
@@ -188,9 +188,28 @@ def test_inertias_that_differ_by_rounding_are_one() -> None:
     assert len(prior.M2) == 1
 
 
-def test_linear_estimators_refuse_a_prior() -> None:
-    with pytest.raises(JointIdError, match="takes inertias and torque scales as exact"):
-        identify_elasticity(measured(), PARALLELOGRAM, method="weighted", inertia_std=0.05)
+@pytest.mark.parametrize("method", ["weighted", "least-squares", "explicit"])
+def test_linear_estimators_carry_the_prior_in_their_errors(method: str) -> None:
+    """First-order errors agree with the scatter over wrongly given inertias and torque scales."""
+    phasors, rng = measured(), np.random.default_rng(0)
+    fit = identify_elasticity(phasors, SERIAL, method=method, inertia_std=0.005, torque_std=0.005)
+    exact = identify_elasticity(phasors, SERIAL, method=method)
+    assert np.array_equal(fit.estimate, exact.estimate)
+    assert fit.noise_error == pytest.approx(exact.standard_error)
+    prior, estimates = fit.prior, []
+    for _ in range(200):
+        M, lower = (mean + std * rng.standard_normal(mean.shape) for mean, std in _inertias(prior))
+        scale = 1 + 0.005 * rng.standard_normal(2)
+        scaled = phasors.scaled(np.concatenate([np.ones(2), scale]))
+        given = Inertia(M[0], prior.symmetric(lower)[0])
+        estimates.append(identify_elasticity(scaled, given, method=method).estimate)
+    assert fit.prior_error == pytest.approx(np.std(estimates, axis=0), rel=0.2)
+    unknown = identify_elasticity(phasors, SERIAL, method=method, inertia_std=math.inf)
+    assert np.all(np.isinf(unknown.standard_error))
+
+
+def _inertias(prior: InertiaPrior) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [prior.blocks()[name] for name in ("M", "M2")]
 
 
 def test_an_undetermined_fit_has_a_correlation_and_a_condition() -> None:

@@ -51,7 +51,7 @@ def test_analysis_is_its_steps() -> None:
     phasors = extract_phasors(RECORDS)
     assert analysis.study is study
     assert np.array_equal(analysis.phasors.q, phasors.q)
-    expected = identify_elasticity(phasors, SERIAL, method="weighted")
+    expected = identify_elasticity(phasors, SERIAL, method="weighted", inertia_std=0.05)
     assert np.array_equal(analysis.fit.K, expected.K)
     assert np.array_equal(analysis.fit.covariance, expected.covariance)
     assert np.array_equal(analysis.transfer_matrices[""].H, estimate_transfer_matrix(phasors).H)

@@ -13,7 +13,7 @@ from jointid.estimation.candidates import Candidate, Choice
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.linear_fit import LINEAR, Estimate, weighted
+from jointid.estimation.linear_fit import LINEAR, Estimate, prior_covariance, weighted
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.parameters import Parameters
 from jointid.joints import Elasticity, Inertia
@@ -196,8 +196,9 @@ def identify_elasticity(
     delay : bool, default False
         Fit a delay of the torque likewise.
     inertia_std : float, optional
-        Relative standard deviation of the given inertias M and M2, for "auto" and "maximum-likelihood":
-        0.05 for 5 %, ``math.inf`` for start values only. By default they are exact, as in the paper.
+        Relative standard deviation of the given inertias M and M2: 0.05 for 5 %, ``math.inf`` for start
+        values only. "auto" and "maximum-likelihood" fit them along; the others keep them and widen
+        their errors. By default they are exact, as in the paper.
     torque_std : float, optional
         The same for the torque constant of each joint.
 
@@ -250,12 +251,7 @@ def _identified(
             raise JointIdError(
                 f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
             )
-        if prior.blocks():
-            raise JointIdError(
-                f'method = "{method}" takes inertias and torque scales as exact; inertia_std and '
-                'torque_std need "auto" or "maximum-likelihood".'
-            )
-        return _fit(method, LINEAR[method](equations), equations, phasors, prior)
+        return _linear_fit(method, LINEAR[method](equations), equations, phasors, prior)
     linear = weighted(equations)
     asked = {"friction": friction, "delay": delay, "exactly": method != "auto"}
     with one_thread():
@@ -265,9 +261,23 @@ def _identified(
         equations = spring_equations(choice.estimate.phasors, inertias, noise=equations.noise)
         return _likelihood_fit(method, choice, choice.estimate, equations, prior)
     if method == "auto":  # a fit with a large misfit lets the verdict name the cause
-        fit = _fit("weighted", linear, equations, phasors, prior)
+        fit = _linear_fit("weighted", linear, equations, phasors, prior)
         return replace(fit, candidates=choice.candidates)
     raise choice.estimate
+
+
+def _linear_fit(
+    method: str,
+    estimate: Estimate,
+    equations: SpringEquations,
+    phasors: Phasors,
+    prior: InertiaPrior,
+) -> ElasticityFit:
+    fit = _fit(method, estimate, equations, phasors, prior)
+    if not prior.blocks():
+        return fit
+    by_prior = prior_covariance(method, phasors, prior, equations.noise)
+    return replace(fit, covariance=fit.covariance + by_prior, prior_error=np.sqrt(np.diag(by_prior)))
 
 
 def _likelihood_fit(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 
 import numpy as np
@@ -90,8 +90,8 @@ class InertiaPrior:
             M2=M2,
             rotor=rotor,
             pose=pose,
-            inertia_std=_checked_std("inertia_std", inertia_std),
-            torque_std=_checked_std("torque_std", torque_std),
+            inertia_std=checked_std("inertia_std", inertia_std),
+            torque_std=checked_std("torque_std", torque_std),
         )
 
     def like(self, inertia: Inertia | Sequence[Inertia], shape: tuple[int, ...]) -> InertiaPrior:
@@ -115,21 +115,26 @@ class InertiaPrior:
         return np.asarray(self.M2[:, rows, columns])
 
     @property
-    def lower_std(self) -> Floats:
-        """Standard deviation of those elements, shape (p, t), kg·m²."""
+    def units(self) -> dict[str, Floats]:
+        """Standard deviation of each block for a relative one of 1, shaped like the block."""
         rows, columns = self.elements
         size = np.sqrt(self.M2[:, rows, rows] * self.M2[:, columns, columns])
-        return np.asarray(self.inertia_std * np.maximum(np.abs(self.lower), _LEAST_COUPLING * size))
+        coupled = np.maximum(np.abs(self.lower), _LEAST_COUPLING * size)
+        return {"M": self.M, "M2": coupled, "torque_scale": np.ones(self.n)}
+
+    @property
+    def exact(self) -> InertiaPrior:
+        """The same inertias, without uncertainty."""
+        return replace(self, inertia_std=0.0, torque_std=0.0)
 
     def blocks(self) -> dict[str, tuple[Floats, Floats]]:
         """Mean and standard deviation of each uncertain block of the parameter vector."""
         blocks = {}
         if self.inertia_std > 0:
-            blocks["M"] = self.M, self.inertia_std * self.M
-            blocks["M2"] = self.lower, self.lower_std
+            blocks["M"] = self.M, self.inertia_std * self.units["M"]
+            blocks["M2"] = self.lower, self.inertia_std * self.units["M2"]
         if self.torque_std > 0:
-            one = np.ones(self.n)
-            blocks["torque_scale"] = one, self.torque_std * one
+            blocks["torque_scale"] = np.ones(self.n), self.torque_std * self.units["torque_scale"]
         return blocks
 
     def symmetric(self, lower: Floats) -> Floats:
@@ -160,7 +165,14 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
     return np.array(found), np.array(index)
 
 
-def _checked_std(name: str, value: object) -> float:
+def checked_std(name: str, value: object) -> float:
+    """Return a relative standard deviation as a float, None as 0.
+
+    Raises
+    ------
+    JointIdError
+        When it is negative, NaN or no number.
+    """
     if value is None:
         return 0.0
     std = np.nan if isinstance(value, bool) or not isinstance(value, Real) else float(value)

@@ -12,12 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.joint_equations import SpringEquations
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_equations import SpringEquations, spring_equations
+from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, root, whitener
 
 _WEIGHT_ITERATIONS = 3
 """Updates of the weights, which depend on K and D only weakly."""
+_STEP = 1e-4
+"""Relative change of an inertia for its derivative; its error is of second order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +87,43 @@ def weighted(equations: SpringEquations) -> Estimate:
 
 LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}
 """The linear estimators by the name of their method; none of them models friction."""
+
+
+def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
+    """Covariance of K and D, shape (2n, 2n), from the uncertain inertias and torque scales.
+
+    A linear estimator takes them as given; its derivatives are central differences.
+    """
+    variance = np.zeros((2 * prior.n, 2 * prior.n))
+    for name, (mean, std) in prior.blocks().items():
+        step = _STEP * prior.units[name]
+        for place in np.ndindex(mean.shape):
+            change = np.zeros(mean.shape)
+            change[place] = step[place]
+            plus, minus = (
+                LINEAR[method](_changed(phasors, prior, noise, name, by)).p for by in (change, -change)
+            )
+            slope = (plus - minus) / (2 * step[place])
+            if np.isfinite(std[place]):
+                variance += np.outer(slope, slope) * std[place] ** 2
+            else:
+                moved = np.abs(slope * step[place]) > 0
+                variance[moved, moved] = np.inf
+    return variance
+
+
+def _changed(
+    phasors: Phasors, prior: InertiaPrior, noise: Noise, name: str, change: Floats
+) -> SpringEquations:
+    """Joint equations after a change of one block of the prior."""
+    M, M2 = prior.M, prior.M2
+    if name == "M":
+        M = M + change
+    elif name == "M2":
+        M2 = M2 + prior.symmetric(change)
+    else:
+        phasors = phasors.scaled(np.concatenate([np.ones(prior.n), 1 + change]))
+    return spring_equations(phasors, prior.inertias(M, M2), noise=noise)
 
 
 def _least_squares_gain(equations: SpringEquations) -> Complexes:
