@@ -4,24 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats, true_runs
-from jointid.importing.find.line_fit import fit_lines, sine_basis
+from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.lines import evenly_sampled, without_drift
 from jointid.importing.find.multisines import multisines
 from jointid.importing.find.segment import HARMONICS, MIN_SNR, Segment, line_sizes, measured
 from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
+    Frames,
     frames_of,
     is_constant,
-    line_frames,
-    runs,
-    settled_frames,
     settled_part,
+    steady_runs,
 )
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
 _CHANCE_SHARE = 25.0  # share of the variance × samples, above what a fit to noise explains
@@ -81,7 +82,7 @@ class SegmentSearch:
             for begin, end in self._steady(candidate):
                 if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
                     found.append(segment)
-                    taken[begin:end] = True
+                    taken[self._rows(segment)] = True
         return self._merged(sorted(found, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
@@ -103,7 +104,7 @@ class SegmentSearch:
             return None
         longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
         begin, end = np.searchsorted(self._grid, [one.start_s, two.stop_s]).tolist()
-        frames = line_frames(self._grid[begin:end], self._even[begin:end], [longer.frequency_hz])
+        frames = frames_of(self._even[begin:end], [longer.frequency_hz * self._interval])
         if not is_constant(frames.z):
             return None
         return self._settled(begin, end, [longer.frequency_hz])
@@ -132,33 +133,13 @@ class SegmentSearch:
                     failed.append(part)
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int]]:
-        """Settled runs of one excitation pattern within a candidate."""
+        """Runs of one excitation pattern within a candidate, with transients at their ends."""
         offset = candidate.begin
         part = self._even[offset : candidate.end]
-        rough = frames_of(part, candidate.frequency, periods=2, hop_periods=0.5)
-        for first, last in runs(rough, max(3, round(2 * self._fewest) - 3)):
-            begin = offset + int(rough.begin[first])
-            end = offset + int(rough.begin[last - 1]) + rough.length
-            edge = (end - begin) // _EDGE
-            inner = slice(begin + edge, end - edge)
-            fit = fit_lines(
-                self._grid[inner],
-                self._even[inner],
-                [self._nearby(candidate.frequency / self._interval, inner)],
-                harmonics=HARMONICS,
-                within=_ROUGH_PHASE_RAD,
-            )
-            frequency = float(fit.frequency_hz[0]) * self._interval
-            is_end = end >= self._time.size - 2 / frequency and last == len(rough.z)
-            end = self._time.size if is_end else end
-            fine = frames_of(
-                self._even[begin:end], frequency, periods=1, hop_periods=1, to_the_end=is_end
-            )
-            if len(fine.z) < 2:
-                continue
-            from_, to = settled_part(fine, is_end=is_end, step=_steps(self._even[begin:end]))
-            if (to - from_) * frequency >= self._fewest - 0.5:
-                yield begin + from_, begin + to
+        frames = frames_of(part, [candidate.frequency], periods=2, hop_periods=0.5)
+        for first, last in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
+            begin = offset + int(frames.begin[first])
+            yield begin, offset + int(frames.begin[last - 1]) + frames.length
 
     def _nearby(self, frequency_hz: float, part: slice) -> float:
         """Refine a frequency known to a few per cent: the largest line of a fine grid around it."""
@@ -176,46 +157,62 @@ class SegmentSearch:
         return float(resolution * tries[int(np.argmax(power))]) if len(tries) else frequency_hz
 
     def _single(self, begin: int, end: int, candidate: Candidate) -> Segment | None:
-        """Return a segment of one line, or None when other lines are present."""
-        part = slice(begin, end)
-        frequency = self._nearby(candidate.frequency / self._interval, part)
-        segment = measured(self._time[part], self._theta[part], self._tau[part], [frequency])
+        """Return the settled part of a run, or None when it is short or other lines are present."""
+        edge = (end - begin) // _EDGE
+        inner = slice(begin + edge, end - edge)
+        near = self._nearby(candidate.frequency / self._interval, inner)
+        lines = self._fitted(inner, [near], harmonics=HARMONICS, within=_ROUGH_PHASE_RAD)
+        segment = self._settled(begin, end, lines)
+        part = self._rows(segment)
         change = abs(segment.frequency_hz * self._interval / candidate.frequency - 1)
-        if change > _SAME_FREQUENCY or max(segment.share, segment.torque_share) < SHARE:
-            return None
+        shares = segment.share, segment.torque_share
         # Motion without torque is a flickering last digit, torque without motion is hum; both together
         # are a sine, however coarse the encoder.
-        if min(segment.share, segment.torque_share) < _CHANCE_SHARE / (end - begin):
+        chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
+        if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
             return None
-        if not self._moves_at(part, segment.frequency_hz):
+        if segment.periods < self._fewest - 0.5 or not self._moves_at(part, segment.frequency_hz):
             return None
-        if self._others(part, segment.frequency_hz) > _MAX_OTHERS:
-            return None
-        return self._settled(begin, end, [segment.frequency_hz])
+        return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
+
+    def _rows(self, segment: Segment) -> slice:
+        begin, last = np.searchsorted(self._time, [segment.start_s, segment.stop_s]).tolist()
+        return slice(begin, last + 1)
+
+    def _fitted(self, part: slice, lines: Sequence[float], **how: Any) -> list[float]:
+        """Frequencies of lines fitted to a part, Hz."""
+        fit = fit_lines(self._grid[part], self._even[part], lines, **how)
+        return [float(f) for f in fit.frequency_hz]
 
     def _settled(self, begin: int, end: int, lines: Sequence[float]) -> Segment:
         """Measure the settled part of a run of constant lines."""
-        frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
-        if len(lines) > 1 and len(frames.z) >= 10:
+        several = len(lines) > 1
+        is_end = end > self._time.size - 2 / (min(lines) * self._interval)
+        end = self._time.size if is_end else end
+        frames = self._frames(begin, end, lines)
+        if several and len(frames.z) >= 10:
             # The transients at both ends have biased the frequencies, so that all phasors rotate.
             inner = slice(begin + int(frames.begin[2]), begin + int(frames.begin[-2]))
-            fit = fit_lines(self._grid[inner], self._even[inner], lines)
-            lines = [float(f) for f in fit.frequency_hz]
-            frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
-        fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+            lines = self._fitted(inner, lines)
+            frames = self._frames(begin, end, lines)
         if len(frames.z):
             # A multisine was grown by frames with half overlap: it began within the first two.
-            outer = 2 * int(len(lines) > 1 and len(frames.z) >= 12)
-            first, last = settled_frames(
-                frames.z[outer : len(frames.z) - outer // 2],
-                int(fewest * (1 if len(lines) == 1 else 2)),
-                np.repeat(_steps(self._even[begin:end]), len(lines)),
+            outer = 2 * (several and len(frames.z) >= 12)
+            fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+            first, last = settled_part(
+                Frames(frames.begin[outer:], frames.length, frames.z[outer:]),
+                is_end=is_end,
+                fewest=int(fewest) * (1 + several),
+                step=np.repeat(_steps(self._even[begin:end]), len(lines)),
             )
-            first, last = first + outer, last + outer
-            end = end if last == len(frames.z) else begin + int(frames.begin[last - 1]) + frames.length
-            begin += int(frames.begin[first])
+            if not is_end or last < frames.begin[-1] + frames.length:
+                end = begin + last
+            begin += first
         part = slice(begin, end)
         return measured(self._time[part], self._theta[part], self._tau[part], lines)
+
+    def _frames(self, begin: int, end: int, lines: Sequence[float]) -> Frames:
+        return frames_of(self._even[begin:end], np.asarray(lines) * self._interval)
 
     def _moves_at(self, part: slice, frequency_hz: float) -> bool:
         """Whether the position of any joint has a line clear of the noise floor."""
@@ -233,7 +230,9 @@ class SegmentSearch:
         theta = theta[:, np.ptp(theta, axis=0) > _MIN_TRAVEL * np.ptp(theta, axis=0).max()]
         theta = theta / theta.std(axis=0)
         omega = 2 * np.pi * frequency_hz * np.arange(1, HARMONICS + 1)
-        q, _ = np.linalg.qr(sine_basis(time - (time[0] + time[-1]) / 2, omega))
+        clock = time - (time[0] + time[-1]) / 2
+        basis = sine_basis(np.outer(clock, omega), clock)
+        q, _ = np.linalg.qr(basis[:, [-2, -1, *range(2 * HARMONICS)]])
         rest = theta - q @ (q.T @ theta)
         line = q[:, [2, 2 + HARMONICS]].T @ theta
         power = (np.abs(np.fft.rfft(rest, axis=0)) ** 2).sum(axis=1) * 2 / time.size
