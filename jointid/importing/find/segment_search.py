@@ -10,7 +10,7 @@ import numpy as np
 
 from jointid.arrays import Floats, true_runs
 from jointid.importing.find.line_fit import fit_lines
-from jointid.importing.find.lines import evenly_sampled, without_drift
+from jointid.importing.find.lines import evenly_sampled
 from jointid.importing.find.multisines import multisines
 from jointid.importing.find.segment import HARMONICS, MIN_SNR, Segment, line_sizes, measured
 from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
@@ -31,7 +31,7 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
-_GRID_ERROR = 0.08  # relative error of a candidate's frequency
+_HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _MERGE_CYCLES = 0.1  # phase difference of two parts of one run
 _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
@@ -79,8 +79,8 @@ class SegmentSearch:
         work = _CANDIDATE_WORK - _MULTISINE_WORK
         candidates = sine_candidates(self._even, lambda share: progress(_MULTISINE_WORK + work * share))
         for candidate in self._best_first(candidates, taken, progress):
-            for begin, end in self._steady(candidate):
-                if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
+            for begin, end, near in self._steady(candidate):
+                if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
                     found.append(segment)
                     taken[self._rows(segment)] = True
         return self._merged(sorted(found, key=lambda s: s.start_s))
@@ -132,39 +132,23 @@ class SegmentSearch:
                 else:
                     failed.append(part)
 
-    def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int]]:
-        """Runs of one excitation pattern within a candidate, with transients at their ends."""
-        offset = candidate.begin
-        part = self._even[offset : candidate.end]
-        frames = frames_of(part, [candidate.frequency], periods=2, hop_periods=0.5)
-        for first, last in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
-            begin = offset + int(frames.begin[first])
-            yield begin, offset + int(frames.begin[last - 1]) + frames.length
+    def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
+        """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
+        part = self._even[candidate.begin : candidate.end]
+        frames = frames_of(part, [candidate.frequency], periods=2, hop_periods=_HOP_PERIODS)
+        hop = _HOP_PERIODS / candidate.frequency
+        for begin, end, turn in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
+            frequency = candidate.frequency + turn / (2 * np.pi * hop)
+            yield candidate.begin + begin, candidate.begin + end, frequency / self._interval
 
-    def _nearby(self, frequency_hz: float, part: slice) -> float:
-        """Refine a frequency known to a few per cent: the largest line of a fine grid around it."""
-        span = float(self._grid[part.stop - 1] - self._grid[part.start])
-        rest = without_drift(self._even[part])
-        count = len(rest)
-        rest = rest / np.maximum(np.sqrt((rest**2).mean(axis=0)), 1e-300)
-        reach = max(_GRID_ERROR * frequency_hz, 1 / span)
-        resolution = 0.25 / (count * self._interval)
-        low = max(frequency_hz - reach, 0.3 / span)
-        tries = np.arange(int(np.ceil(low / resolution)), int((frequency_hz + reach) / resolution) + 1)
-        spectrum = np.fft.rfft(rest, n=4 * count, axis=0)
-        tries = tries[tries < len(spectrum)]
-        power = np.linalg.norm(spectrum[tries], axis=1)
-        return float(resolution * tries[int(np.argmax(power))]) if len(tries) else frequency_hz
-
-    def _single(self, begin: int, end: int, candidate: Candidate) -> Segment | None:
+    def _single(self, begin: int, end: int, near: float) -> Segment | None:
         """Return the settled part of a run, or None when it is short or other lines are present."""
         edge = (end - begin) // _EDGE
         inner = slice(begin + edge, end - edge)
-        near = self._nearby(candidate.frequency / self._interval, inner)
         lines = self._fitted(inner, [near], harmonics=HARMONICS, within=_ROUGH_PHASE_RAD)
         segment = self._settled(begin, end, lines)
         part = self._rows(segment)
-        change = abs(segment.frequency_hz * self._interval / candidate.frequency - 1)
+        change = abs(segment.frequency_hz / near - 1)
         shares = segment.share, segment.torque_share
         # Motion without torque is a flickering last digit, torque without motion is hum; both together
         # are a sine, however coarse the encoder.

@@ -29,7 +29,7 @@ _MULTISINE_PERIODS = 2.0  # of the lowest line in a frame
 _ROUNDING_SHARE = 0.15  # of its step by which rounding may shift the phasor of a sine
 _NOISE_SIGMAS = 3.0  # times the noise of all signals that a frame may deviate
 _OUTLIER_SIGMAS = 3.5  # standard deviations
-_SETTLED_SIGMAS = 2.0  # standard errors that a transient may hide in: to cut a period too many costs little
+_SETTLED_SIGMAS = 2.0  # standard errors: to cut a period too many costs little
 _MEDIAN_OVER_RMS = 0.83  # of the magnitude of a complex normal number
 _SPLIT_GAIN = 10.0  # ratio of squared misfits, one sine over two, that proves a change of frequency
 _SPLIT_PHASE_RAD = 0.3  # least phase difference of the two over the shorter one
@@ -89,8 +89,10 @@ def frames_of(
     return Frames(begin, length, z.reshape(len(begin), signals.shape[1] * len(omega)))
 
 
-def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
-    """Yield the steady runs as first and one past the last frame, the steadiest first.
+def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int, float]]:
+    """Yield the steady runs: first sample, one past the last, and rotation per frame (rad).
+
+    The steadiest comes first.
 
     Parameters
     ----------
@@ -110,8 +112,11 @@ def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int]]:
         if last - first < SEED_FRAMES:
             continue
         first, last = first + low, last + low
-        pieces = _split(y[first:last], apart)
-        yield from ((first + a, first + b) for a, b in pieces if b - a >= fewest)
+        for a, b in _split(y[first:last], apart):
+            if b - a >= fewest:
+                piece = slice(first + a, first + b)
+                begin, end = int(frames.begin[piece][0]), int(frames.begin[piece][-1]) + frames.length
+                yield begin, end, _mean_phasors(y[piece])[1]
         todo += [(low, first - apart + 1), (last + apart - 1, high)]
 
 
