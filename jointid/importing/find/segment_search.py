@@ -17,7 +17,6 @@ from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
-    is_constant,
     settled_part,
     steady_runs,
 )
@@ -32,8 +31,6 @@ _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines cou
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
-_MERGE_CYCLES = 0.1  # phase difference of two parts of one run
-_MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _MULTISINE_WORK = 0.15  # share of the work, for the progress
 _CANDIDATE_WORK = 0.4  # the same up to the end of the search for candidates
@@ -83,31 +80,7 @@ class SegmentSearch:
                 if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
                     found.append(segment)
                     taken[self._rows(segment)] = True
-        return self._merged(sorted(found, key=lambda s: s.start_s))
-
-    def _merged(self, found: list[Segment]) -> list[Segment]:
-        """Merge neighbours that are parts of one run: a single sine continues through both."""
-        merged: list[Segment] = []
-        for segment in found:
-            if merged and (both := self._as_one(merged[-1], segment)):
-                merged[-1] = both
-            else:
-                merged.append(segment)
-        return merged
-
-    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
-        if one.is_multisine or two.is_multisine:
-            return None
-        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
-        cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
-        if cycles > _MERGE_CYCLES or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz):
-            return None
-        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
-        begin, end = np.searchsorted(self._grid, [one.start_s, two.stop_s]).tolist()
-        frames = frames_of(self._even[begin:end], [longer.frequency_hz * self._interval])
-        if not is_constant(frames.z):
-            return None
-        return self._settled(begin, end, [longer.frequency_hz])
+        return found
 
     def _best_first(
         self, candidates: list[Candidate], taken: np.ndarray, progress: Callable[[float], None]

@@ -95,8 +95,9 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
 
 def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
     """Share of the variance about offset and drift that a sine explains, best signal of each window."""
-    j = np.arange(length) - (length - 1) / 2
-    basis, _ = np.linalg.qr(sine_basis(x * j, j)[:, ::-1])  # drift and offset first
+    clock: Floats = np.arange(length) - (length - 1) / 2
+    columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
+    basis, _ = np.linalg.qr(columns)
     count = (len(mean) - length) // hop + 1
     best = np.zeros(count)
     step = max(1, _CHUNK // length)

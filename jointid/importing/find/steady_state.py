@@ -174,20 +174,6 @@ def grown(
         first, last = left, right
 
 
-def is_constant(z: Complexes) -> bool:
-    """Whether the phasors of all frames are constant within their noise.
-
-    Parameters
-    ----------
-    z : ndarray, shape (m, c)
-    """
-    y, noise = weighted(z)
-    if len(y) < 2:
-        return False
-    tolerance = _tolerance(float(np.linalg.norm(_mean_phasors(y)[0])), noise, PATTERN_CHANGE / 2)
-    return bool(np.all(np.linalg.norm(_rest(y, 0, len(y)), axis=1) <= tolerance))
-
-
 def phase_bend(z: Complexes) -> tuple[float, float]:
     """Bend of the phase common to all signals over a run, and its standard error, rad.
 

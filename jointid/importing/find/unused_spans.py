@@ -59,24 +59,23 @@ def without_sweeps(
         near = any(a - reach < segment.stop_s and segment.start_s < b + reach for a, b in spans)
         drifts[k] |= near and abs(bends[k][0]) + limits[k] > 2 * _MIN_BEND_RAD
     pieces = list(compress(segments, drifts))
-    changes = [
-        4 / np.pi * bend / (s.stop_s - s.start_s) for s, (bend, _) in zip(segments, bends, strict=True)
-    ]
     spans = _merged(pieces)
     notes = []
     for begin, end in spans:
-        inside = [
-            (s.frequency_hz, change)
-            for s, change in zip(pieces, compress(changes, drifts), strict=True)
-            if begin <= s.start_s < end
-        ]
-        low, high = inside[0][0] - inside[0][1] / 2, inside[-1][0] + inside[-1][1] / 2
+        inside = [s for s in pieces if begin <= s.start_s < end]
+        low, high = _edge_hz(log, inside[0], -1), _edge_hz(log, inside[-1], 1)
         notes.append(
             f"{_times(begin, end)}: the frequency runs through from "
             f"{significant(low, 3)} to {significant(high, 3)} Hz: this is a sweep, which is not used. "
             "Record single frequencies or a multisine, " + _REMEDY
         )
     return [s for s in segments if s not in pieces], spans, notes
+
+
+def _edge_hz(log: MappedLog, piece: Segment, side: int) -> float:
+    """Frequency at the begin (-1) or end (1) of a piece of a sweep."""
+    duration = piece.stop_s - piece.start_s
+    return piece.frequency_hz + side * 2 / np.pi * _bend(log, piece)[0] / duration
 
 
 def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
