@@ -17,8 +17,10 @@ from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
+    grown,
     settled_part,
     steady_runs,
+    weighted,
 )
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
@@ -30,6 +32,9 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
+_MERGE_CYCLES = 0.1  # phase difference of two parts of one run
+_MERGE_CHANGE = 0.06  # relative change of the phasors within both
+_MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _MULTISINE_WORK = 0.15  # share of the work, for the progress
@@ -80,7 +85,33 @@ class SegmentSearch:
                 if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
                     found.append(segment)
                     taken[self._rows(segment)] = True
-        return found
+        return self._merged(sorted(found, key=lambda s: s.start_s))
+
+    def _merged(self, found: list[Segment]) -> list[Segment]:
+        """Merge neighbours that are parts of one run: a single sine continues through both."""
+        merged: list[Segment] = []
+        for segment in found:
+            if merged and (both := self._as_one(merged[-1], segment)):
+                merged[-1] = both
+            else:
+                merged.append(segment)
+        return merged
+
+    def _as_one(self, one: Segment, two: Segment) -> Segment | None:
+        gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
+        cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
+        several = one.is_multisine or two.is_multisine
+        if (
+            several
+            or cycles > _MERGE_CYCLES
+            or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz)
+        ):
+            return None
+        longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
+        begin, end = self._rows(one).start, self._rows(two).stop
+        y, noise = weighted(self._frames(begin, end, [longer.frequency_hz]).z)
+        whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
+        return self._settled(begin, end, [longer.frequency_hz]) if whole else None
 
     def _best_first(
         self, candidates: list[Candidate], taken: np.ndarray, progress: Callable[[float], None]

@@ -95,7 +95,7 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
 
 def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
     """Share of the variance about offset and drift that a sine explains, best signal of each window."""
-    clock: Floats = np.arange(length) - (length - 1) / 2
+    clock = np.arange(length, dtype=float) - (length - 1) / 2
     columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
     basis, _ = np.linalg.qr(columns)
     count = (len(mean) - length) // hop + 1
