@@ -9,7 +9,7 @@ from typing import Any
 
 from jointid.answer import model_name
 from jointid.files.digest import study_digest
-from jointid.study import Analysis
+from jointid.study import Analysis, answer_state
 from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
@@ -56,7 +56,7 @@ class Row:
     D: Numbers = ()
     """Damping, n values, N·m·s/rad."""
     K_error: Numbers = ()
-    """One standard error of K, N·m/rad."""
+    """One standard error of K, the whole one, N·m/rad; infinite where nothing determines it."""
     D_error: Numbers = ()
     """One standard error of D, N·m·s/rad."""
     K_unseen: Numbers = ()
@@ -86,6 +86,11 @@ class Row:
     def is_good(self) -> bool:
         """Whether there is an answer."""
         return not self.failure
+
+    @property
+    def state(self) -> str:
+        """State of the answer, one of ``jointid.study.STATES``; empty without an answer."""
+        return answer_state([self.verdict]) if self.is_good else ""
 
     @property
     def is_final(self) -> bool:
