@@ -281,10 +281,9 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
     ]
     errors = i.standard_error
     for j, J_m in enumerate(i.inertia.M):
-        K, D = _with_error(i.K[j], errors[j]), _with_error(i.D[j], errors[i.n + j])
         lines.append(
-            f"     Joint {j + 1}, motor side: K = {K} N.m/rad, D = {D} N.m.s/rad, "
-            f"J_m = {_text(J_m)} kg.m^2."
+            f"     Joint {j + 1}, motor side: K = {_text(i.K[j])} N.m/rad {_error(errors[j])}, "
+            f"D = {_text(i.D[j])} N.m.s/rad {_error(errors[i.n + j])}, J_m = {_text(J_m)} kg.m^2."
         )
     fitted = any(row.is_fitted for row in i.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")
@@ -294,10 +293,9 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
     return lines
 
 
-def _with_error(value: float, error: float) -> str:
-    """A number with all its digits and its standard error."""
-    stated = f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
-    return f"{_text(value)} {stated}"
+def _error(error: float) -> str:
+    """A standard error in brackets."""
+    return f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
 
 
 def _names(n: int, names: Sequence[str] | None) -> list[str]:
