@@ -60,9 +60,9 @@ class Row:
     D_error: Numbers = ()
     """One standard error of D, N·m·s/rad."""
     K_unseen: Numbers = ()
-    """The part of ``K_error`` that no noise makes, N·m/rad."""
+    """The part of ``K_error`` from truncated friction harmonics, N·m/rad."""
     D_unseen: Numbers = ()
-    """The part of ``D_error`` that no noise makes, N·m·s/rad."""
+    """The part of ``D_error`` from truncated friction harmonics, N·m·s/rad."""
     K_nominal: Numbers = ()
     """Nominal values of the controller; empty when not stated."""
     D_nominal: Numbers = ()

@@ -52,5 +52,5 @@ def error_table(fit: ElasticityFit) -> tuple[list[str], list[list[str]]]:
             rows.append([name, UNDETERMINED, *["–"] * len(parts)])
         else:
             sizes = [whole, *(float(part.error[k]) for part in parts)]
-            rows.append([name, *(f"± {significant(size, 2)}" for size in sizes)])
+            rows.append([name, *(significant(size, 2) for size in sizes)])
     return ["", "whole error", *(part.name for part in parts)], rows

@@ -118,11 +118,7 @@ def _finding(finding: Finding) -> None:
 def freed_note(fit: ElasticityFit) -> str:
     """Explain "without friction" in a figure's legend, if present."""
     words = without(fit)
-    return (
-        f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
-        if words
-        else ""
-    )
+    return f' "{words[0].upper()}{words[1:]}": removed from the data as identified.' if words else ""
 
 
 def show_steps(study: Study) -> None:
