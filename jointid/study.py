@@ -191,6 +191,11 @@ class Analysis:
         return answer_sentence(self.fit, self.study.nominal, torque_stated=stated)
 
     @property
+    def caution(self) -> str:
+        """What limits a usable answer, as a sentence; empty otherwise."""
+        return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
+
+    @property
     def priors(self) -> tuple[PriorRow, ...]:
         """Inertias and torque scales as given and as fitted."""
         return prior_rows(self.fit, [record.pose or "" for record in self.study.records])

@@ -122,7 +122,7 @@ def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
     assert (analysis.state, analysis.state_reason) == ("not usable", "A problem")
     assert analysis.headline == "Not usable: A problem."
     found = identification(analysis)
-    assert urdf_snippet(found, [100.0]).startswith("<!-- Not usable: A problem. (not usable)\n")
+    assert urdf_snippet(found, [100.0]).startswith("<!-- Not usable: A problem.\n")
     document = json.loads(to_json(found))
     assert (document["state"], document["answer"]) == ("not usable", "Not usable: A problem.")
     blocks = make_report(analysis, cut=False).sections[0].blocks
@@ -135,6 +135,7 @@ def test_one_that_needs_care_says_why(study: Study) -> None:
     analysis = with_findings(analyse(study), "warning", "note")
     assert (analysis.state, analysis.state_reason) == ("usable with care", "A warning")
     assert "times as stiff" in analysis.headline
+    assert identification(analysis).answer.endswith("is exact. Usable with care: A warning.")
     blocks = make_report(analysis, cut=False).sections[0].blocks
     assert blocks[1] == Paragraph("Usable with care: A warning.")
 

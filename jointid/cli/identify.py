@@ -9,7 +9,7 @@ from jointid.cli.files import analysed
 from jointid.cli.options import JSON, METHOD, STUDY
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
-from jointid.study import WITH_CARE, Analysis
+from jointid.study import Analysis
 
 
 @reported
@@ -24,8 +24,8 @@ def identify(
         print_json(identify_document(analysis))
         return
     print(f"{analysis.study.name or study.name}\n{analysis.headline}")
-    if analysis.state == WITH_CARE:
-        print(f"Usable with care: {analysis.state_reason}.")
+    if analysis.caution:
+        print(analysis.caution)
     _print_tables(analysis)
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""

@@ -78,7 +78,7 @@ class Identification:
     state: str = ""
     """What may be done with the answer, one of ``jointid.study.STATES``; empty when not stated."""
     answer: str = ""
-    """The answer as a sentence; of an unusable one, the reason."""
+    """The answer as a sentence with what limits it; of an unusable one, the reason."""
     error_parts: dict[str, Floats] = field(default_factory=dict)
     """Parts of the standard errors by cause, each shape (2n,), see ``uncertainty.error_parts``."""
     effects: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
@@ -169,7 +169,7 @@ def identification(analysis: Analysis) -> Identification:
         poses={pose: analysis.inertia(pose) for pose in study.poses},
         nominal=study.nominal,
         state=analysis.state,
-        answer=analysis.headline,
+        answer=f"{analysis.headline} {analysis.caution}".strip(),
         error_parts={part.key: part.error for part in error_parts(fit)},
         effects=effect_values(fit),
         priors=analysis.priors,

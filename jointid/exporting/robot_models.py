@@ -271,9 +271,8 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
     """State of the answer, source, units and side of the numbers, as an XML comment."""
     i = identification
     ratios = ", ".join(_text(value) for value in arm.gear_ratio)
-    answer = f"{_comment(i.answer)} ({_comment(i.state)})" if i.state else "State not stated."
     lines = [
-        f"<!-- {answer}",
+        f"<!-- {_comment(i.answer or 'The state of the answer is not stated.')}",
         f"     Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
         f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)}.",
         f"     Arm side, SI units: gear ratios N = {ratios} are applied, K_arm = N^2 K, D_arm = N^2 D,",

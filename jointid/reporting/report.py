@@ -23,7 +23,7 @@ from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
 from jointid.rounding import plain
-from jointid.study import WITH_CARE, Analysis, Study
+from jointid.study import Analysis, Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.version import __version__
@@ -105,8 +105,8 @@ def _facts(study: Study) -> str:
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     study, fit = analysis.study, analysis.fit
     yield Paragraph(analysis.headline, "lead")
-    if analysis.state == WITH_CARE:
-        yield Paragraph(f"Usable with care: {analysis.state_reason}.")
+    if analysis.caution:
+        yield Paragraph(analysis.caution)
     if study.description:
         yield Paragraph(study.description, "quiet")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
@@ -124,6 +124,11 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
+    if outcome is not None:
+        yield Paragraph(
+            f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
+            f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
+        )
     columns, parts = error_table(fit)
     yield Table(tuple(columns), tuple(map(tuple, parts)), "Parts of the standard errors by cause.")
     yield Table(
@@ -136,8 +141,3 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if further := further_quantities(fit):
         rows = [(quantity.name, *quantity.shown) for quantity in further]
         yield Table(("", "identified", "unit"), tuple(rows), "Fitted together with K and D.", "lrl")
-    if outcome is not None:
-        yield Paragraph(
-            f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
-            f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
-        )

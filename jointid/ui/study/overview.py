@@ -10,7 +10,7 @@ from jointid import Analysis, ElasticityFit, Finding, Study
 from jointid.answer import ERROR_BARS, Quantity, change_from, elasticity_quantities, without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain
-from jointid.study import NOT_USABLE, WITH_CARE
+from jointid.study import NOT_USABLE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note
@@ -50,8 +50,8 @@ def show_headline(analysis: Analysis) -> None:
         st.error(f"#### {markdown_escape(analysis.headline)}")
         return
     st.subheader(analysis.headline, anchor=False)
-    if analysis.state == WITH_CARE:
-        show_note(f"Usable with care: {analysis.state_reason}.")
+    if analysis.caution:
+        show_note(analysis.caution)
 
 
 def show_tiles(analysis: Analysis) -> None:
