@@ -426,7 +426,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             phasor_columns(phasors),
         ),
     )
-    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis, None, 0.03))
+    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)

@@ -196,18 +196,16 @@ class TestTheNextExperiment:
         at = at.button[0].click().run()
         assert said in at.error[0].value
 
-    def test_the_default_limits_are_the_largest_motion_so_far(
-        self, found: Analysis, studies: dict[int, Study]
-    ) -> None:
+    def test_the_default_limits_are_the_largest_motion_so_far(self, found: Analysis) -> None:
         torque, velocity = largest_so_far(found)
         given = suggest_records(
             found.phasors,
-            studies[2].inertias,
+            found.fit.inertias,
             found.fit,
             torque_limit_Nm=torque,
             velocity_limit_rad_s=velocity,
         )
-        default = suggest_records(found.phasors, studies[2].inertias, found.fit)
+        default = suggest_records(found.phasors, found.fit.inertias, found.fit)
         np.testing.assert_allclose(given.worst, default.worst, rtol=1e-9)
 
     def test_the_file_holds_the_records_to_the_last_bit(

@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
 from jointid.answer import model_name
 from jointid.files.digest import study_digest
 from jointid.study import Analysis, answer_state
@@ -118,7 +120,7 @@ def row_of(
     fit, known = analysis.fit, analysis.study
     n = fit.n
     error = fit.standard_error
-    unseen = [float(x) for x in (fit.unseen_error + 0.0 * error)]
+    unseen = np.broadcast_to(fit.unseen_error, error.shape)
     friction, nominal = fit.friction, known.nominal
     return Row(
         study=study,
