@@ -125,13 +125,13 @@ class _Element(NamedTuple):
 def _changed(pose: Inertia, element: _Element, by: float) -> Inertia:
     """The inertia of a pose after the change of one element."""
     if element.pose is None:
-        return Inertia(pose.M + by * (np.arange(pose.n) == element.j), pose.M2)
+        return Inertia(pose.M + by * (np.arange(pose.n) == element.j), pose.M2, pose.added)
     if element.pose != _key(pose):
         return pose
     M2 = pose.M2.copy()
     M2[element.i, element.j] += by
     M2[element.j, element.i] = M2[element.i, element.j]
-    return Inertia(pose.M, M2)
+    return Inertia(pose.M, M2, pose.added)
 
 
 @dataclass(frozen=True, eq=False)
