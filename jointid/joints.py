@@ -55,7 +55,7 @@ class Inertia:
         _require_positive_definite("M2", arm)
         known = np.zeros((n, n)) if added is None else _symmetric("added", "known part of M2", added, n)
         if known.any():
-            _require_positive_definite("M2 − added", arm - known)
+            _require_positive_definite("M2 − added (M2 is the total)", arm - known)
         object.__setattr__(self, "M", rotor)
         object.__setattr__(self, "M2", arm)
         object.__setattr__(self, "added", frozen(known))
@@ -64,6 +64,22 @@ class Inertia:
     def n(self) -> int:
         """Number of joints."""
         return int(self.M.size)
+
+    def with_added(self, added: ArrayLike) -> Inertia:
+        """Return the inertia with an exactly known addition, such as a payload of known mass.
+
+        Parameters
+        ----------
+        added : array_like, shape (n, n)
+            Addition to M2, motor side, kg·m².
+
+        Raises
+        ------
+        JointIdError
+            When it is not symmetric or has another shape, or the sum is no inertia.
+        """
+        more = _symmetric("added", "addition to M2", added, self.n)
+        return Inertia(self.M, self.M2 + more, self.added + more)
 
 
 def _symmetric(name: str, what: str, values: ArrayLike, n: int) -> Floats:

@@ -11,7 +11,17 @@ from typing import Annotated, Any
 import typer
 
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, nominal, require_ending
+from jointid.cli.options import (
+    INERTIA_STD,
+    JSON,
+    NOMINAL_D,
+    NOMINAL_K,
+    OVERWRITE,
+    TORQUE_STD,
+    named,
+    nominal,
+    require_ending,
+)
 from jointid.cli.output import made, print_json, print_table, progress, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -41,7 +51,7 @@ def convert(
         Path | None,
         typer.Option(
             parser=named,
-            help="TOML with M and M2 (motor side, kg·m²), of poses too; or a study.",
+            help="TOML with M and M2 (motor side, kg·m²) and std, of poses too; or a study.",
         ),
     ] = None,
     pose: Annotated[
@@ -52,6 +62,8 @@ def convert(
         bool,
         typer.Option("--separate", help="Runs of one joint, also where it looks like many at once."),
     ] = False,
+    inertia_std: Annotated[float | None, INERTIA_STD] = None,
+    torque_std: Annotated[float | None, TORQUE_STD] = None,
     nominal_K: Annotated[str, NOMINAL_K] = "",
     nominal_D: Annotated[str, NOMINAL_D] = "",
     name: Annotated[
@@ -103,7 +115,11 @@ def convert(
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
     robot = robot_from(inertia)
     robot = replace(
-        robot, nominal=nominal(nominal_K, nominal_D) or robot.nominal, name=name or robot.name
+        robot,
+        nominal=nominal(nominal_K, nominal_D) or robot.nominal,
+        name=name or robot.name,
+        inertia_std=robot.inertia_std if inertia_std is None else inertia_std,
+        torque_std=robot.torque_std if torque_std is None else torque_std,
     )
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
@@ -164,6 +180,8 @@ def mapped_study(
         poses=robot.poses,
         pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
         name=robot.name,
+        inertia_std=robot.inertia_std,
+        torque_std=robot.torque_std,
     )
     of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
     return study, (*without, *of_logs, *unused)
