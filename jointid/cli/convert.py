@@ -30,6 +30,11 @@ from jointid.rounding import significant
 from jointid.study import Study
 from jointid.wording import counted
 
+_NOT_STATED = (
+    "The torque scale is not stated: K and D hold if the torque constants are exact. State how well they "
+    "are known with --torque-std, or as std under [torque] in the inertia file."
+)
+
 
 @reported
 def convert(
@@ -133,7 +138,7 @@ def convert(
     study = replace(study, robot=which.strip(), date=measured_on)
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json, notes=list(notes))
-    for note in notes:
+    for note in (*notes, *([] if study.torque_std is not None else [_NOT_STATED])):
         typer.echo(note, err=True)
 
 
