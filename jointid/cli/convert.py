@@ -31,8 +31,8 @@ from jointid.study import Study
 from jointid.wording import counted
 
 _NOT_STATED = (
-    "The torque scale is not stated: K and D hold if the torque constants are exact. State how well they "
-    "are known with --torque-std, or as std under [torque] in the inertia file."
+    "The torque scale is not stated: K and D hold if the torque constants are exact. State how well "
+    "they are known with --torque-std, or as std under [torque] in the inertia file."
 )
 
 

@@ -8,8 +8,8 @@ Both hold the same document, motor side, SI units:
     D = [0.1002, 0.014998]            # N·m·s/rad
     covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn
     [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
-    [inertia] M, M2     [poses.NAME] M, M2     [nominal] K, D
-    [obtained] version, digest, study, origin, method, model, ...
+    [inertia] M, M2     [poses.NAME] M, M2     [nominal] K, D     M2 may have a known part: added
+    [obtained] version, digest, study, origin, method, model, inertia_std, ...
 
 ``standard_error`` and ``units`` at the top are for people; readers ignore them.
 """
@@ -17,8 +17,9 @@ Both hold the same document, motor side, SI units:
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from jointid.estimation.elasticity import Friction
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
-from jointid.joints import Inertia
+from jointid.files.study_saving import inertia_table
 from jointid.version import __version__
 from jointid.wording import shown
 
@@ -57,6 +58,9 @@ _OBTAINED = {
     "frequencies_hz": "frequencies_hz = [3.0, 5.0]",
     "misfit": "misfit = 1.1",
 }
+_DEVIATIONS = {"inertia_std": "inertia_std = 0.05", "torque_std": "torque_std = 0.02"}
+_UNKNOWN = "unknown"
+"""In place of an infinite standard deviation, which JSON does not have."""
 _TOP = {
     "format": "format = 1",
     "kind": f'kind = "{KIND}"',
@@ -94,13 +98,17 @@ def to_document(identification: Identification) -> dict[str, Any]:
         document["delay"] = {"seconds": i.delay}
         if i.delay_error is not None:
             document["delay"]["standard_error"] = i.delay_error
-    document["inertia"] = _inertia_table(i.inertia)
+    document["inertia"] = inertia_table(i.inertia)
     if i.poses:
-        document["poses"] = {name: _inertia_table(pose) for name, pose in i.poses.items()}
+        document["poses"] = {name: inertia_table(pose) for name, pose in i.poses.items()}
     if i.nominal is not None:
         document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
     document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
     document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
+    for name in _DEVIATIONS:
+        std = getattr(i.obtained, name)
+        if std is not None:
+            document["obtained"][name] = std if math.isfinite(std) else _UNKNOWN
     return document
 
 
@@ -201,8 +209,10 @@ def _identification(top: CheckedTable) -> Identification:
             known["delay_error"] = table.number("standard_error")
     known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
     known["poses"] = read_poses(top)
-    how = top.table("obtained", _OBTAINED)
-    texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
+    how = top.table("obtained", _OBTAINED | _DEVIATIONS)
+    names = ("version", "digest", "study", "origin", "method", "model")
+    texts: dict[str, Any] = {name: how.text(name) for name in names}
+    stated: dict[str, Any] = {name: _deviation(how, name) for name in _DEVIATIONS if name in how}
     known["nominal"] = read_nominal(top)
     known |= {name: top.numbers(name) for name in "KD"}
     known["covariance"] = top.matrix("covariance")
@@ -212,13 +222,17 @@ def _identification(top: CheckedTable) -> Identification:
         records=how.integer("records"),
         frequencies_hz=tuple(how.numbers("frequencies_hz")),
         misfit=how.number("misfit"),
+        **stated,
     )
     with in_place(top.where, top.file):
         return Identification(**known)
 
 
-def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
-    return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()}
+def _deviation(table: CheckedTable, name: str) -> float:
+    with suppress(JointIdError):  # a number is no text
+        if table.text(name) == _UNKNOWN:
+            return math.inf
+    return table.deviation(name)
 
 
 def _no_constant(name: str) -> float:
