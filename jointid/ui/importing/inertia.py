@@ -17,6 +17,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
+from jointid.ui.shared.deviations import deviation_text
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
@@ -95,6 +96,10 @@ def show_inertia(robot: KnownRobot) -> None:
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
     text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
+    show_note(
+        f"M and M2: {deviation_text(robot.inertia_std)}. "
+        f"Torque scale: {deviation_text(robot.torque_std)}."
+    )
     if (nominal := robot.nominal) is not None:
         st.caption(
             f"Nominal K = {numbers_out(nominal.K.tolist())} N·m/rad, "

@@ -18,9 +18,9 @@ from jointid.rounding import plain
 from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
 from jointid.ui.shared.charts import NO_POSE
-from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std, deviation_text
+from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error, show_note
+from jointid.ui.shared.messages import show_error
 from jointid.wording import counted
 
 T = TypeVar("T")
@@ -140,12 +140,8 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
     if inertia_std is None:
         ask = partial(ask_inertia_std, left, "import inertia std", INERTIA_STD)
         inertia_std = _answer(problems, ask)
-    else:
-        show_note(f"Inertias M and M2 known to {deviation_text(inertia_std)}, by the TOML.", left)
     if torque_std is None:
         torque_std = _answer(problems, partial(ask_torque_std, right, "import torque std"))
-    else:
-        show_note(f"Torque scale known to {deviation_text(torque_std)}, by the TOML.", right)
     return inertia_std, torque_std
 
 

@@ -11,9 +11,9 @@ from jointid.rounding import plain
 from jointid.ui.shared.parse_numbers import numbers_in
 
 _WORDS = {"exact": 0.0, "unknown": math.inf}
-_INERTIAS = ("exact", "1 %", "3 %", "5 %", "10 %", "30 %", "unknown")
+_INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unknown")
 _NOT_STATED = "not stated"
-_TORQUES = (_NOT_STATED, "exact", "1 %", "2 %", "5 %", "10 %", "unknown")
+_TORQUES = (_NOT_STATED, "exact", "± 1 %", "± 2 %", "± 5 %", "± 10 %", "unknown")
 _INERTIA_HELP = (
     "Relative standard deviation of M and M2. The fit corrects them within it; unknown: they only start "
     "the fit. Choose, or type a percentage."
@@ -40,7 +40,7 @@ def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
     JointIdError
         When what was typed is no percentage.
     """
-    label = "Inertias M and M2 known to"
+    label = "How well M and M2 are known"
     text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
     return deviation_in(label, text)
 
@@ -53,13 +53,13 @@ def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
     JointIdError
         When what was typed is no percentage.
     """
-    label = "Torque scale known to"
+    label = "How well the torque scale is known"
     text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)
     return None if text == _NOT_STATED else deviation_in(label, text)
 
 
 def deviation_in(name: str, text: str) -> float:
-    """Read "exact", "unknown" or a percentage such as "7 %" as a relative standard deviation.
+    """Read "exact", "unknown" or a percentage such as "± 7 %" as a relative standard deviation.
 
     Raises
     ------
@@ -68,20 +68,20 @@ def deviation_in(name: str, text: str) -> float:
     """
     if text in _WORDS:
         return _WORDS[text]
-    (percent,) = numbers_in(name, text.replace("%", "").replace(",", "."), count=1)
+    (percent,) = numbers_in(name, text.strip("±% ").replace(",", "."), count=1)
     if not percent >= 0:
-        raise JointIdError(f"{name} {text:.40}: give a percentage such as 5 %, exact or unknown.")
+        raise JointIdError(f"{name}, {text:.40}: give a percentage such as 5 %, exact or unknown.")
     if 0 < percent < 1 and "%" not in text:
         raise JointIdError(
-            f"{name} {text:.40}: write {plain(100 * percent)} % or {plain(percent)} %, with the sign."
+            f"{name}, {text:.40}: write {plain(100 * percent)} % or {plain(percent)} %, with the sign."
         )
     return percent / 100
 
 
-def deviation_text(std: float) -> str:
+def deviation_text(std: float | None) -> str:
     """Write a relative standard deviation as the questions do."""
     words = {value: word for word, value in _WORDS.items()}
-    return words.get(std) or f"{plain(100 * std)} %"
+    return _NOT_STATED if std is None else words.get(std) or f"± {plain(100 * std)} %"
 
 
 def _ask(
