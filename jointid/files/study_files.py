@@ -5,6 +5,11 @@ name = "Waterjet cell, axes 1 and 2"
 [inertia]
 M  = [0.0025, 0.0010]
 M2 = [[0.004104, 0.000395], [0.000395, 0.001889]]
+std = 0.03                     # optional: known to 3 %
+[torque]                       # optional
+std = 0.02
+[poses.loaded]                 # optional
+added = [[0.0012, 0.0005], [0.0005, 0.0009]]
 [[records]]
 file = "records/01.csv"
 frequency_hz = 3.0
