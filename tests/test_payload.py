@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
 from plants import PAPER, PARALLELOGRAM
+from scipy.io import loadmat
 
 from jointid import Controller, Excitation, Inertia, JointIdError, Measurement, Study, analyse
 from jointid.estimation.inertia_prior import InertiaPrior
@@ -14,6 +18,9 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import quadratic
 from jointid.estimation.parameters import ParameterLayout
 from jointid.estimation.residual import fitted_layout, make_problem
+from jointid.exporting.identification import identification
+from jointid.exporting.identification_files import from_json, from_toml, to_json, to_toml
+from jointid.exporting.matlab import to_mat
 from jointid.phasors.extract import extract_phasors
 from jointid.simulation.campaign import Campaign, simulate_campaign, wrongly_given
 
@@ -49,6 +56,34 @@ def test_a_known_payload_fixes_the_absolute_scale(seed: int) -> None:
     assert fit.torque_scale == pytest.approx(1 / GAIN, rel=0.005)
     assert pytest.approx(PARALLELOGRAM.M2, rel=0.01) == fit.inertias[0].M2
     assert pytest.approx(PAYLOAD, rel=1e-9) == fit.inertias[-1].M2 - fit.inertias[0].M2
+
+
+def test_the_uncertain_rest_of_a_loaded_inertia_is_named() -> None:
+    analysis = analyse(unknown(campaign(0)))
+    rows = {row.name: row for row in analysis.priors}
+    rest = [f"{name} without addition" for name in ("J_a1", "J_12", "J_a2")]
+    assert list(rows) == ["J_m1", "J_m2", *rest, "torque scale 1", "torque scale 2"]
+    assert rows[rest[0]].fitted == analysis.inertia().M2[0, 0]
+    assert not math.isfinite(rows[rest[0]].given_std)
+    study = analysis.study
+    alone = replace(study, records=[r for r in study.records if r.pose is None])
+    assert "J_a1" in {row.name for row in analyse(alone, method="weighted").priors}
+
+
+def test_unknown_inertias_and_torques_are_exported_in_words() -> None:
+    analysis = analyse(unknown(campaign(0)))
+    found = identification(analysis)
+    obtained = json.loads(to_json(found))["obtained"]
+    assert (obtained["inertia_std"], obtained["torque_std"]) == (None, None)
+    assert to_toml(found).count('_std = "unknown"') == 2
+    for back in (from_json(to_json(found)), from_toml(to_toml(found))):
+        assert back.obtained == found.obtained
+        assert to_json(back) == to_json(found)
+    struct = loadmat(BytesIO(to_mat(analysis)), simplify_cells=True)["identification"]["obtained"]
+    assert struct["inertia_std"] == struct["torque_std"] == math.inf
+    stated = replace(found, obtained=replace(found.obtained, torque_std=None))
+    assert "torque_std" not in json.loads(to_json(stated))["obtained"]
+    assert from_toml(to_toml(stated)).obtained.torque_std is None
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -30,9 +30,9 @@ _MOTOR, _JOINT = "motor side", "joint side"
 _UPLOADS = "import_toml_uploads"
 _GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
-    "The method takes the rigid-body inertias as known, seen from the motors: divided by both gear "
-    "ratios. K and D are as right as they are. What is given on the joint side is divided by the gear "
-    "ratios of the mapping."
+    "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
+    "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of the "
+    "mapping."
 )
 
 
@@ -92,7 +92,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
 
 
 def show_inertia(robot: KnownRobot) -> None:
-    """Show the inertias as the method takes them."""
+    """Show the inertias, motor side, with their uncertainty."""
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
     text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
