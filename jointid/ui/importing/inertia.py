@@ -31,8 +31,8 @@ _UPLOADS = "import_toml_uploads"
 _GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
     "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
-    "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of the "
-    "mapping."
+    "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
+    "the mapping."
 )
 
 
