@@ -94,7 +94,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
 def show_inertia(robot: KnownRobot) -> None:
     """Show the inertias, motor side, with their uncertainty."""
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
-    text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
+    text = f"{{M = {_matrix(rotor)}}},\\quad {{M_2 = {_matrix(arm)}}}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "

@@ -115,13 +115,14 @@ def ask() -> Settings | None:
             bandwidth = _number(one, "Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0), "bandwidth")
             seed = _number(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
         st.markdown("**What the study is given**")
-        one, two, three, four = st.columns(4)
-        wrong = _number(one, "Inertias wrong by (%)", 0.0, (0.0, 90.0), "wrong", _WRONG_HELP)
-        gain = two.text_input(
+        left, right = st.columns(2)
+        wrong = _number(left, "Inertias wrong by (%)", 0.0, (0.0, 90.0), "wrong", _WRONG_HELP)
+        inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
+        left, right = st.columns(2)
+        gain = left.text_input(
             "Logged torque / true torque", "1", key="sim_gain", persist_state="session", help=_GAIN_HELP
         )
-        inertia_std = ask_inertia_std(three, "sim_inertia_std", INERTIA_STD)
-        torque_std = ask_torque_std(four, "sim_torque_std")
+        torque_std = ask_torque_std(right, "sim_torque_std")
         added = st.text_input(
             "Second set of records with a payload: its addition to M2 (kg·m²), optional",
             key="sim_added",
@@ -198,12 +199,14 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
 
 
 def _errors(settings: Settings) -> str:
-    """Describe the errors of what the study is given."""
+    """Describe what the study is given: its errors, and a payload."""
     text = ""
     if settings.inertia_error:
         text += f" Given inertias wrong by {plain(100 * settings.inertia_error)} %."
     if any(gain != 1 for gain in settings.torque_gain):
         text += f" Logged torque / true torque = {numbers_out(settings.torque_gain)}."
+    if settings.added:
+        text += " All experiments without and with a known payload."
     return text
 
 
