@@ -80,10 +80,10 @@ class Problem:
 
     def arm_inertia(self, p: Parameters) -> Floats:
         """Distinct M2, shape (p, n, n), kg·m²."""
-        return self.prior.symmetric(p["M2"]) if "M2" in self.layout else self.prior.M2
+        return self.prior.totals(p["M2"]) if "M2" in self.layout else self.prior.M2
 
     def feasible(self, vector: Floats) -> bool:
-        """Whether K, M and the torque scales are positive and every M2 is positive definite."""
+        """Whether K, M and the torque scales are positive, and M2 and M2 − added positive definite."""
         p = self.layout.named(vector)
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
@@ -93,7 +93,10 @@ class Problem:
                 share = p[name] / self.laws.units(p)[name]
                 if np.any((share < _SHARPEST) | (share > _SLOWEST)):
                     return False
-        return "M2" not in self.layout or bool(np.all(np.linalg.eigvalsh(self.arm_inertia(p)) > 0))
+        if "M2" not in self.layout:
+            return True
+        matrices = self.prior.symmetric(p["M2"]), self.arm_inertia(p)
+        return bool(np.all(np.linalg.eigvalsh(np.concatenate(matrices)) > 0))
 
     def start(self, values: Parameters) -> Floats:
         """Start vector, shape (P,): the given values, means of the prior, zero for the rest."""
@@ -133,7 +136,7 @@ def fitted_layout(
         delay=delay,
         effects=effects,
         rotors=len(prior.M) if "M" in free else 0,
-        arms=len(prior.M2) if "M2" in free else 0,
+        arms=len(prior.rest) if "M2" in free else 0,
         torque_scale="torque_scale" in free,
     )
 
@@ -357,9 +360,9 @@ class Residual:
             by_element = share[..., rows] * angle[..., None, columns]
             coupling = rows != columns
             by_element[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
-            for pose in range(len(problem.prior.M2)):
-                first = layout["M2"].start + pose * rows.size
-                uses = problem.prior.pose == pose
+            for part in range(len(problem.prior.rest)):
+                first = layout["M2"].start + part * rows.size
+                uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
 
 
