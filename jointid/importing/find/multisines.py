@@ -28,8 +28,7 @@ _MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
 def multisines(
     time: Floats,
-    theta: Floats,
-    tau: Floats,
+    signals: Floats,
     fewest_periods: float,
     progress: Callable[[float], None],
 ) -> Iterator[tuple[int, int, list[float]]]:
@@ -39,7 +38,8 @@ def multisines(
     ----------
     time : ndarray, shape (N,)
         Evenly spaced.
-    theta, tau : ndarray, shape (N, n)
+    signals : ndarray, shape (N, 2n)
+        Positions, then torques.
     fewest_periods : float
         Of the lowest line.
     progress : callable
@@ -60,11 +60,11 @@ def multisines(
             if not free[window].all():
                 continue
             width = max(1, length // _LONGEST)
-            lines = _narrow_lines(*(_averaged(each[window], width) for each in (time, theta, tau)))
+            lines = _narrow_lines(_averaged(time[window], width), _averaged(signals[window], width))
             if len(lines) < 2:
                 continue
             part = _free_around(free, begin, begin + length)
-            found = _grown_run(time[part], theta[part], tau[part], begin - part.start, length, lines)
+            found = _grown_run(time[part], signals[part], begin - part.start, length, lines)
             if found is None:
                 continue
             first, last, lines = found
@@ -74,8 +74,9 @@ def multisines(
             yield part.start + first, part.start + last, lines
 
 
-def _narrow_lines(time: Floats, theta: Floats, tau: Floats) -> list[float]:
+def _narrow_lines(time: Floats, signals: Floats) -> list[float]:
     """Lines of a window if they hold nearly all of the power around them."""
+    theta, tau = np.hsplit(signals, 2)
     lines = find_lines(time, theta, tau)
     if not 2 <= len(lines) < MOST_LINES or in_lines(time, theta, lines) < _MIN_IN_LINES:
         return []
@@ -96,10 +97,10 @@ def _free_around(free: np.ndarray, begin: int, end: int) -> slice:
 
 
 def _grown_run(
-    time: Floats, theta: Floats, tau: Floats, begin: int, length: int, lines: list[float]
+    time: Floats, signals: Floats, begin: int, length: int, lines: list[float]
 ) -> tuple[int, int, list[float]] | None:
     """Grow from the steadiest frames of a window while all lines are constant."""
-    signals = np.column_stack([theta, tau])
+    theta, tau = np.hsplit(signals, 2)
     interval = float(time[1] - time[0])
     first, last = begin, begin + length
     for attempt in range(_MAX_ROUNDS):

@@ -69,12 +69,10 @@ class SegmentSearch:
     def segments(self, progress: Callable[[float], None]) -> list[Segment]:
         """Find multisines first, then single sines in the rest; ``progress`` gets the share done."""
         progress(0.0)
-        n = self._theta.shape[1]
         taken = np.zeros(self._time.size, bool)
         found: list[Segment] = []
-        theta, tau = self._even[:, :n], self._even[:, n:]
         for begin, end, lines in multisines(
-            self._grid, theta, tau, self._fewest, lambda share: progress(_MULTISINE_WORK * share)
+            self._grid, self._even, self._fewest, lambda share: progress(_MULTISINE_WORK * share)
         ):
             taken[begin:end] = True
             found.append(self._settled(begin, end, lines))

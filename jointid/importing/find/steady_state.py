@@ -116,7 +116,7 @@ def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int, float]]
             if b - a >= fewest:
                 piece = slice(first + a, first + b)
                 begin, end = int(frames.begin[piece][0]), int(frames.begin[piece][-1]) + frames.length
-                yield begin, end, _mean_phasors(y[piece])[1]
+                yield begin, end, float(_mean_phasors(y[piece])[1])
         todo += [(low, first - apart + 1), (last + apart - 1, high)]
 
 
@@ -155,14 +155,15 @@ def grown(
         The first frame and one past the last; equal where nothing is constant.
     """
     low, high, _ = seeds.indices(len(y))
-    misfit = [_misfit(y[a : a + SEED_FRAMES]) for a in range(low, high - SEED_FRAMES + 1)]
-    if not misfit:
+    if high - low < SEED_FRAMES:
         return 0, 0
+    windows = np.lib.stride_tricks.sliding_window_view(y[low:high], SEED_FRAMES, axis=0)
+    misfit = _misfit(windows.swapaxes(1, 2))
     first = low + int(np.argmin(misfit))
     last = first + SEED_FRAMES
     size = float(np.linalg.norm(_mean_phasors(y[first:last])[0]))
     tolerance = _tolerance(size, noise, change)
-    if min(misfit) * size > tolerance:
+    if misfit.min() * size > tolerance:
         return 0, 0
     while True:
         far = np.flatnonzero(np.linalg.norm(_rest(y, first, last), axis=1) > tolerance)
@@ -188,7 +189,7 @@ def phase_bend(z: Complexes) -> tuple[float, float]:
         return 0.0, np.inf
     place = np.linspace(-1, 1, len(z))
     turn = _mean_phasors(weighted(z)[0])[1] * (len(z) - 1) / 2
-    level = z * np.exp(-1j * turn * place)[:, None]
+    level = _level(z, turn, place)
     centre = level.mean(axis=0)
     scatter = (np.abs(level - centre) ** 2).mean(axis=0) + 1e-6 * np.abs(centre) ** 2 + 1e-300
     phase = np.unwrap(np.angle(level @ (centre.conj() / scatter)))
@@ -272,30 +273,35 @@ def _tolerance(size: float, noise: float, change: float) -> float:
     return max(change * size, min(_NOISE_SIGMAS * noise, _MAX_NOISE_CHANGE * size))
 
 
-def _mean_phasors(y: Complexes) -> tuple[Complexes, float]:
-    """Mean phasors in the middle, and their rotation per frame (rad)."""
-    steps = np.sum(y[1:] * y[:-1].conj())
-    turn = float(np.angle(steps)) if abs(steps) > 0 else 0.0
-    place = np.arange(len(y)) - (len(y) - 1) / 2
-    level = y * np.exp(-1j * turn * place)[:, None]
-    overlap = level @ level.mean(axis=0).conj()
-    phase = np.unwrap(np.angle(overlap)) if np.all(np.abs(overlap) > 0) else np.zeros(len(y))
-    turn += float(place @ phase / (place @ place))
-    return (y * np.exp(-1j * turn * place)[:, None]).mean(axis=0), turn
+def _mean_phasors(y: Complexes) -> tuple[Complexes, Floats]:
+    """Mean phasors (..., c) in the middle of frames (..., m, c), and their rotation per frame (rad)."""
+    turn: Floats = np.angle(np.sum(y[..., 1:, :] * y[..., :-1, :].conj(), axis=(-2, -1)))
+    place = np.arange(y.shape[-2], dtype=float) - (y.shape[-2] - 1) / 2
+    level = _level(y, turn, place)
+    overlap = (level * level.mean(axis=-2, keepdims=True).conj()).sum(axis=-1)
+    turn = turn + np.unwrap(np.angle(overlap)) @ place / (place @ place)
+    return _level(y, turn, place).mean(axis=-2), turn
+
+
+def _level(y: Complexes, turn: Floats, place: Floats) -> Complexes:
+    """Frames without their uniform rotation."""
+    return np.asarray(y * np.exp(-1j * np.multiply.outer(turn, place))[..., None])
 
 
 def _rest(y: Complexes, first: int, last: int) -> Complexes:
     """Deviation of every frame from the uniform rotation of some of them, shape (m, c)."""
     centre, turn = _mean_phasors(y[first:last])
-    place = np.arange(len(y)) - (first + last - 1) / 2
-    return np.asarray(y * np.exp(-1j * turn * place)[:, None] - centre)
+    return np.asarray(_level(y, turn, np.arange(len(y), dtype=float) - (first + last - 1) / 2) - centre)
 
 
-def _misfit(y: Complexes) -> float:
+def _misfit(y: Complexes) -> Floats:
     """Root mean square of the deviation from uniform rotation over the size of the mean phasors."""
-    size = float(np.linalg.norm(_mean_phasors(y)[0]))
-    rest = np.sum(np.abs(_rest(y, 0, len(y))) ** 2, axis=1)
-    return float(np.sqrt(rest.mean())) / size if size > 0 else np.inf
+    centre, turn = _mean_phasors(y)
+    place = np.arange(y.shape[-2], dtype=float) - (y.shape[-2] - 1) / 2
+    rest = np.sum(np.abs(_level(y, turn, place) - centre[..., None, :]) ** 2, axis=-1)
+    size = np.linalg.norm(centre, axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(size > 0, np.sqrt(rest.mean(axis=-1)) / size, np.inf)
 
 
 def _split(y: Complexes, apart: int) -> list[tuple[int, int]]:
@@ -304,7 +310,7 @@ def _split(y: Complexes, apart: int) -> list[tuple[int, int]]:
     tries = np.arange(SEED_FRAMES + apart, len(y) - SEED_FRAMES - apart, max(1, len(y) // 64))
     if not tries.size:
         return whole
-    one = _misfit(y)
+    one = float(_misfit(y))
     # Frames across the change belong to neither.
     left = np.array([_misfit(y[: k - apart // 2]) for k in tries])
     right = np.array([_misfit(y[k + apart // 2 :]) for k in tries])
