@@ -309,7 +309,7 @@ class _Search:
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
-            criterion[model] = 2 * estimate.cost / misfit + penalty
+            criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion
 
     def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
@@ -337,7 +337,7 @@ class _Search:
                 return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
-            clear[:] = 2 * (simpler.cost - estimate.cost) / own > least
+            clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False

@@ -85,7 +85,8 @@ def difference_by_inertia(
     def optimum(inertias: Sequence[Inertia]) -> Floats:
         changed, x = replace(problem, prior=fit.prior.like(inertias, shape)), p
         for _ in range(_GAUSS_NEWTON):
-            _, scale = harmonic_scale(changed, x)
+            _, _, normal = quadratic(changed, x, np.ones(changed.s.shape[1]))
+            _, scale, _ = harmonic_scale(changed, x, normal)
             _, gradient, normal = quadratic(changed, x, scale)
             x = x - positive_inverse(normal) @ gradient
         return x[layout.span("K", "D")]
