@@ -76,6 +76,8 @@ class ElasticityFit:
     """Inertia of each record, as fitted; the given one where it was exact."""
     parameters: Parameters
     """All fitted parameters: K, D, friction, delay, effects, inertias."""
+    parameter_covariance: Floats
+    """Their covariance, shape (P, P), in the order of ``parameters.layout``."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
@@ -277,7 +279,9 @@ def _linear_fit(
     if not prior.blocks():
         return fit
     by_prior = prior_covariance(method, phasors, prior, equations.noise)
-    return replace(fit, covariance=fit.covariance + by_prior, prior_error=np.sqrt(np.diag(by_prior)))
+    whole = fit.covariance + by_prior
+    by_prior_error = np.sqrt(np.diag(by_prior))
+    return replace(fit, covariance=whole, parameter_covariance=whole, prior_error=by_prior_error)
 
 
 def _likelihood_fit(
@@ -322,9 +326,10 @@ def _fit(
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
     if isinstance(estimate, LikelihoodEstimate):
         covariance, inflation = estimate.elasticity_covariance, estimate.inflation  # already included
+        every = estimate.covariance
     else:
         inflation = max(1.0, estimate.misfit)
-        covariance = estimate.elasticity_covariance * inflation
+        covariance = every = estimate.elasticity_covariance * inflation
     return ElasticityFit(
         method=method,
         K=K,
@@ -340,4 +345,5 @@ def _fit(
         prior=prior,
         inertias=tuple(prior.inertias(prior.M, prior.M2)),
         parameters=estimate.named,
+        parameter_covariance=every,
     )
