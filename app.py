@@ -9,7 +9,6 @@ from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
-from jointid.ui.study.uncertainty_panels import show_inertia_line
 
 page = open_page("Study")
 show_heading(page.study)
@@ -17,7 +16,6 @@ analysis = page.analysis()
 
 st.subheader(answer_sentence(analysis.fit, page.study.nominal), anchor=False)
 show_tiles(analysis.fit, page.study.nominal)
-show_inertia_line(page, analysis)
 outcome_panel(page, analysis)
 show_findings(analysis.findings)
 

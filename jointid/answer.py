@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Elasticity
 from jointid.rounding import significant
@@ -47,24 +46,6 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
         return f"Every joint {whole.pop()}."
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
     return f"{capitalised(enumerated(parts))}."
-
-
-def inertia_sentence(added: Floats, share: float = 0.03) -> str:
-    """State the standard errors that come from the inertias, which the error bars do not include.
-
-    Parameters
-    ----------
-    added : ndarray, shape (2n,)
-        Standard errors of K1 ... Kn, D1 ... Dn when every inertia errs by ``share`` of itself.
-    share : float
-    """
-    n = added.size // 2
-    parts = [
-        f"{q}{j + 1} ± {significant(float(added[j + k * n]), 2)}"
-        for j in range(n)
-        for k, q in enumerate("KD")
-    ]
-    return f"± is noise alone. If M and M2 are known to {100 * share:g} %, that adds {', '.join(parts)}."
 
 
 def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:

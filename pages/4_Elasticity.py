@@ -8,7 +8,6 @@ from jointid.ui.study.estimates import show_also_fitted, show_estimates, show_ma
 from jointid.ui.study.model_check import show_model_holds, show_poses
 from jointid.ui.study.overview import show_findings, show_tiles
 from jointid.ui.study.uncertainty_panels import (
-    ask_share,
     on_demand,
     show_checks,
     show_ellipses,
@@ -18,17 +17,16 @@ from jointid.ui.study.uncertainty_panels import (
 page = open_page("Elasticity")
 st.title("Elasticity", anchor=False)
 st.write(
-    "Since the rigid-body inertias are known, every record tells how far each spring was deflected and "
-    "which torque it passed on. Their ratio holds K and D; the problem is linear, so no start values "
-    "are needed."
+    "Every record gives each spring's deflection and transmitted torque; their ratio gives K and D. "
+    "Inertias and torque scales are fitted together with K and D, within the accuracy that the study "
+    "states for them."
 )
 analysis = page.analysis()
 show_tiles(analysis.fit, page.study.nominal)
 show_findings(analysis.findings)
 
-st.subheader("How well they are known", anchor=False)
-share = ask_share()
-errors = st.container()
+st.subheader("Accuracy", anchor=False)
+show_errors(analysis)
 show_dynamic_stiffness(page, analysis)
 st.subheader("Every estimator", anchor=False)
 show_estimates(analysis)
@@ -50,4 +48,3 @@ for key, (label, show) in details.items():
     with on_demand(label, key) as expander:
         if expander.open:
             show(page, analysis)
-show_errors(page, analysis, errors, share)

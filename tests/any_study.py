@@ -23,7 +23,7 @@ from jointid import (
     analyse,
     figures,
 )
-from jointid.answer import answer_sentence, inertia_sentence, without
+from jointid.answer import answer_sentence, without
 from jointid.arrays import Complexes, Floats
 from jointid.cut.outcome import study_outcome
 from jointid.cut.robot import cut_robot, reason_unusable
@@ -59,7 +59,7 @@ from jointid.ui.study.uncertainty_panels import errors_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     compensated_phasors,
@@ -421,7 +421,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             phasor_columns(phasors),
         ),
     )
-    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis, None, 0.03))
+    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)
@@ -469,10 +469,8 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def _inertias(analysis: Analysis) -> None:
-    found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-    assert found.relative.shape[0] == 2 * analysis.fit.n
-    inertia_sentence(found.standard_error())
-    errors_table(analysis, found, 0.03)
+    found = prior_influence(analysis.fit)
+    assert found.shift.shape == (2 * analysis.fit.n, len(found.names))
 
 
 def _poses(analysis: Analysis) -> None:

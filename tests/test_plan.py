@@ -149,7 +149,9 @@ def test_friction_is_part_of_the_prediction() -> None:
         duration_s=2.0,
     )
     predicted = predict_standard_errors(plan, phasors, PARALLELOGRAM, fit)
-    assert np.allclose(predicted.today, fit.noise_error, rtol=0.3)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.05)
+    noise = np.sqrt(predicted.today**2 - np.square(fit.unseen_error))
+    assert np.allclose(noise, fit.noise_error, rtol=0.05)
     assert np.allclose(predicted.planned, predicted.today, rtol=0.1)
     # A joint that stands sticks: that record tells nothing of its own.
     still = planned_records(PARALLELOGRAM, fit.elasticity, [9.0], angle_rad=[0.05, 0])

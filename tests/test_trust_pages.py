@@ -20,7 +20,7 @@ from jointid.ui.shared.charts import csv_bytes
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.ui.study.uncertainty_panels import difference
 from jointid.uncertainty.plan import suggest_records
-from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 
 APP = Path(__file__).parents[1] / "app.py"
@@ -70,24 +70,28 @@ JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pyte
 
 @pytest.mark.parametrize("joints", JOINTS)
 class TestErrorBars:
-    def test_noise_inertias_and_the_papers_answer_stand_side_by_side(
+    def test_whole_error_its_parts_and_the_papers_answer_stand_side_by_side(
         self, app: AppTest, studies: dict[int, Study], joints: int
     ) -> None:
         at = opened(app, ELASTICITY, joints)
         analysis = analyse(studies[joints])
-        slopes = inertia_sensitivity(analysis.phasors, studies[joints].inertias, analysis.fit)
-        shown = [number(text) for text in column(at, "Inertias ± 3 %")]
-        assert shown == pytest.approx(slopes.standard_error(0.03).tolist(), rel=0.06)
+        for name, expected in (
+            ("Noise", analysis.fit.noise_error),
+            ("Inertias and torque scale", analysis.fit.prior_error),
+        ):
+            shown = [number(text) for text in column(at, name)]
+            assert shown == pytest.approx(np.asarray(expected).tolist(), rel=0.06)
         paper = analysis.fits["least-squares"]
         for text, value in zip(column(at, "Paper's least squares"), [*paper.K, *paper.D], strict=True):
             assert float(text.split(" ± ")[0].lstrip("(")) == pytest.approx(value, rel=2e-2)
 
-    def test_inertias_known_twice_as_well_halve_their_error_bar(self, app: AppTest, joints: int) -> None:
+    def test_influence_of_every_given_value_is_shown(
+        self, app: AppTest, studies: dict[int, Study], joints: int
+    ) -> None:
         at = opened(app, ELASTICITY, joints)
-        wide = [number(text) for text in column(at, "Inertias ± 3 %")]
-        at = at.number_input(key="inertia_share").set_value(1.5).run()
-        narrow = [number(text) for text in column(at, "Inertias ± 1.5 %")]
-        assert narrow == pytest.approx([x / 2 for x in wide], rel=0.1)
+        found = prior_influence(analyse(studies[joints]).fit)
+        assert found.names
+        assert any(list(t.value[""]) == list(found.names) for t in at.table if "" in t.value)
 
     def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int

@@ -12,9 +12,6 @@ from jointid.cli.program import reported
 from jointid.estimation.parameters import elasticity_labels
 from jointid.study import Analysis
 
-_SHARE = 0.03
-"""Usual relative uncertainty of inertias."""
-
 
 @reported
 def identify(
@@ -24,23 +21,10 @@ def identify(
 ) -> None:
     """Identify stiffness and damping of every joint."""
     analysis = analysed(study, method, quiet=as_json)
-    from jointid.errors import JointIdError
-    from jointid.uncertainty.sensitivity import inertia_sensitivity
-
-    added = None
-    try:
-        found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-        added = found.standard_error(_SHARE)
-        missing = ""
-    except JointIdError as fault:
-        missing = f"± is noise alone; what inertias that are off would add is not known. {fault}"
-    document = identify_document(analysis) | {
-        "inertias_add": {"relative": _SHARE, "standard_error": None if added is None else added.tolist()}
-    }
+    document = identify_document(analysis)
     if as_json:
         print_json(document)
         return
-    from jointid.answer import inertia_sentence
     from jointid.rounding import plain, with_error
 
     fit, nominal = analysis.fit, analysis.study.nominal
@@ -61,8 +45,6 @@ def identify(
         rows.append(["torque delay", delay, "ms", ""])
     print(f"{analysis.study.name or study.name}\n{document['answer']}\n")
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    if not any(finding.level == "problem" for finding in analysis.findings):
-        print(missing if added is None else inertia_sentence(added, _SHARE))
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")

@@ -42,7 +42,13 @@ def plan(
         suggestion = suggest_records(
             phasors,
             known.inertias,
-            identify_elasticity(phasors, known.inertias, method=method),
+            identify_elasticity(
+                phasors,
+                known.inertias,
+                method=method,
+                inertia_std=known.inertia_std,
+                torque_std=known.torque_std,
+            ),
             count=count,
             duration_s=duration_s,
             torque_limit_Nm=torque,
@@ -90,4 +96,4 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
 def _percent(error: float) -> str:
     from jointid.rounding import significant
 
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else "cannot tell"
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else "not determined"

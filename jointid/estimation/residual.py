@@ -221,6 +221,10 @@ class Residual:
         """Fundamental of the motor angle, freed of a filter, shape (r, n), rad."""
         return np.asarray((self.problem.z[..., : self.problem.n] * self.advance)[:, 0])
 
+    def smoothed(self, weighted_residual: Complexes) -> Complexes:
+        """Signals z − C Eᴴ V⁻¹r, shape (r, H, 2n)."""
+        return np.asarray(self.problem.z - (self.CE @ weighted_residual[..., None])[..., 0])
+
     def jacobian(self, weighted_residual: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
 
@@ -234,7 +238,7 @@ class Residual:
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
+        smooth = self.smoothed(weighted_residual)
         q, tau = smooth[..., :n] * self.advance, smooth[..., n:] * self.lag
         f = (self.X @ q[..., None])[..., 0]
         J = np.zeros((*self.r.shape, layout.size), complex)

@@ -44,13 +44,23 @@ class WhitenedResidual:
 
     def columns(self, *, smooth: bool = True) -> Floats:
         """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at those measured."""
-        # Rows that free friction explains, or that are not in use, carry no information on the signals.
-        weighted = np.zeros_like(self.at.r)
-        if smooth:
-            half = self.rows.shape[1] // 2
-            left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
-            weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        weighted = self._weighted_residual() if smooth else np.zeros_like(self.at.r)
         return self.projection.rest(real_rows(self.W @ self.at.jacobian(weighted)))
+
+    def smoothed(self) -> Complexes:
+        """Signals nearest to those measured, in units of noise, without residual, (r, H, 2n)."""
+        return self.at.smoothed(self._weighted_residual())
+
+    def _weighted_residual(self) -> Complexes:
+        """V⁻¹r, shape (r, H, n).
+
+        Rows that free friction explains, or that are not in use, carry no information on the signals.
+        """
+        half = self.rows.shape[1] // 2
+        left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
+        return np.asarray(
+            (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        )
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""

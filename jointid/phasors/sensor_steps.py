@@ -1,9 +1,9 @@
 """Detection of quantisation, and the error that it adds to phasors.
 
 Rounding to steps of Δ has the variance Δ²/12. If the frequency divides the sample rate, or nearly so,
-the error repeats with the motion: it does not scatter, and averages only over the samples that differ,
-or over the steps that a slow signal passes. Other noise of σ per sample dithers it, by exp(−4π²σ²/Δ²)
-(Widrow and Kollár, Quantization Noise, 2008).
+the error repeats with the motion: it does not scatter, and averages only over the samples that differ.
+That of a slow signal always repeats, and averages over the steps that it passes in one period. Other
+noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _FINEST = 1e-6
 """Smallest step, over the range of the signal, that is distinguished from rounding."""
 _REPEATS = 0.02
 """Deviation of the period from whole samples, in samples, with which the error repeats."""
+_LASTING = 2.0
+"""Equal samples in a row from which the error is that of the position, whenever it is sampled."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
@@ -51,12 +53,21 @@ def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
         used = signal[record.start :]
         step = quantum(used[:_EXAMINED])
         if step > _LEAST_STEP:
-            passed = 4 * np.abs(fit.fundamental[channel]) / step * different / period
+            run = _mean_run(used)
             seen = float(scatter[channel]) / step**2
+            # Samples within a step share its error, which then repeats with the motion in every period.
+            lasting = run > _LASTING
             # An error that does not repeat exactly is in the scatter already.
-            undithered = _undithered(seen) if repeats.any() else max(0.0, 1 - 12 * seen)
-            variance[channel] = step**2 / 3 / max(min(different, passed), 1.0) * undithered
+            undithered = _undithered(seen) if repeats.any() or lasting else max(0.0, 1 - 12 * seen)
+            count = (period if lasting else different) / run
+            variance[channel] = step**2 / 3 / max(count, 1.0) * undithered
     return np.diag(variance).astype(complex)
+
+
+def _mean_run(signal: Floats) -> float:
+    """Mean number of equal samples in a row, by sample: a stationary joint's long runs count most."""
+    ends = np.flatnonzero(np.append(signal[1:] != signal[:-1], True))
+    return float((np.diff(ends, prepend=-1) ** 2).sum() / signal.size)
 
 
 def _undithered(scatter: float) -> float:

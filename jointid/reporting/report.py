@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import count
 
-from jointid.answer import answer_sentence, inertia_sentence
+from jointid.answer import answer_sentence
 from jointid.cut.outcome import Outcome, millimetres, whose
-from jointid.errors import JointIdError
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
@@ -20,7 +19,6 @@ from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
 from jointid.rounding import plain, significant, with_error
 from jointid.study import Analysis, Study
-from jointid.uncertainty.sensitivity import inertia_sensitivity
 from jointid.version import __version__
 from jointid.wording import counted
 
@@ -123,8 +121,6 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
-    if not any(finding.level == "problem" for finding in analysis.findings):
-        yield Paragraph(_inertias_add(analysis))
     if others := _others(analysis):
         yield Paragraph(f"Found together with K and D: {others}.")
     if outcome is not None:
@@ -132,15 +128,6 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
             f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
         )
-
-
-def _inertias_add(analysis: Analysis) -> str:
-    """Contribution of the inertias, which the error bars exclude."""
-    try:
-        found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-    except JointIdError as error:
-        return f"± is noise alone; what inertias that are off would add is not known. {error}"
-    return inertia_sentence(found.standard_error())
 
 
 def _others(analysis: Analysis) -> str:

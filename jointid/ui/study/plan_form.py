@@ -14,6 +14,7 @@ from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
     PlannedRecords,
     PredictedErrors,
@@ -22,6 +23,8 @@ from jointid.uncertainty.plan import (
     predict_standard_errors,
     suggest_records,
 )
+
+_UNDETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ def suggested_table(found: Suggestion) -> Table:
     columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
     worst = found.relative_error.argmax(axis=1)[1:]
     columns["Worst error after it"] = [
-        f"{found.names[k]} ± {significant(100 * e, 2)} %"
+        f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
         for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
     ]
     return columns
@@ -203,8 +206,9 @@ def _predicted(
         np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(n)], axis=1)
         for what, unit in (("Torque", "N·m"), ("Phase", "°"))
     )
+    model = planning_model(_analysis.phasors, _analysis.study.inertias, _analysis.fit, inertia)
     plan: PlannedRecords = planned_records(
-        inertia,
+        model.inertia,
         _analysis.fit.elasticity,
         table["Frequency (Hz)"],
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
@@ -224,13 +228,19 @@ def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
     columns: dict[str, list[str]] = {"": [f"{name} ({UNITS[name[0]]})" for name in errors.names]}
     columns["Today"] = [
-        with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
+        with_error(v, e) if np.isfinite(e) else _UNDETERMINED
+        for v, e in zip(errors.estimate.tolist(), fit.standard_error.tolist(), strict=True)
     ]
     for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
         columns[name] = [
-            f"± {significant(float(e), 2)}" if np.isfinite(e) else "cannot tell" for e in values
+            f"± {significant(float(e), 2)}" if np.isfinite(e) else _UNDETERMINED for e in values
         ]
     return columns
+
+
+def percent(error: float) -> str:
+    """Relative error in per cent."""
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else _UNDETERMINED
 
 
 def _number(value: float | None) -> float:

@@ -1,4 +1,4 @@
-"""Uncertainty of K and D: error bars of noise and of the inertias, and checks of them."""
+"""Uncertainty of K and D: the whole error, its causes, and checks of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
-from jointid.answer import inertia_sentence
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import significant, with_error
@@ -20,7 +19,6 @@ from jointid.ui.shared.charts import UNITS, Table, plot
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
-    show_note,
     show_progress,
     show_text_table,
     show_warning,
@@ -28,14 +26,10 @@ from jointid.ui.shared.messages import (
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import result_cache
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import (
-    InertiaSensitivity,
-    confidence_ellipse,
-    inertia_sensitivity,
-)
+from jointid.uncertainty.sensitivity import PriorInfluence, confidence_ellipse, prior_influence
 
 _PATIENCE_S = 0.5
-_SOON_S = 0.2
+_UNDETERMINED = "not determined"
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
@@ -73,107 +67,33 @@ def on_demand(label: str, key: str) -> ExpanderContainer:
     return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
-def ask_share() -> float:
-    """Ask how well the inertias are known, as a share."""
-    percent = st.number_input(
-        "Inertias are known to ± (%)",
-        0.0,
-        50.0,
-        3.0,
-        0.5,
-        format="%g",
-        key="inertia_share",
-        bind="query-params",
-        width=232,
-        help="Every element of M and M2 errs by so much, independently. Records say nothing of this "
-        "error, so that it is kept apart from the one that noise makes.",
-    )
-    return float(percent) / 100
-
-
-def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: float) -> None:
-    """Both error bars and the paper's answer; slow parts are computed after the page is drawn."""
-    with place:
-        shown, below, details = st.empty(), st.empty(), st.container()
-    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
-    known = found if isinstance(found, InertiaSensitivity) else None
-    show_text_table(errors_table(analysis, known, share), shown)
-    if isinstance(found, str):
-        show_warning(f"What the inertias add is not known. {found}", below)
-        return
-    if known is None:
-        stopped = str(("stopped_inertias", page.digest, page.method))
-        if st.session_state.get(stopped):
-            below.button(
-                "Compute the error bars of the inertias",
-                key="start_inertias",
-                on_click=lambda: st.session_state.pop(stopped, None),
-            )
-            return
-        with below.container():
-            _compute_what_the_inertias_add(page, analysis)
-            st.button(  # outside of the fragment: a click within one interrupts nothing
-                "Stop",
-                key="stop_inertias",
-                help="Leaves the second error bar unknown; the rest of the page does not need it.",
-                on_click=lambda: st.session_state.update({stopped: True}),
-            )
-        return
-    with details, st.expander("Which inertia matters"):
-        _show_sensitivity(analysis, known)
-
-
-@st.fragment(run_every=_SOON_S)
-def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
-    """Reserve a line in the page's own run; compute in the next one, which the browser asks for."""
-    waiting = (page.digest, page.method)
-    bar = st.empty()
-    if st.session_state.get("inertias_wait") != waiting:
-        st.session_state["inertias_wait"] = waiting
-        bar.caption("± is noise alone. What inertias that are off would add is computed next.")
-        return
+def show_errors(analysis: Analysis) -> None:
+    """Errors and their causes beside the paper's answer, and the given values that matter."""
+    show_text_table(errors_table(analysis))
     try:
-        found: InertiaSensitivity | str = run_in_background(
-            inertia_sensitivity,
-            analysis.phasors,
-            page.study.inertias,
-            analysis.fit,
-            progress=reporter(bar, "What the inertias change"),
-        )
+        found = prior_influence(analysis.fit)
     except JointIdError as error:
-        found = str(error)
-    result_cache().put(("inertias", page.digest, page.method), found)
-    del st.session_state["inertias_wait"]
-    st.rerun()
+        show_warning(f"The influence of the inertias is not known. {error}")
+        return
+    if found.names:
+        with st.expander("Which given value matters"):
+            _show_influence(analysis, found)
 
 
-def show_inertia_line(page: Page, analysis: Analysis) -> None:
-    """One line on the errors of the inertias, computed after the page is drawn."""
-    if any(finding.level == "problem" for finding in analysis.findings):
-        return  # an unusable answer needs no error bars
-    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
-    if found is None:
-        _compute_what_the_inertias_add(page, analysis)
-    elif isinstance(found, str):
-        unknown = "what inertias that are off would add is not known."
-        show_note(f"± is noise alone; {unknown} {found}")
-    else:
-        st.caption(inertia_sentence(found.standard_error()))
-
-
-def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:
-    """One row per parameter; the error from the inertias is "…" until it is computed."""
+def errors_table(analysis: Analysis) -> Table:
+    """One row per parameter: estimate, whole error, its parts, and the paper's estimate."""
+    fit = analysis.fit
     value, error = estimates_of(analysis)
     paper, paper_error = estimates_of(analysis, "least-squares")
-    added = ["…"] * value.size
-    if found is not None:
-        added = [f"± {significant(float(e), 2)}" for e in found.standard_error(share)]
-    same = analysis.fit.method == "least-squares"
+    parts = {"Noise": fit.noise_error, "Inertias and torque scale": fit.prior_error}
+    if np.any(fit.unseen_error):
+        parts["Friction harmonics"] = fit.unseen_error
+    same = fit.method == "least-squares"
     return {
         "": [f"{name} ({UNITS[name[0]]})" for name in names_of(analysis)],
-        "Estimate ± noise": [with_error(v, e) for v, e in zip(value, error, strict=True)],
-        f"Inertias ± {100 * share:g} %": added,
-        "Paper's least squares": [with_error(v, e) for v, e in zip(paper, paper_error, strict=True)],
+        "Estimate ± error": _estimates(value, error),
+        **{name: _errors(np.broadcast_to(part, value.shape)) for name, part in parts.items()},
+        "Paper's least squares": _estimates(paper, paper_error),
         "Difference": [
             "the same" if same else difference(p, v) for p, v in zip(paper, value, strict=True)
         ],
@@ -189,21 +109,23 @@ def difference(other: float, value: float) -> str:
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
 
-def _show_sensitivity(analysis: Analysis, found: InertiaSensitivity) -> None:
-    names, relative = names_of(analysis), found.relative
-    k, e = np.unravel_index(np.nanargmax(np.abs(relative)), relative.shape)
+def _show_influence(analysis: Analysis, found: PriorInfluence) -> None:
+    names, size = names_of(analysis), np.abs(estimates_of(analysis)[0])[:, None]
+    percent = np.divide(100 * found.shift, size, out=np.zeros_like(found.shift), where=size > 0)
+    k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
-        f"The error that matters most: 1 % of {found.names[e]} moves {names[k]} by "
-        f"{significant(abs(float(relative[k, e])), 2)} %. The table holds the change of each estimate "
-        "in % for 1 % more of each inertia: rotors J_m, arm J_a, couplings J_12."
+        f"The given value that matters most: {found.names[e]} adds ± "
+        f"{significant(abs(float(percent[k, e])), 2)} % to {names[k]}. The table shows the change of "
+        "each estimate in % when a given value is larger by its standard deviation: rotors J_m, arm "
+        "J_a, couplings J_12. Near zero, the records determine the value better than its prior does."
     )
-    columns = {name: [_signed(x) for x in row] for name, row in zip(names, relative, strict=True)}
-    show_text_table({"1 % more of": list(found.names)} | columns)
+    columns = {name: [_signed(x) for x in row] for name, row in zip(names, percent, strict=True)}
+    show_text_table({"": list(found.names)} | columns)
 
 
 def _signed(percent: float) -> str:
     if not np.isfinite(percent):
-        return "–"
+        return _UNDETERMINED
     text = f"{abs(percent):.2f}"
     return "0" if float(text) == 0 else ("+" if percent > 0 else "−") + text
 
@@ -211,11 +133,12 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks that do not use the stated error bars. The bootstrap draws the noise anew and "
-        "estimates again; the jackknife leaves out one frequency at a time and takes the scatter for "
-        "the error, whatever its cause. A factor of two between them is nothing to worry about. A "
-        "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
-        "what 68 % of its draws say of an estimate that some noise throws far off."
+        "Two checks that do not use the stated errors. The bootstrap draws the noise and the given "
+        "inertias again and repeats the estimate: compare it with the whole error. The jackknife leaves "
+        "out one frequency at a time; the inertias are the same in all records, so that their error is "
+        "not in its scatter: compare it with the noise part. Both checks are accurate to a factor of "
+        "two. A jackknife far above the noise part indicates an error of the model, a bootstrap far "
+        "above the interval of 68 % of its draws an estimate that some noise moves far away."
     )
     key = ("checks", page.digest, page.method)
     checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
@@ -242,6 +165,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     low, high = drawn.interval(0.68)
     columns = {"": names, "Stated": _errors(stated), "Bootstrap": _errors(drawn.standard_error)}
     columns["68 % of the draws"] = _errors((high - low) / 2)
+    columns["Noise part"] = _errors(analysis.fit.noise_error)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
     show_text_table(columns)
@@ -270,7 +194,12 @@ def _checks(
 
 
 def _errors(values: Floats) -> list[str]:
-    return [f"± {significant(float(x), 2)}" for x in values]
+    return [f"± {significant(x, 2)}" if np.isfinite(x) else _UNDETERMINED for x in values.tolist()]
+
+
+def _estimates(values: Floats, errors: Floats) -> list[str]:
+    pairs = zip(values.tolist(), errors.tolist(), strict=True)
+    return [with_error(v, e) if np.isfinite(e) else _UNDETERMINED for v, e in pairs]
 
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
@@ -280,13 +209,17 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
     others = [name for name in names if name != first]
     second = right.selectbox("Upwards", others, key="ellipse_y", bind="query-params")
-    ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
+    try:
+        ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
+    except JointIdError as error:
+        show_info(error)
+        return
     plot(
         confidence_outlines(ellipses, dark=page.dark),
         f"Confidence ellipses of {first} and {second}",
         key="ellipses",
     )
     st.caption(
-        "From noise alone: what the inertias are off is not in it. A slanted ellipse means that an "
-        "error in one comes with an error in the other."
+        "Of the whole error. A slanted ellipse means that an error in one comes with an error in the "
+        "other."
     )
