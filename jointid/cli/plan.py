@@ -39,16 +39,17 @@ def plan(
     known = loaded(study)
     with status("Planning", quiet=as_json):
         phasors = extract_phasors(known.records)
+        fit = identify_elasticity(
+            phasors,
+            known.inertias,
+            method=method,
+            inertia_std=known.inertia_std,
+            torque_std=known.torque_std,
+        )
         suggestion = suggest_records(
             phasors,
             known.inertias,
-            identify_elasticity(
-                phasors,
-                known.inertias,
-                method=method,
-                inertia_std=known.inertia_std,
-                torque_std=known.torque_std,
-            ),
+            fit,
             count=count,
             duration_s=duration_s,
             torque_limit_Nm=torque,
@@ -94,6 +95,6 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
 
 
 def _percent(error: float) -> str:
-    from jointid.rounding import significant
+    from jointid.rounding import UNDETERMINED, significant
 
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else "not determined"
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED

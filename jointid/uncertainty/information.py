@@ -28,6 +28,8 @@ from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, in
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
+_ITERATIONS = 5
+"""Of the torque of a nonlinear gear, which changes little by the law."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +83,9 @@ class PlanningModel:
         """
         r, n = q.shape
         has_friction = self.fit.friction is not None
-        orders = np.arange(1, (self.scale.size if has_friction else 1) + 1)
+        laws = self.problem.laws
+        distorted = has_friction or laws is not None
+        orders = np.arange(1, (self.scale.size if distorted else 1) + 1)
         s = np.asarray(1j * np.multiply.outer(omega, orders))
         C = self.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
         signals = np.zeros((*s.shape, 2 * n), complex)
@@ -95,10 +99,12 @@ class PlanningModel:
             known=np.ones(s.shape, bool),
             prior=replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose)),
             friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
+            laws=laws and replace(laws, s=s, clear=np.ones((*s.shape, n), bool)),
         )
-        still = Residual.at(problem, self.p)  # with the torques at zero, what they have to be
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
-        signals[..., n:] = -still.r / (still.lag * scale)
+        for _ in range(_ITERATIONS if laws else 1):  # the torque leaves no residual
+            left = Residual.at(problem, self.p)
+            signals[..., n:] -= left.r / (left.lag * scale)
         residual = WhitenedResidual.of(problem, self.p, self.scale[: orders.size])
         columns = residual.columns(smooth=False)
         return np.asarray(2 * columns.swapaxes(1, 2) @ columns)

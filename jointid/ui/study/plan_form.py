@@ -9,7 +9,7 @@ import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
-from jointid.rounding import significant, with_error
+from jointid.rounding import UNDETERMINED, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.page import Page
@@ -23,8 +23,6 @@ from jointid.uncertainty.plan import (
     predict_standard_errors,
     suggest_records,
 )
-
-_UNDETERMINED = "not determined"
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
 
 
 def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
-    """Return the inertia that planned records have."""
+    """Return the given inertia that planned records have."""
     return analysis.study.poses[pose] if pose else analysis.study.inertia
 
 
@@ -228,19 +226,18 @@ def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
     columns: dict[str, list[str]] = {"": [f"{name} ({UNITS[name[0]]})" for name in errors.names]}
     columns["Today"] = [
-        with_error(v, e) if np.isfinite(e) else _UNDETERMINED
-        for v, e in zip(errors.estimate.tolist(), fit.standard_error.tolist(), strict=True)
+        with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
     ]
     for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
         columns[name] = [
-            f"± {significant(float(e), 2)}" if np.isfinite(e) else _UNDETERMINED for e in values
+            f"± {significant(float(e), 2)}" if np.isfinite(e) else UNDETERMINED for e in values
         ]
     return columns
 
 
 def percent(error: float) -> str:
     """Relative error in per cent."""
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else _UNDETERMINED
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
 
 
 def _number(value: float | None) -> float:

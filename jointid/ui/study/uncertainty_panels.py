@@ -1,8 +1,8 @@
-"""Uncertainty of K and D: the whole error, its causes, and checks of it."""
+"""Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from time import monotonic
 
 import numpy as np
@@ -11,25 +11,26 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
-from jointid.rounding import significant, with_error
+from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import UNITS, Table, plot
+from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
     show_progress,
     show_text_table,
-    show_warning,
 )
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import result_cache
+from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import PriorInfluence, confidence_ellipse, prior_influence
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
 _PATIENCE_S = 0.5
-_UNDETERMINED = "not determined"
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
@@ -56,48 +57,51 @@ def names_of(analysis: Analysis) -> list[str]:
     return [f"{q}{j + 1}" for q in "KD" for j in range(analysis.fit.n)]
 
 
-def estimates_of(analysis: Analysis, method: str = "") -> tuple[Floats, Floats]:
-    """Estimate and standard error in the order of ``names_of``; of the chosen estimator by default."""
-    fit = analysis.fits[method] if method else analysis.fit
-    return np.concatenate([fit.K, fit.D]), fit.standard_error
-
-
 def on_demand(label: str, key: str) -> ExpanderContainer:
     """Return an expander, closed at first; its content may be computed once it is ``open``."""
     return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
 def show_errors(analysis: Analysis) -> None:
-    """Errors and their causes beside the paper's answer, and the given values that matter."""
+    """K and D with their errors beside the paper's answer, the parts of the errors, and the inertias."""
     show_text_table(errors_table(analysis))
-    try:
-        found = prior_influence(analysis.fit)
-    except JointIdError as error:
-        show_warning(f"The influence of the inertias is not known. {error}")
-        return
-    if found.names:
-        with st.expander("Which given value matters"):
-            _show_influence(analysis, found)
+    show_error_parts(analysis)
+    st.markdown("**Inertias and torque scale**")
+    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
+    st.caption(
+        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
+        "study states. Fitted: together with K and D."
+    )
+    if analysis.study.torque_std is None:
+        st.caption(UNSTATED_TORQUE_SCALE)
+
+
+def show_error_parts(analysis: Analysis) -> None:
+    """The parts of the standard errors, one click away."""
+    with st.expander("Parts of the error bars"):
+        header, rows = error_table(analysis.fit)
+        show_text_table(dict(zip(header, _columns(rows), strict=True)))
+        st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
 
 
 def errors_table(analysis: Analysis) -> Table:
-    """One row per parameter: estimate, whole error, its parts, and the paper's estimate."""
-    fit = analysis.fit
-    value, error = estimates_of(analysis)
-    paper, paper_error = estimates_of(analysis, "least-squares")
-    parts = {"Noise": fit.noise_error, "Inertias and torque scale": fit.prior_error}
-    if np.any(fit.unseen_error):
-        parts["Friction harmonics"] = fit.unseen_error
-    same = fit.method == "least-squares"
+    """One row per parameter, with the paper's answer."""
+    found = elasticity_quantities(analysis.fit)
+    paper = elasticity_quantities(analysis.fits["least-squares"])
+    same = analysis.fit.method == "least-squares"
     return {
-        "": [f"{name} ({UNITS[name[0]]})" for name in names_of(analysis)],
-        "Estimate ± error": _estimates(value, error),
-        **{name: _errors(np.broadcast_to(part, value.shape)) for name, part in parts.items()},
-        "Paper's least squares": _estimates(paper, paper_error),
+        "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
+        "Estimate": [quantity.shown[0] for quantity in found],
+        "Paper's least squares": [quantity.shown[0] for quantity in paper],
         "Difference": [
-            "the same" if same else difference(p, v) for p, v in zip(paper, value, strict=True)
+            "the same" if same else difference(other.value, one.value)
+            for one, other in zip(found, paper, strict=True)
         ],
     }
+
+
+def _columns(rows: Iterable[Sequence[str]]) -> Iterator[tuple[str, ...]]:
+    return zip(*rows, strict=True)
 
 
 def difference(other: float, value: float) -> str:
@@ -109,15 +113,23 @@ def difference(other: float, value: float) -> str:
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
 
-def _show_influence(analysis: Analysis, found: PriorInfluence) -> None:
-    names, size = names_of(analysis), np.abs(estimates_of(analysis)[0])[:, None]
+def show_influence(page: Page, analysis: Analysis) -> None:
+    """Change of K and D by each given inertia and torque scale."""
+    try:
+        found = prior_influence(analysis.fit)
+    except JointIdError as error:
+        show_info(error)
+        return
+    if not found.names:
+        st.write("The study states exact inertias and torque scales: they add nothing to the errors.")
+        return
+    names, size = names_of(analysis), np.abs(analysis.fit.estimate)[:, None]
     percent = np.divide(100 * found.shift, size, out=np.zeros_like(found.shift), where=size > 0)
     k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
-        f"The given value that matters most: {found.names[e]} adds ± "
-        f"{significant(abs(float(percent[k, e])), 2)} % to {names[k]}. The table shows the change of "
-        "each estimate in % when a given value is larger by its standard deviation: rotors J_m, arm "
-        "J_a, couplings J_12. Near zero, the records determine the value better than its prior does."
+        f"Largest influence: {found.names[e]} adds ± {significant(abs(float(percent[k, e])), 2)} % to "
+        f"{names[k]}. The table shows the change of each estimate in % when a given value is larger by "
+        "its standard deviation. Near zero, the records determine the value better than its prior does."
     )
     columns = {name: [_signed(x) for x in row] for name, row in zip(names, percent, strict=True)}
     show_text_table({"": list(found.names)} | columns)
@@ -125,7 +137,7 @@ def _show_influence(analysis: Analysis, found: PriorInfluence) -> None:
 
 def _signed(percent: float) -> str:
     if not np.isfinite(percent):
-        return _UNDETERMINED
+        return UNDETERMINED
     text = f"{abs(percent):.2f}"
     return "0" if float(text) == 0 else ("+" if percent > 0 else "−") + text
 
@@ -133,12 +145,13 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks that do not use the stated errors. The bootstrap draws the noise and the given "
-        "inertias again and repeats the estimate: compare it with the whole error. The jackknife leaves "
-        "out one frequency at a time; the inertias are the same in all records, so that their error is "
-        "not in its scatter: compare it with the noise part. Both checks are accurate to a factor of "
-        "two. A jackknife far above the noise part indicates an error of the model, a bootstrap far "
-        "above the interval of 68 % of its draws an estimate that some noise moves far away."
+        "Two checks that do not use the stated error bars. The bootstrap draws the noise and the given "
+        "inertias again and repeats the estimate: compare it with the stated error. The jackknife leaves "
+        "out one frequency at a time and takes the scatter for the error, from any cause but the "
+        "inertias, which all records share: compare it with the part from noise. A factor of two is no "
+        "reason for concern. A jackknife far above that part indicates a model that does not hold; a "
+        "bootstrap far above the range of 68 % of its draws indicates an estimate that some noise "
+        "throws far off."
     )
     key = ("checks", page.digest, page.method)
     checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
@@ -161,11 +174,12 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         place.empty()
         working.empty()
     drawn, left_out = checks
-    names, (_, stated) = names_of(analysis), estimates_of(analysis)
+    names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
-    columns = {"": names, "Stated": _errors(stated), "Bootstrap": _errors(drawn.standard_error)}
+    columns = {"": names, "Stated": _errors(fit.standard_error)}
+    columns["Bootstrap"] = _errors(drawn.standard_error)
     columns["68 % of the draws"] = _errors((high - low) / 2)
-    columns["Noise part"] = _errors(analysis.fit.noise_error)
+    columns["From noise"] = _errors(fit.noise_error)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
     show_text_table(columns)
@@ -194,12 +208,7 @@ def _checks(
 
 
 def _errors(values: Floats) -> list[str]:
-    return [f"± {significant(x, 2)}" if np.isfinite(x) else _UNDETERMINED for x in values.tolist()]
-
-
-def _estimates(values: Floats, errors: Floats) -> list[str]:
-    pairs = zip(values.tolist(), errors.tolist(), strict=True)
-    return [with_error(v, e) if np.isfinite(e) else _UNDETERMINED for v, e in pairs]
+    return [f"± {significant(float(x), 2)}" if np.isfinite(x) else UNDETERMINED for x in values]
 
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
@@ -220,6 +229,6 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
         key="ellipses",
     )
     st.caption(
-        "Of the whole error. A slanted ellipse means that an error in one comes with an error in the "
+        "From the whole error. A slanted ellipse means that an error in one comes with an error in the "
         "other."
     )
