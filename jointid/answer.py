@@ -23,6 +23,10 @@ UNSTATED_TORQUE_SCALE = (
     "constants are exact. If they are known to 2 %, set std = 0.02 under [torque] in study.toml."
 )
 ERROR_BARS = "± is one standard error from all causes."
+EFFECT_PARAMETERS = {
+    name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
+}
+"""Label and unit of every parameter of the effects."""
 
 
 @dataclass(frozen=True)
@@ -57,17 +61,17 @@ def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
         found += _quantities(names, values, friction.standard_error, units)
     if fit.delay is not None:
         found.append(Quantity("torque delay", fit.delay, fit.delay_error or 0.0, "s"))
-    for block, (values, errors) in effect_values(fit).items():
-        effect = EFFECTS[block]
-        found += _quantities(_of_joints(effect.label, fit.n), values, errors, [effect.unit] * fit.n)
+    for name, (values, errors) in effect_values(fit).items():
+        label, unit = EFFECT_PARAMETERS[name]
+        found += _quantities(_of_joints(label, fit.n), values, errors, [unit] * fit.n)
     return tuple(found)
 
 
 def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
-    """Values and standard errors, each shape (n,), of the fitted effects, by keys of ``EFFECTS``."""
+    """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
     layout, p = fit.parameters.layout, fit.parameters
     error = np.sqrt(np.diag(fit.parameter_covariance))
-    return {name: (p[name], error[layout[name]]) for name in EFFECTS if name in layout}
+    return {name: (p[name], error[layout[name]]) for name in EFFECT_PARAMETERS if name in layout}
 
 
 def _quantities(

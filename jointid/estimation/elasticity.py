@@ -77,7 +77,7 @@ class ElasticityFit:
     parameters: Parameters
     """All fitted parameters: K, D, friction, delay, effects, inertias."""
     parameter_covariance: Floats
-    """Their covariance, shape (P, P), in the order of ``parameters.layout``."""
+    """Their covariance by noise and prior, shape (P, P), in the order of ``parameters.layout``."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
@@ -87,8 +87,6 @@ class ElasticityFit:
     """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
     choice_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from models that explain the data as well, (2n,)."""
-    parameter_covariance: Floats | None = None
-    """Covariance of ``parameters`` by noise and prior, shape (P, P); of K and D for linear estimators."""
     torque_scale: Floats | float = 1.0
     """Torque over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None
@@ -319,7 +317,6 @@ def _likelihood_fit(
         inertias=estimate.inertias,
         torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
         prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
-        parameter_covariance=estimate.covariance,
         choice_error=np.sqrt(np.diag(choice.spread)),
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)

@@ -82,7 +82,7 @@ class Identification:
     error_parts: dict[str, Floats] = field(default_factory=dict)
     """Parts of the standard errors by cause, each shape (2n,), see ``uncertainty.error_parts``."""
     effects: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
-    """Values and standard errors of fitted effects, keys of ``estimation.effects.EFFECTS``."""
+    """Values and standard errors of fitted effects, by names of their parameters."""
     priors: tuple[PriorRow, ...] = ()
     """Inertias and torque scales as given and as fitted."""
 

@@ -34,8 +34,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from jointid.answer import EFFECT_PARAMETERS
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
@@ -281,7 +281,7 @@ def _identification(top: CheckedTable) -> Identification:
         known["effects"] = {
             name: (table.numbers("values"), table.numbers("standard_error", words=_INFINITE))
             for name, table in top.named_tables("effects", _EFFECT).items()
-            if name in EFFECTS
+            if name in EFFECT_PARAMETERS
         }
     if "priors" in top:
         known["priors"] = _prior_rows(top.table("priors", _PRIORS))

@@ -34,7 +34,7 @@ def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
     """Return the parts of ``fit.standard_error``; those that do not apply are zero."""
     parts = []
     for key, name in _PARTS.items():
-        error = np.broadcast_to(getattr(fit, f"{key}_error", 0.0), 2 * fit.n)
+        error = np.broadcast_to(getattr(fit, f"{key}_error"), 2 * fit.n)
         parts.append(ErrorPart(key, name, np.asarray(error, float)))
     return tuple(parts)
 
