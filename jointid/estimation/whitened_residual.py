@@ -11,6 +11,9 @@ from jointid.estimation.free_friction import Projection, real_rows
 from jointid.estimation.residual import Problem, Residual
 from jointid.small_matrices import whitener
 
+_CLEAR = 4.0
+"""Standard deviations from which a harmonic counts as a signal."""
+
 
 @dataclass(frozen=True, eq=False)
 class WhitenedResidual:
@@ -42,25 +45,33 @@ class WhitenedResidual:
         """Σ rᴴV⁻¹r."""
         return float((self.rows**2).sum())
 
-    def columns(self, *, smooth: bool = True) -> Floats:
-        """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at those measured."""
-        weighted = self._weighted_residual() if smooth else np.zeros_like(self.at.r)
-        return self.projection.rest(real_rows(self.W @ self.at.jacobian(weighted)))
+    def columns(self, signals: Complexes | None = None) -> Floats:
+        """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at others (r, H, 2n)."""
+        J = self.at.jacobian(self.smoothed() if signals is None else signals)
+        return self.projection.rest(real_rows(self.W @ J))
 
     def smoothed(self) -> Complexes:
-        """Signals nearest to those measured, in units of noise, without residual, (r, H, 2n)."""
-        return self.at.smoothed(self._weighted_residual())
-
-    def _weighted_residual(self) -> Complexes:
-        """V⁻¹r, shape (r, H, n).
+        """Signals nearest to those measured, in units of noise, without residual: z − C Eᴴ V⁻¹r.
 
         Rows that free friction explains, or that are not in use, carry no information on the signals.
         """
         half = self.rows.shape[1] // 2
         left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
-        return np.asarray(
-            (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
-        )
+        weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        return np.asarray(self.at.problem.z - (self.at.CE @ weighted[..., None])[..., 0])
+
+    def information(self) -> Floats:
+        """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P).
+
+        The noise of a harmonic that does not exist would add as much to it as a small signal, and make
+        finite what no signal determines.
+        """
+        problem, signals = self.at.problem, self.smoothed()
+        variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
+        within = np.abs(problem.z) ** 2 <= _CLEAR**2 * variance
+        within[:, 0] = False
+        rows = self.columns(np.where(within, 0.0, signals)).reshape(-1, problem.layout.size)
+        return np.asarray(rows.T @ rows)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""

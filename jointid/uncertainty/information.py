@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -66,11 +67,10 @@ class PlanningModel:
         mixed = (1 - share) * self.density[low] + share * self.density[high]
         return np.asarray(mixed / duration_s[..., None, None])
 
-    def measured_information(self) -> Floats:
+    @cached_property
+    def today(self) -> Floats:
         """Information of all measured records, shape (P, P)."""
-        columns = WhitenedResidual.of(self.problem, self.p, self.scale).columns()
-        rows = columns.reshape(-1, self.p.size)
-        return np.asarray(2 * rows.T @ rows)
+        return 2 * WhitenedResidual.of(self.problem, self.p, self.scale).information()
 
     def planned_information(self, omega: Floats, q: Complexes, duration_s: Floats) -> Floats:
         """Information of each planned record, shape (r, P, P).
@@ -106,8 +106,24 @@ class PlanningModel:
             left = Residual.at(problem, self.p)
             signals[..., n:] -= left.r / (left.lag * scale)
         residual = WhitenedResidual.of(problem, self.p, self.scale[: orders.size])
-        columns = residual.columns(smooth=False)
+        columns = residual.columns(signals)
         return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
+
+    def standard_errors(self, information: Floats) -> Floats:
+        """Standard errors of K and D, shape (2n,), from the information of records and the prior.
+
+        The part from the choice of the model falls with that from noise and prior, the part from
+        truncated friction harmonics stays.
+        """
+        variance = np.diag(self.covariance(information)) * self._widening
+        return np.asarray(np.sqrt(variance + np.square(self.fit.unseen_error)))
+
+    @cached_property
+    def _widening(self) -> Floats:
+        """Variance with the choice of the model over that without, with the measured records, (2n,)."""
+        today = np.diag(self.covariance(self.today))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(1 + np.nan_to_num(np.square(self.fit.choice_error) / today))
 
     def covariance(self, information: Floats) -> Floats:
         """Covariance of K and D, shape (2n, 2n), from the information of records and the prior.

@@ -81,8 +81,8 @@ def predict_standard_errors(
             f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
         )
     now = planning_model(phasors, inertia, fit, planned_inertia)
-    old, new = now.measured_information(), _planned_information(planned, now).sum(axis=0)
-    today, alone, both = (_standard_errors(matrix, now) for matrix in (old, new, old + new))
+    old, new = now.today, _planned_information(planned, now).sum(axis=0)
+    today, alone, both = (now.standard_errors(matrix) for matrix in (old, new, old + new))
     return PredictedErrors(
         names=elasticity_labels(fit.n),
         estimate=fit.estimate,
@@ -168,12 +168,12 @@ def suggest_records(
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
     information = _planned_information(candidates, now)
-    total = now.measured_information()
+    total = now.today
     known = np.where(np.isfinite(fit.standard_error), fit.standard_error, 0.0)
     size = np.maximum(np.abs(fit.estimate), known)  # for a damping near zero
-    chosen, path = [], [_standard_errors(total, now) / size]
+    chosen, path = [], [now.standard_errors(total) / size]
     for _ in range(count):
-        trials = np.array([_standard_errors(total + one, now) / size for one in information])
+        trials = np.array([now.standard_errors(total + one) / size for one in information])
         best = _best_trial(trials, total + information)
         chosen.append(best)
         path.append(trials[best])
@@ -208,12 +208,6 @@ def _planned_information(planned: PlannedRecords, now: PlanningModel) -> Floats:
     return now.planned_information(
         2 * np.pi * planned.frequency_hz, planned.angle_rad, planned.duration_s
     )
-
-
-def _standard_errors(information: Floats, now: PlanningModel) -> Floats:
-    """Standard errors of K and D, shape (2n,)."""
-    variance = np.diag(now.covariance(information)) + np.square(now.fit.unseen_error)
-    return np.asarray(np.sqrt(variance))
 
 
 def _limit(name: str, value: ArrayLike | None, largest: Floats) -> Floats:

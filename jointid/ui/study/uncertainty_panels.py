@@ -146,8 +146,8 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
         "Two checks that do not use the stated error bars. The bootstrap draws the noise and the given "
-        "inertias again and repeats the estimate: compare it with the stated error. The jackknife leaves "
-        "out one frequency at a time and takes the scatter for the error, from any cause but the "
+        "inertias again and repeats the estimate: compare it with the stated error. The jackknife "
+        "leaves out one frequency at a time and takes the scatter for the error, from any cause but the "
         "inertias, which all records share: compare it with the part from noise. A factor of two is no "
         "reason for concern. A jackknife far above that part indicates a model that does not hold; a "
         "bootstrap far above the range of 68 % of its draws indicates an estimate that some noise "
