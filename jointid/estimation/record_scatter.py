@@ -51,7 +51,7 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     size = np.diag(noise)
     ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)
     factor = np.sqrt(np.maximum(ratio, 1.0))
-    return covariance + noise * (np.outer(factor, factor) - 1)
+    return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
 
 
 def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
