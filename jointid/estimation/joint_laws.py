@@ -205,10 +205,15 @@ class _Gear:
         self, new: Floats, old: Floats, loop: Floats, target: Floats, hysteretic: bool
     ) -> tuple[Floats, Floats, Floats]:
         """Torque without damping after a step, its slope, and the state of the hysteresis."""
-        e = new - np.clip(new, -self.half_play, self.half_play)
-        squared = self.cubic * e * e
-        spring = (self.K + squared) * e
-        slope = np.where(e == 0, 0.0, np.maximum(self.K + 3 * squared, _STABLE * self.K))
+        e, slope = new, self.K
+        if self.half_play.any():
+            e = new - np.minimum(np.maximum(new, -self.half_play), self.half_play)
+            slope = np.where(e == 0, 0.0, slope)
+        spring = self.K * e
+        if self.cubic.any():
+            squared = self.cubic * e * e
+            spring = spring + squared * e
+            slope = np.maximum(slope + 3 * squared, _STABLE * slope)
         if hysteretic:
             move = new - old
             sign = np.sign(np.where(move == 0, target - self.rate * new - self.theta * spring, move))

@@ -35,6 +35,8 @@ _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12
 """The same for the score test."""
+_IDLE, _MOST_IDLE = 0.02, 3
+"""Decrease of the cost, over the misfit, that changes nothing; steps of that kind that end the iteration."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -213,7 +215,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
 
     It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit.
     """
-    damping = 1e-3
+    damping, idle = 1e-3, 0
     cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
@@ -232,7 +234,10 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if damping > 1e8:
                 return p, normal
             damping = max(10 * damping, 1e-6)
+        idle = idle + 1 if cost - new[0] < _IDLE * max(1.0, 2 * cost / problem.rows) else 0
         p, (cost, gradient, normal) = trial, new
+        if idle == _MOST_IDLE:
+            break
         damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
 

@@ -155,6 +155,8 @@ class _Search:
             for wider in self._extensions(best):
                 self._fit_wider(wider, best)
                 found.append(self._pruned(wider))
+                if self.misfit(found[-1]) < _EXPLAINED < self.misfit(best):
+                    break
             better = self._least(found)
             if better == best:
                 break
@@ -230,8 +232,8 @@ class _Search:
             if part in self.optional and not self._is_certain(found, part):
                 narrow = model.without(part)
                 models.append(narrow)
-                if narrow not in self.tried or self.misfit(narrow) > found.misfit:
-                    self.fit(narrow, found.named)
+                if self.misfit(narrow) > _NEEDED * max(1.0, found.misfit):
+                    self.fit(narrow, found.named)  # from other starts it may have diverged
         best = self._least(models)
         return best if best == model else self._pruned(best)
 
