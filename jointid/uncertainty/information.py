@@ -112,18 +112,19 @@ class PlanningModel:
     def standard_errors(self, information: Floats) -> Floats:
         """Standard errors of K and D, shape (2n,), from the information of records and the prior.
 
-        The part from the choice of the model falls with that from noise and prior, the part from
-        truncated friction harmonics stays.
+        What the fit states beyond the bound (choice of the model, scatter of the records, an estimator
+        without weights) falls with it; the part from truncated friction harmonics stays.
         """
         variance = np.diag(self.covariance(information)) * self._widening
         return np.asarray(np.sqrt(variance + np.square(self.fit.unseen_error)))
 
     @cached_property
     def _widening(self) -> Floats:
-        """Variance with the choice of the model over that without, with the measured records, (2n,)."""
-        today = np.diag(self.covariance(self.today))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(1 + np.nan_to_num(np.square(self.fit.choice_error) / today))
+        """Stated variance over the bound with the measured records, at least 1, shape (2n,)."""
+        fit, today = self.fit, np.diag(self.covariance(self.today))
+        stated = np.diag(fit.covariance) - np.square(fit.unseen_error)
+        known = np.isfinite(stated) & np.isfinite(today) & (today > 0)
+        return np.maximum(np.divide(stated, today, out=np.ones_like(today), where=known), 1.0)
 
     def covariance(self, information: Floats) -> Floats:
         """Covariance of K and D, shape (2n, 2n), from the information of records and the prior.
