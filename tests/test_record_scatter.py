@@ -8,8 +8,7 @@ from plants import BAND_HZ, PAPER, SERIAL, campaign, circular, noisy, plant_phas
 
 from jointid import Inertia, Phasors, identify_elasticity
 from jointid.estimation.likelihood import harmonic_scale
-from jointid.estimation.record_scatter import widened_covariance
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.uncertainty.chosen_model import fitted_problem
 
 
