@@ -127,12 +127,18 @@ def fits_by_pose(
         except JointIdError as error:
             problems.append(f"{pose or 'Records without a pose'}: {error}")
             continue
+<<<<<<< HEAD
         prior = fit.prior.like(given, part.q.shape)
         noise = spring_equations(part, given).noise
         std, shift = prior_shift(fit.method, part, prior, noise, one.covariance)
         covariance = one.elasticity_covariance
         if fit.method in LINEAR:
             covariance = covariance * max(1.0, one.misfit) + carried_covariance(shift, np.ones(std.size))
+=======
+        if not np.isfinite(one.elasticity_covariance).all():
+            problems.append(f"{pose or 'Records without a pose'}: alone, they do not determine K and D.")
+            continue
+>>>>>>> main
         names.append(pose or "")
         estimates.append(one.elasticity)
         covariances.append(covariance)
