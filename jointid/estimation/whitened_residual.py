@@ -111,7 +111,7 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     """Covariance of all parameters, widened where the records scatter more than their noise explains.
 
     At the optimum every record pulls the parameters by its gradient g, and the pulls cancel. Their
-    scatter gives the sandwich covariance A⁻¹ (Σ ggᵀ) A⁻¹, here with the leverage correction CR2 (Bell and
+    scatter gives the sandwich covariance A⁻¹ (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and
     McCaffrey, Survey Methodology 28, 2002). It holds whatever makes the residuals as long as that
     differs by record, as sticking friction does. The scatter of few records is inaccurate: it counts
     if that of K and D is significant, and then widens the noise of each parameter by the ratio of both

@@ -45,7 +45,7 @@ class PlanningModel:
     scale: Floats
     """Factor on each harmonic's variance for the model's misfit, shape (H,)."""
     pose: tuple[int, int]
-    """Rows of M and of M2 of the planned records."""
+    """Row of M and matrix of M2 of the planned records."""
     omega: Floats
     """Frequencies at which the noise is known, ascending, shape (f,), rad/s."""
     density: Complexes

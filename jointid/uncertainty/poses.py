@@ -44,7 +44,7 @@ class PoseFits:
 
     @property
     def mean(self) -> Floats:
-        """Mean over the poses, weighted by their covariances, shape (2n,); NaN where none is known."""
+        """Mean over the poses, weighted by their covariances, shape (2n,)."""
         return self._common()[0]
 
     @property
@@ -60,11 +60,9 @@ class PoseFits:
         """
         own = np.einsum("mpp->mp", self.covariance) - (self.shared**2).sum(axis=2)
         weight = 1 / own
-        known = np.count_nonzero(weight, axis=0)
-        with np.errstate(invalid="ignore"):
-            mean = (weight * self.estimates).sum(axis=0) / weight.sum(axis=0)
-        squares = np.nan_to_num(weight * (self.estimates - mean) ** 2).sum(axis=0)
-        return np.asarray(np.sqrt(squares / np.maximum(known - 1, 1)))
+        mean = (weight * self.estimates).sum(axis=0) / weight.sum(axis=0)
+        squares = (weight * (self.estimates - mean) ** 2).sum(axis=0)
+        return np.asarray(np.sqrt(squares / max(len(self.names) - 1, 1)))
 
     @property
     def probability(self) -> float:
@@ -73,24 +71,16 @@ class PoseFits:
         return float(chdtrc(degrees_of_freedom, squares)) if degrees_of_freedom else 1.0
 
     def _common(self) -> tuple[Floats, float, int]:
-        """Mean of all poses, χ² of the distances from it, and its degrees of freedom.
-
-        Estimates that nothing determines do not count.
-        """
+        """Mean of all poses, χ² of the distances from it, and its degrees of freedom."""
         m, own = self.estimates.shape
         shift = self.shared.reshape(m * own, -1)
         covariance = shift @ shift.T
         for k, part in enumerate(self.covariance):
             covariance[k * own : (k + 1) * own, k * own : (k + 1) * own] = part
-        kept = np.isfinite(np.diag(covariance))
-        choose = np.tile(np.eye(own), (m, 1))[kept]
-        used = choose.any(axis=0)
-        W = whitener(covariance[np.ix_(kept, kept)])
-        A, b = W @ choose[:, used], W @ self.estimates.ravel()[kept]
-        mean = np.full(own, np.nan)
-        mean[used] = positive_inverse(A.T @ A) @ A.T @ b
-        squares = float(((b - A @ mean[used]) ** 2).sum())
-        return mean, squares, int(kept.sum() - used.sum())
+        W = whitener(covariance)
+        A, b = W @ np.tile(np.eye(own), (m, 1)), W @ self.estimates.ravel()
+        mean = positive_inverse(A.T @ A) @ A.T @ b
+        return mean, float(((b - A @ mean) ** 2).sum()), (m - 1) * own
 
 
 def fits_by_pose(
@@ -127,18 +117,15 @@ def fits_by_pose(
         except JointIdError as error:
             problems.append(f"{pose or 'Records without a pose'}: {error}")
             continue
-<<<<<<< HEAD
         prior = fit.prior.like(given, part.q.shape)
         noise = spring_equations(part, given).noise
         std, shift = prior_shift(fit.method, part, prior, noise, one.covariance)
         covariance = one.elasticity_covariance
         if fit.method in LINEAR:
             covariance = covariance * max(1.0, one.misfit) + carried_covariance(shift, np.ones(std.size))
-=======
-        if not np.isfinite(one.elasticity_covariance).all():
+        if not np.isfinite(np.diag(covariance)).all():
             problems.append(f"{pose or 'Records without a pose'}: alone, they do not determine K and D.")
             continue
->>>>>>> main
         names.append(pose or "")
         estimates.append(one.elasticity)
         covariances.append(covariance)

@@ -15,11 +15,8 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.inertia_prior import InertiaPrior
-<<<<<<< HEAD
 from jointid.estimation.linear_fit import LINEAR, prior_slopes
 from jointid.estimation.noise import Noise
-=======
->>>>>>> main
 from jointid.estimation.parameters import elasticity_labels
 from jointid.estimation.residual import fitted_layout
 from jointid.phasors.extract import Phasors
@@ -53,7 +50,6 @@ def prior_influence(fit: ElasticityFit) -> PriorInfluence:
     JointIdError
         When a linear estimator has no result after a small change of an inertia.
     """
-<<<<<<< HEAD
     prior, noise = fit.prior, fit.equations.noise
     names = fitted_layout(prior, None, False).labels[2 * fit.n :]
     std, shift = prior_shift(fit.method, fit.phasors, prior, noise, fit.parameter_covariance)
@@ -70,60 +66,6 @@ def prior_shift(
             return std, np.where(slope == 0, 0.0, slope * std)
     std = np.concatenate([np.zeros(0), *(std.ravel() for _, std in prior.blocks().values())])
     return std, covariance[: 2 * prior.n, len(covariance) - std.size :] / std
-=======
-    each = inertia_of_each(phasors, inertia)
-    prior = InertiaPrior.of(each, *phasors.q.shape)
-    parts = prior.part[prior.pose].tolist()
-    n = fit.n
-    elements: list[_Element] = []
-    for j in range(n):
-        mean = float(prior.M[:, j].mean())
-        elements.append(_Element(f"J_m{j + 1}", mean, mean, None, j, j))
-    for part, rest in enumerate(prior.rest):
-        suffix = f", pose {part + 1}" if len(prior.rest) > 1 else ""
-        for name, i, j in arm_inertias(n):
-            scale = float(np.sqrt(rest[i, i] * rest[j, j]))
-            elements.append(_Element(name + suffix, float(rest[i, j]), scale, part, i, j))
-    slope = np.empty((2 * n, len(elements)))
-    with one_thread():
-        difference = difference_by_inertia(phasors, each, fit)
-        for column, element in enumerate(elements):
-            change = _STEP * element.scale
-            plus, minus = (
-                [_changed(one, part, element, by) for one, part in zip(each, parts, strict=True)]
-                for by in (change, -change)
-            )
-            slope[:, column] = difference(plus, minus) / (2 * change)
-            if progress is not None:
-                progress((column + 1) / len(elements))
-    return InertiaSensitivity(
-        names=tuple(element.name for element in elements),
-        value=np.array([element.value for element in elements]),
-        estimate=fit.estimate,
-        slope=slope,
-    )
-
-
-class _Element(NamedTuple):
-    name: str
-    value: float
-    scale: float  # reference of the step, since a coupling may be zero
-    part: int | None  # uncertain part of M2, see InertiaPrior; None for a rotor
-    i: int
-    j: int
-
-
-def _changed(inertia: Inertia, part: int, element: _Element, by: float) -> Inertia:
-    """The inertia of a record with this uncertain part of M2 after the change of one element."""
-    if element.part is None:
-        return Inertia(inertia.M + by * (np.arange(inertia.n) == element.j), inertia.M2, inertia.added)
-    if element.part != part:
-        return inertia
-    M2 = inertia.M2.copy()
-    M2[element.i, element.j] += by
-    M2[element.j, element.i] = M2[element.i, element.j]
-    return Inertia(inertia.M, M2, inertia.added)
->>>>>>> main
 
 
 @dataclass(frozen=True, eq=False)
