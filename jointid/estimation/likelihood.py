@@ -24,7 +24,7 @@ from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
@@ -129,6 +129,7 @@ def maximum_likelihood(
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
+    normal = fitted.information() + 0.5 * np.diag(problem.pull(p)[1])
     covariance = 0.5 * determined_covariance(normal)
     for name in ("coulomb", "curve"):
         if name in problem.layout:  # a motor that never reverses shows none
@@ -136,11 +137,13 @@ def maximum_likelihood(
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     rank, _, fundamental = harmonic_scale(problem, p, normal)
     own = determined_by_data(problem, p, normal)
+    by_prior = _prior_part(problem, p, covariance)
+    covariance = widened_covariance(fitted, covariance, by_prior)
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
         covariance=covariance,
-        prior_covariance=_prior_part(problem, p, covariance),
+        prior_covariance=by_prior,
         cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
         penalty=_penalty(problem, p),
         expected_cost=float(max((problem.rows - rank - own) / 2, 0.0)),

@@ -263,20 +263,19 @@ class Residual:
         """Fundamental of the motor angle, freed of a filter, shape (r, n), rad."""
         return np.asarray((self.problem.z[..., : self.problem.n] * self.advance)[:, 0])
 
-    def jacobian(self, weighted_residual: Complexes) -> Complexes:
-        """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
+    def jacobian(self, smooth: Complexes) -> Complexes:
+        """∂r/∂p at other signals than those measured, shape (r, H, n, P).
 
         With the gear torque f, the arm angle A⁻¹f and the deflection κ⁻¹f, ∂f = Xκ⁻¹ ∂κ κ⁻¹f +
         XA⁻¹ ∂A A⁻¹f, and XA⁻¹ + Xκ⁻¹ = I.
 
         Parameters
         ----------
-        weighted_residual : ndarray, shape (r, H, n)
-            V⁻¹r without the part that free friction explains.
+        smooth : ndarray, shape (r, H, 2n)
+            Signals without noise.
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
         q = smooth[..., :n] * self.advance
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
