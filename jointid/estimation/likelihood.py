@@ -42,7 +42,8 @@ _LEAST_DAMPING = 1e-12
 _RIDGE = 1e-12
 """The same for the score test."""
 _IDLE, _MOST_IDLE = 0.02, 3
-"""Decrease of the cost, over the misfit, that changes nothing; steps of that kind that end the iteration."""
+"""Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
+iteration."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -118,7 +119,7 @@ def maximum_likelihood(
         phasors, prior, fitted_layout(prior, friction, delay, effects), start.K, friction, noise
     )
     p = problem.start(start)
-    scale = np.ones(problem.s.shape[1])
+    scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, normal = _minimise(problem, p, scale)
     rank, scale, _ = harmonic_scale(problem, p, normal)
@@ -136,7 +137,7 @@ def maximum_likelihood(
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     rank, _, fundamental = harmonic_scale(problem, p, normal)
-    own = determined_by_data(problem, p, normal)
+    seen = determined_by_data(problem, p, normal)
     by_prior = _prior_part(problem, p, covariance)
     covariance = widened_covariance(fitted, covariance, by_prior)
     return LikelihoodEstimate(
@@ -146,7 +147,7 @@ def maximum_likelihood(
         prior_covariance=by_prior,
         cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
         penalty=_penalty(problem, p),
-        expected_cost=float(max((problem.rows - rank - own) / 2, 0.0)),
+        expected_cost=float(max((problem.rows - rank - seen) / 2, 0.0)),
         parameter_count=rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
@@ -217,7 +218,7 @@ def scores(
     noise: Noise,
     parts: Sequence[str],
 ) -> dict[str, Score]:
-    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``: one evaluation for all."""
+    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation."""
     fitted = estimate.layout
     effects = [name for name in EFFECTS if name in fitted or name in parts]
     delay = "delay" in fitted or "delay" in parts

@@ -17,7 +17,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import FrictionWaveforms
-from jointid.estimation.likelihood import harmonic_scale
+from jointid.estimation.likelihood import harmonic_scale, quadratic
 from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.noise import Noise
 from jointid.estimation.residual import Problem, Residual, fitted_layout
@@ -190,7 +190,9 @@ def planning_model(
         p[first : first + values.size] = values
     scale = np.full(1, fit.inflation)
     if fit.method not in LINEAR:
-        _, scale = harmonic_scale(measured, fit.parameters.vector)
+        vector = fit.parameters.vector
+        _, _, normal = quadratic(measured, vector, np.ones(measured.s.shape[1]))
+        _, scale, _ = harmonic_scale(measured, vector, normal)
     noise = fit.equations.noise  # weighted as in the estimator
     density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]
     groups = phasors.by_frequency()
