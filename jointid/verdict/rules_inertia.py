@@ -57,8 +57,8 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         "The inertias look wrong",
         f"{row.name} is given as {given} kg·m², the records have "
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
-        "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error of "
-        "the torque constant scales all inertias alike.",
+        "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
+        "of the torque constant scales all inertias alike.",
         float(change.max()) if judged is not fit else 0.05,
         "edit inertias",
     )
