@@ -1,4 +1,4 @@
-"""How many random cases tests try: with ``--long`` all, else a quarter."""
+"""How many random cases tests try: with ``--long`` all, else a seventh."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from hypothesis import settings
 
-ALL, NORMAL = 100, 25
+ALL, NORMAL = 100, 15
 """Examples of a test that names no number."""
 FEWEST = 10
 

@@ -36,7 +36,7 @@ from jointid.fleet.run import journal_path
 from jointid.fleet.studies import path_text
 from jointid.fleet.worker import answer, study_row
 
-COUNT = 10
+COUNT = 7
 posix = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 

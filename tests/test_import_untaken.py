@@ -73,6 +73,32 @@ def test_sines_beside_a_sweep_are_kept() -> None:
     assert "sweep" in found.notes[0]
 
 
+@pytest.mark.parametrize(
+    ("seconds", "noise"),
+    [(4, 0.0), (4, 0.05), (40, 0.0), (40, 0.05), pytest.param(120, 0.0, marks=pytest.mark.long)],
+)
+def test_no_piece_of_a_sweep_is_a_sine(seconds: float, noise: float) -> None:
+    """Each piece by itself: between some there are gaps, and noise hides the drift of others."""
+    rng = np.random.default_rng(1)
+    time = np.arange(0, seconds + 2, 2e-3)
+    hz = 1 + 19 * np.clip((time - 1) / seconds, 0, 1)
+    wave = np.exp(2j * np.pi * np.cumsum(hz) * 2e-3) * ((time > 1) & (time < seconds + 1))
+    moved = np.outer(wave / hz**2, [1.0, 0.6j]).imag
+    moved += noise * moved.std() * rng.standard_normal(moved.shape)
+    torque = np.outer(-wave, [1.0, 0.6j]).imag + noise * rng.standard_normal(moved.shape)
+    assert find_segments(MappedLog(time, moved, torque)) == ()
+
+
+@pytest.mark.parametrize("step", [0.01, 0.04])
+def test_frequencies_that_change_without_a_pause_are_runs_of_their_own(step: float) -> None:
+    """The phase goes on, and no ramp shows where one sine becomes the next."""
+    stairs = 5 * (1 + step) ** np.arange(5)
+    hz = np.concatenate([np.full(int(40 / f * 500), f) for f in stairs])
+    phase = 2 * np.pi * np.cumsum(hz) / 500
+    log = MappedLog(np.arange(hz.size) / 500, np.sin(phase)[:, None], np.cos(phase)[:, None])
+    np.testing.assert_allclose([s.frequency_hz for s in find_segments(log)], stairs, rtol=1e-4)
+
+
 def test_a_staircase_of_sines_is_no_sweep() -> None:
     runs = [Run(f, 20, BOTH, rest_s=0.0) for f in (5.0, 5.05, 5.3, 5.6, 6.0, 6.4)]
     log, spans = log_of(runs)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.estimation.effects import EFFECTS
+from jointid.joints import arm_inertia
 
 
 class Block(NamedTuple):
@@ -83,7 +84,7 @@ class ParameterLayout:
             blocks.append(Block("M", (rotors, n), tuple(names)))
         if arms:
             pairs = [(i, j) for i in joints for j in range(1, i + 1)]
-            names = [f"{arm_label(i, j)}{_suffix(p, arms)}" for p in range(arms) for i, j in pairs]
+            names = [f"{arm_inertia(i, j)}{_suffix(p, arms)}" for p in range(arms) for i, j in pairs]
             blocks.append(Block("M2", (arms, len(pairs)), tuple(names)))
         if torque_scale:
             blocks.append(_of_joints(n, "torque_scale", "torque scale "))
@@ -182,11 +183,6 @@ class Parameters:
     def delay(self) -> float:
         """Seconds by which the torque lags; 0 where it is not fitted."""
         return float(self["delay"]) if "delay" in self.layout else 0.0
-
-
-def arm_label(i: int, j: int) -> str:
-    """Label of an element of M2, joints counted from 1: J_a1, J_12."""
-    return f"J_a{i}" if i == j else f"J_{min(i, j)}{max(i, j)}"
 
 
 def _of_joints(n: int, name: str, label: str) -> Block:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.phasors.fitted_sine import sine_basis
 
 _MAX_ITERATIONS = 12
 _MAX_SAMPLES = 200_000  # of a longer span only every k-th sample is used: this fixes the frequency
@@ -78,7 +79,7 @@ def fit_lines(
     order = np.concatenate([np.arange(1, count + 1) for count in orders])
     variance = np.full(omega.size, np.inf)
     for _ in range(_MAX_ITERATIONS if free else 1):
-        basis = sine_basis(clock, order * omega[line])
+        basis = sine_basis(np.outer(clock, order * omega[line]), clock / span)
         # Lines that a window resolves are nearly orthogonal: normal equations lose nothing.
         inverse: Floats = np.asarray(np.linalg.pinv(basis.T @ basis, hermitian=True), float)
         coefficients = inverse @ (basis.T @ data)
@@ -96,9 +97,9 @@ def fit_lines(
         omega = np.clip(omega, start - 2 * np.pi / span, start + 2 * np.pi / span)
         if np.all(np.abs(shift) * span < within):
             break
-    ramp = basis[:, :2]
+    ramp = basis[:, -2:]
     about_line = data - ramp @ (np.linalg.pinv(ramp.T @ ramp) @ (ramp.T @ data))
-    cosine, sine = np.split(coefficients[2:], 2)
+    cosine, sine = np.split(coefficients[:-2], 2)
     return LineFit(
         frequency_hz=omega / (2 * np.pi) if free else np.asarray(frequency_hz, float),
         error_hz=np.sqrt(variance) / (2 * np.pi),
@@ -109,27 +110,12 @@ def fit_lines(
     )
 
 
-def sine_basis(clock: np.ndarray, omega: np.ndarray) -> Floats:
-    """Return offset, drift, cosines and sines as columns, shape (N, 2 + 2 L).
-
-    Parameters
-    ----------
-    clock : ndarray, shape (N,)
-        Ascending, centred.
-    omega : ndarray, shape (L,)
-        Radians per unit of the clock.
-    """
-    phase = np.outer(clock, omega)
-    ramp = clock / (clock[-1] - clock[0])
-    return np.column_stack([np.ones_like(clock), ramp, np.cos(phase), np.sin(phase)])
-
-
 def _slopes(
     clock: Floats, basis: Floats, coefficients: Floats, line: np.ndarray, order: np.ndarray
 ) -> Floats:
     """Derivative of the fitted signals by the ω of each line, shape (L, N, c)."""
-    cosines, sines = np.split(basis[:, 2:], 2, axis=1)
-    cosine, sine = np.split(coefficients[2:] * np.tile(order, 2)[:, None], 2)
+    cosines, sines = np.split(basis[:, :-2], 2, axis=1)
+    cosine, sine = np.split(coefficients[:-2] * np.tile(order, 2)[:, None], 2)
     return np.stack(
         [
             clock[:, None] * (cosines[:, part] @ sine[part] - sines[:, part] @ cosine[part])

@@ -15,11 +15,13 @@ from jointid.arrays import Complexes, Floats
 from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.lines import MOST_LINES, find_lines, in_lines
 from jointid.importing.find.segment import lines_worth
-from jointid.importing.find.steady_state import grow, line_frames
+from jointid.importing.find.steady_state import SEED_FRAMES, frames_of, grown, weighted
 
 _SHORTEST = 512  # samples of a window
+_LONGEST = 1 << 15  # the same, beyond which its samples are averaged
 _MIN_IN_LINES = 0.85  # share of the power around the lines that must lie on them
-_FEWEST_FRAMES = 5  # of a run, with half overlap
+_CHANGE = 0.03  # relative change of the phasors that ends a run; the frequencies are known well
+_PRESENT = 0.4  # of the frames of a window in which a line must have half its size
 _MAX_ROUNDS = 8  # of growing, each to three times the length at most
 _MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
@@ -57,7 +59,8 @@ def multisines(
             window = slice(begin, begin + length)
             if not free[window].all():
                 continue
-            lines = _narrow_lines(time[window], theta[window], tau[window])
+            width = max(1, length // _LONGEST)
+            lines = _narrow_lines(*(_averaged(each[window], width) for each in (time, theta, tau)))
             if len(lines) < 2:
                 continue
             part = _free_around(free, begin, begin + length)
@@ -79,6 +82,12 @@ def _narrow_lines(time: Floats, theta: Floats, tau: Floats) -> list[float]:
     return lines_worth(time, theta, tau, lines)
 
 
+def _averaged(values: Floats, width: int) -> Floats:
+    """Means of ``width`` samples each: a long window shows low frequencies in few samples."""
+    whole = values[: len(values) // width * width]
+    return values if width == 1 else whole.reshape(-1, width, *values.shape[1:]).mean(axis=1)
+
+
 def _free_around(free: np.ndarray, begin: int, end: int) -> slice:
     """Largest free slice around a window."""
     before, after = np.flatnonzero(~free[:begin]), np.flatnonzero(~free[end:])
@@ -91,26 +100,29 @@ def _grown_run(
 ) -> tuple[int, int, list[float]] | None:
     """Grow from the steadiest frames of a window while all lines are constant."""
     signals = np.column_stack([theta, tau])
+    interval = float(time[1] - time[0])
     first, last = begin, begin + length
     for attempt in range(_MAX_ROUNDS):
         part = slice(first, last)
         if attempt:
             lines = find_lines(time[part], theta[part], tau[part])
             lines = lines_worth(time[part], theta[part], tau[part], lines) if lines else []
-            if len(lines) < 2:
-                return None
-        fit = fit_lines(time[part], signals[part], lines)
-        lines = [float(f) for f in fit.frequency_hz]
+        elif not _present(frames_of(signals[part], np.array(lines) * interval).z, len(lines)):
+            return None
+        if len(lines) < 2:
+            return None
+        lines = [float(f) for f in fit_lines(time[part], signals[part], lines).frequency_hz]
         # Frames far from the part cost time and cannot be reached in this round.
         low, high = max(0, first - (last - first)), min(len(time), last + (last - first))
-        frames = line_frames(time[low:high], signals[low:high], lines)
+        frames = frames_of(signals[low:high], np.array(lines) * interval)
         inside = (frames.begin + low >= first) & (frames.begin + low + frames.length <= last)
-        if inside.sum() < _FEWEST_FRAMES:
+        if inside.sum() < SEED_FRAMES:
             return None
-        z = _by_size(frames.z, signals.shape[1])
-        quiet = np.flatnonzero(inside)
-        from_, to = grow(z, int(quiet[0]), int(quiet[-1]) + 1)
-        if to - from_ < _FEWEST_FRAMES:
+        seeds = np.flatnonzero(inside)
+        y, noise = _by_size(frames.z, signals.shape[1]), 0.0
+        noise = weighted(y[inside])[1]
+        from_, to = grown(y, noise, slice(int(seeds[0]), int(seeds[-1]) + 1), _CHANGE)
+        if to - from_ < SEED_FRAMES:
             return None
         new = low + int(frames.begin[from_]), low + int(frames.begin[to - 1]) + frames.length
         if attempt and new == (first, last):
@@ -121,6 +133,17 @@ def _grown_run(
     if share.max() < _MIN_EXPLAINED and in_lines(time[part], theta[part], lines) < _MIN_EXPLAINED:
         return None
     return first, last, lines
+
+
+def _present(z: Complexes, lines: int) -> bool:
+    """Whether there are frames enough, and every line is present in many of them.
+
+    In a series of single sines each line is absent from most frames.
+    """
+    if len(z) < SEED_FRAMES:
+        return False
+    size = np.linalg.norm(_by_size(z, z.shape[1] // lines).reshape(len(z), -1, lines), axis=1)
+    return bool((np.quantile(size, 1 - _PRESENT, axis=0) > 0.5 * size.max(axis=0)).all())
 
 
 def _by_size(z: Complexes, signals: int) -> Complexes:

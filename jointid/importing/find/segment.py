@@ -9,7 +9,8 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.importing.find.line_fit import fit_lines, sine_basis
+from jointid.importing.find.line_fit import fit_lines
+from jointid.phasors.fitted_sine import sine_basis
 from jointid.wording import listed, shown
 
 HARMONICS = 3
@@ -189,11 +190,12 @@ def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Float
     """
     count = len(time)
     window = np.hanning(count)[:, None]
-    basis = sine_basis(time - (time[0] + time[-1]) / 2, 2 * np.pi * hz) * window
+    clock = time - (time[0] + time[-1]) / 2
+    basis = sine_basis(np.outer(clock, 2 * np.pi * hz), clock / clock[-1]) * window
     data = (signals - signals.mean(axis=0)) * window
     coefficients = np.linalg.pinv(basis.T @ basis, hermitian=True) @ (basis.T @ data)
     rest = data - basis @ coefficients
-    size = np.hypot(*np.split(coefficients[2:], 2))
+    size = np.hypot(*np.split(coefficients[:-2], 2))
     amplitude = 2 * np.abs(np.fft.rfft(rest, axis=0)) / window.sum()
     floors = np.zeros_like(size)
     for k, place in enumerate(np.round(hz * (time[-1] - time[0])).astype(int)):
@@ -203,5 +205,5 @@ def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Float
         about = about[about < len(amplitude)]
         if about.size:
             floors[k] = np.median(amplitude[about], axis=0)
-    moved = np.sqrt(((data - basis[:, :2] @ coefficients[:2]) ** 2).mean(axis=0))
+    moved = np.sqrt(((data - basis[:, -2:] @ coefficients[-2:]) ** 2).mean(axis=0))
     return size, floors, moved

@@ -4,24 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats, true_runs
-from jointid.importing.find.line_fit import fit_lines, sine_basis
-from jointid.importing.find.lines import evenly_sampled, without_drift
+from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.lines import evenly_sampled
 from jointid.importing.find.multisines import multisines
 from jointid.importing.find.segment import HARMONICS, MIN_SNR, Segment, line_sizes, measured
 from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
 from jointid.importing.find.steady_state import (
+    Frames,
     frames_of,
-    is_constant,
-    line_frames,
-    runs,
-    settled_frames,
+    grown,
     settled_part,
+    steady_runs,
+    weighted,
 )
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
 _CHANCE_SHARE = 25.0  # share of the variance × samples, above what a fit to noise explains
@@ -30,9 +32,10 @@ _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
 _MIN_TRAVEL = 0.05  # travel of a joint over the largest, below which its lines are ignored
 _ROUGH_PHASE_RAD = 1e-3  # phase error over the run, small enough to see where it has settled
-_GRID_ERROR = 0.08  # relative error of a candidate's frequency
 _MERGE_CYCLES = 0.1  # phase difference of two parts of one run
+_MERGE_CHANGE = 0.06  # relative change of the phasors within both
 _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
+_HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
 _MULTISINE_WORK = 0.15  # share of the work, for the progress
 _CANDIDATE_WORK = 0.4  # the same up to the end of the search for candidates
@@ -78,10 +81,10 @@ class SegmentSearch:
         work = _CANDIDATE_WORK - _MULTISINE_WORK
         candidates = sine_candidates(self._even, lambda share: progress(_MULTISINE_WORK + work * share))
         for candidate in self._best_first(candidates, taken, progress):
-            for begin, end in self._steady(candidate):
-                if not taken[begin:end].any() and (segment := self._single(begin, end, candidate)):
+            for begin, end, near in self._steady(candidate):
+                if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
                     found.append(segment)
-                    taken[begin:end] = True
+                    taken[self._rows(segment)] = True
         return self._merged(sorted(found, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
@@ -95,18 +98,20 @@ class SegmentSearch:
         return merged
 
     def _as_one(self, one: Segment, two: Segment) -> Segment | None:
-        if one.is_multisine or two.is_multisine:
-            return None
         gap, shorter = two.start_s - one.stop_s, min(s.stop_s - s.start_s for s in (one, two))
         cycles = abs(one.frequency_hz - two.frequency_hz) * (gap + shorter)
-        if cycles > _MERGE_CYCLES or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz):
+        several = one.is_multisine or two.is_multisine
+        if (
+            several
+            or cycles > _MERGE_CYCLES
+            or gap > max(shorter, _MERGE_GAP_PERIODS / one.frequency_hz)
+        ):
             return None
         longer = max(one, two, key=lambda s: s.stop_s - s.start_s)
-        begin, end = np.searchsorted(self._grid, [one.start_s, two.stop_s]).tolist()
-        frames = line_frames(self._grid[begin:end], self._even[begin:end], [longer.frequency_hz])
-        if not is_constant(frames.z):
-            return None
-        return self._settled(begin, end, [longer.frequency_hz])
+        begin, end = self._rows(one).start, self._rows(two).stop
+        y, noise = weighted(self._frames(begin, end, [longer.frequency_hz]).z)
+        whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
+        return self._settled(begin, end, [longer.frequency_hz]) if whole else None
 
     def _best_first(
         self, candidates: list[Candidate], taken: np.ndarray, progress: Callable[[float], None]
@@ -131,91 +136,71 @@ class SegmentSearch:
                 else:
                     failed.append(part)
 
-    def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int]]:
-        """Settled runs of one excitation pattern within a candidate."""
-        offset = candidate.begin
-        part = self._even[offset : candidate.end]
-        rough = frames_of(part, candidate.frequency, periods=2, hop_periods=0.5)
-        for first, last in runs(rough, max(3, round(2 * self._fewest) - 3)):
-            begin = offset + int(rough.begin[first])
-            end = offset + int(rough.begin[last - 1]) + rough.length
-            edge = (end - begin) // _EDGE
-            inner = slice(begin + edge, end - edge)
-            fit = fit_lines(
-                self._grid[inner],
-                self._even[inner],
-                [self._nearby(candidate.frequency / self._interval, inner)],
-                harmonics=HARMONICS,
-                within=_ROUGH_PHASE_RAD,
-            )
-            frequency = float(fit.frequency_hz[0]) * self._interval
-            is_end = end >= self._time.size - 2 / frequency and last == len(rough.z)
-            end = self._time.size if is_end else end
-            fine = frames_of(
-                self._even[begin:end], frequency, periods=1, hop_periods=1, to_the_end=is_end
-            )
-            if len(fine.z) < 2:
-                continue
-            from_, to = settled_part(fine, is_end=is_end, step=_steps(self._even[begin:end]))
-            if (to - from_) * frequency >= self._fewest - 0.5:
-                yield begin + from_, begin + to
+    def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
+        """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
+        part = self._even[candidate.begin : candidate.end]
+        frames = frames_of(part, [candidate.frequency], periods=2, hop_periods=_HOP_PERIODS)
+        hop = _HOP_PERIODS / candidate.frequency
+        for begin, end, turn in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
+            frequency = candidate.frequency + turn / (2 * np.pi * hop)
+            yield candidate.begin + begin, candidate.begin + end, frequency / self._interval
 
-    def _nearby(self, frequency_hz: float, part: slice) -> float:
-        """Refine a frequency known to a few per cent: the largest line of a fine grid around it."""
-        span = float(self._grid[part.stop - 1] - self._grid[part.start])
-        rest = without_drift(self._even[part])
-        count = len(rest)
-        rest = rest / np.maximum(np.sqrt((rest**2).mean(axis=0)), 1e-300)
-        reach = max(_GRID_ERROR * frequency_hz, 1 / span)
-        resolution = 0.25 / (count * self._interval)
-        low = max(frequency_hz - reach, 0.3 / span)
-        tries = np.arange(int(np.ceil(low / resolution)), int((frequency_hz + reach) / resolution) + 1)
-        spectrum = np.fft.rfft(rest, n=4 * count, axis=0)
-        tries = tries[tries < len(spectrum)]
-        power = np.linalg.norm(spectrum[tries], axis=1)
-        return float(resolution * tries[int(np.argmax(power))]) if len(tries) else frequency_hz
-
-    def _single(self, begin: int, end: int, candidate: Candidate) -> Segment | None:
-        """Return a segment of one line, or None when other lines are present."""
-        part = slice(begin, end)
-        frequency = self._nearby(candidate.frequency / self._interval, part)
-        segment = measured(self._time[part], self._theta[part], self._tau[part], [frequency])
-        change = abs(segment.frequency_hz * self._interval / candidate.frequency - 1)
-        if change > _SAME_FREQUENCY or max(segment.share, segment.torque_share) < SHARE:
-            return None
+    def _single(self, begin: int, end: int, near: float) -> Segment | None:
+        """Return the settled part of a run, or None when it is short or other lines are present."""
+        edge = (end - begin) // _EDGE
+        inner = slice(begin + edge, end - edge)
+        lines = self._fitted(inner, [near], harmonics=HARMONICS, within=_ROUGH_PHASE_RAD)
+        segment = self._settled(begin, end, lines)
+        part = self._rows(segment)
+        change = abs(segment.frequency_hz / near - 1)
+        shares = segment.share, segment.torque_share
         # Motion without torque is a flickering last digit, torque without motion is hum; both together
         # are a sine, however coarse the encoder.
-        if min(segment.share, segment.torque_share) < _CHANCE_SHARE / (end - begin):
+        chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
+        if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
             return None
-        if not self._moves_at(part, segment.frequency_hz):
+        if segment.periods < self._fewest - 0.5 or not self._moves_at(part, segment.frequency_hz):
             return None
-        if self._others(part, segment.frequency_hz) > _MAX_OTHERS:
-            return None
-        return self._settled(begin, end, [segment.frequency_hz])
+        return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
+
+    def _rows(self, segment: Segment) -> slice:
+        begin, last = np.searchsorted(self._time, [segment.start_s, segment.stop_s]).tolist()
+        return slice(begin, last + 1)
+
+    def _fitted(self, part: slice, lines: Sequence[float], **how: Any) -> list[float]:
+        """Frequencies of lines fitted to a part, Hz."""
+        fit = fit_lines(self._grid[part], self._even[part], lines, **how)
+        return [float(f) for f in fit.frequency_hz]
 
     def _settled(self, begin: int, end: int, lines: Sequence[float]) -> Segment:
         """Measure the settled part of a run of constant lines."""
-        frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
-        if len(lines) > 1 and len(frames.z) >= 10:
+        several = len(lines) > 1
+        is_end = end > self._time.size - 2 / (min(lines) * self._interval)
+        end = self._time.size if is_end else end
+        frames = self._frames(begin, end, lines)
+        if several and len(frames.z) >= 10:
             # The transients at both ends have biased the frequencies, so that all phasors rotate.
             inner = slice(begin + int(frames.begin[2]), begin + int(frames.begin[-2]))
-            fit = fit_lines(self._grid[inner], self._even[inner], lines)
-            lines = [float(f) for f in fit.frequency_hz]
-            frames = line_frames(self._grid[begin:end], self._even[begin:end], lines)
-        fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+            lines = self._fitted(inner, lines)
+            frames = self._frames(begin, end, lines)
         if len(frames.z):
             # A multisine was grown by frames with half overlap: it began within the first two.
-            outer = 2 * int(len(lines) > 1 and len(frames.z) >= 12)
-            first, last = settled_frames(
-                frames.z[outer : len(frames.z) - outer // 2],
-                int(fewest * (1 if len(lines) == 1 else 2)),
-                np.repeat(_steps(self._even[begin:end]), len(lines)),
+            outer = 2 * (several and len(frames.z) >= 12)
+            fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+            first, last = settled_part(
+                Frames(frames.begin[outer:], frames.length, frames.z[outer:]),
+                is_end=is_end,
+                fewest=int(fewest) * (1 + several),
+                step=np.repeat(_steps(self._even[begin:end]), len(lines)),
             )
-            first, last = first + outer, last + outer
-            end = end if last == len(frames.z) else begin + int(frames.begin[last - 1]) + frames.length
-            begin += int(frames.begin[first])
+            if not is_end or last < frames.begin[-1] + frames.length:
+                end = begin + last
+            begin += first
         part = slice(begin, end)
         return measured(self._time[part], self._theta[part], self._tau[part], lines)
+
+    def _frames(self, begin: int, end: int, lines: Sequence[float]) -> Frames:
+        return frames_of(self._even[begin:end], np.asarray(lines) * self._interval)
 
     def _moves_at(self, part: slice, frequency_hz: float) -> bool:
         """Whether the position of any joint has a line clear of the noise floor."""
@@ -233,7 +218,9 @@ class SegmentSearch:
         theta = theta[:, np.ptp(theta, axis=0) > _MIN_TRAVEL * np.ptp(theta, axis=0).max()]
         theta = theta / theta.std(axis=0)
         omega = 2 * np.pi * frequency_hz * np.arange(1, HARMONICS + 1)
-        q, _ = np.linalg.qr(sine_basis(time - (time[0] + time[-1]) / 2, omega))
+        clock = time - (time[0] + time[-1]) / 2
+        basis = sine_basis(np.outer(clock, omega), clock)
+        q, _ = np.linalg.qr(basis[:, [-2, -1, *range(2 * HARMONICS)]])
         rest = theta - q @ (q.T @ theta)
         line = q[:, [2, 2 + HARMONICS]].T @ theta
         power = (np.abs(np.fft.rfft(rest, axis=0)) ** 2).sum(axis=1) * 2 / time.size

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Floats, true_runs
-from jointid.importing.find.line_fit import sine_basis
+from jointid.phasors.fitted_sine import sine_basis
 
 WINDOW_PERIODS = 4
 """Periods in one window: with fewer, a sine is like any other motion."""
@@ -95,8 +95,9 @@ def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> 
 
 def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
     """Share of the variance about offset and drift that a sine explains, best signal of each window."""
-    j = np.arange(length) - (length - 1) / 2
-    basis, _ = np.linalg.qr(sine_basis(j, np.array([x])))
+    clock = np.arange(length, dtype=float) - (length - 1) / 2
+    columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
+    basis, _ = np.linalg.qr(columns)
     count = (len(mean) - length) // hop + 1
     best = np.zeros(count)
     step = max(1, _CHUNK // length)

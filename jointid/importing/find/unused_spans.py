@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Sequence
+from itertools import compress
 
 import numpy as np
 
 from jointid.arrays import true_runs
 from jointid.importing.find.segment import Segment
+from jointid.importing.find.steady_state import frames_of, phase_bend
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.rounding import significant
 from jointid.wording import listed
 
-_SWEEP_RUNS = 3  # fewest consecutive runs of a sweep
-_SWEEP_RATE_RATIO = 2.0  # largest ratio of the sweep rate within a run and from run to run
-_SWEEP_STEP = 2e-3  # relative change of frequency from run to run beyond the error of the estimate
-_SWEEP_GAP = 1.5  # times the longer run: longest pause within a sweep
-_MERGE_GAP = 0.25  # times the longer part: pause that merges two parts of a sweep
+_MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
+_BEND_SIGMAS = 5.0  # standard errors of the bend
+_SWEEP_GAP = 1.5  # times the longer piece: longest pause within a sweep
 _BLOCK_S = 0.1  # length of the blocks whose motion is compared
 _MIN_MOTION = 0.05  # of the strong motion of a log (90 % quantile)
 _MIN_ABOVE_REST = 3.0  # times the motion at rest (2 % quantile)
@@ -35,8 +34,8 @@ def without_sweeps(
 ) -> tuple[list[Segment], list[tuple[float, float]], list[str]]:
     """Remove runs that are pieces of a sweep.
 
-    Within a piece of a sweep the frequency changes at the same rate as from piece to piece; in a
-    staircase of sines it is constant.
+    In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
+    constant. Noise may hide the drift of a piece between others.
 
     Parameters
     ----------
@@ -51,70 +50,53 @@ def without_sweeps(
         Start and stop of each sweep, s.
     notes : list of str
     """
-    singles = [s for s in segments if not s.is_multisine]
-    chains = _chains(singles, [_rate(log, s) for s in singles])
-    spans = _merged([(chain[0].start_s, chain[-1].stop_s) for chain in chains])
-    notes: list[str] = []
-    kept = list(segments)
+    bends = [_bend(log, s) for s in segments]
+    limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error in bends]
+    drifts = [abs(bend) > limit for (bend, _), limit in zip(bends, limits, strict=True)]
+    spans = _merged(compress(segments, drifts))
+    for k, segment in enumerate(segments):
+        reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
+        near = any(a - reach < segment.stop_s and segment.start_s < b + reach for a, b in spans)
+        drifts[k] |= near and abs(bends[k][0]) + limits[k] > 2 * _MIN_BEND_RAD
+    pieces = list(compress(segments, drifts))
+    spans = _merged(pieces)
+    notes = []
     for begin, end in spans:
-        inside = [s for s in kept if s.stop_s > begin and s.start_s < end and not s.is_multisine]
-        kept = [s for s in kept if s not in inside]
+        inside = [s for s in pieces if begin <= s.start_s < end]
+        low, high = _edge_hz(log, inside[0], -1), _edge_hz(log, inside[-1], 1)
         notes.append(
             f"{_times(begin, end)}: the frequency runs through from "
-            f"{significant(inside[0].frequency_hz, 3)} to {significant(inside[-1].frequency_hz, 3)} Hz: "
-            "this is a sweep, which is not used. Record single frequencies or a multisine, " + _REMEDY
+            f"{significant(low, 3)} to {significant(high, 3)} Hz: this is a sweep, which is not used. "
+            "Record single frequencies or a multisine, " + _REMEDY
         )
-    return kept, spans, notes
+    return [s for s in segments if s not in pieces], spans, notes
 
 
-def _chains(singles: Sequence[Segment], rates: Sequence[float]) -> list[Sequence[Segment]]:
-    """Consecutive runs whose frequency keeps changing."""
-    pairs = zip(pairwise(singles), pairwise(rates), strict=True)
-    starts = [k for k, (runs, slopes) in enumerate(pairs, start=1) if not _continues(runs, slopes)]
-    chains = [singles[a:b] for a, b in pairwise([0, *starts, len(singles)])]
-    return [chain for chain in chains if len(chain) >= _SWEEP_RUNS]
+def _edge_hz(log: MappedLog, piece: Segment, side: int) -> float:
+    """Frequency at the begin (-1) or end (1) of a piece of a sweep."""
+    duration = piece.stop_s - piece.start_s
+    return piece.frequency_hz + side * 2 / np.pi * _bend(log, piece)[0] / duration
 
 
-def _continues(runs: tuple[Segment, Segment], rates: tuple[float, float]) -> bool:
-    one, two = runs
-    gap = two.start_s - one.stop_s
-    change = two.frequency_hz - one.frequency_hz
-    too_far = gap > _SWEEP_GAP * max(s.stop_s - s.start_s for s in runs)
-    if too_far or abs(change) < _SWEEP_STEP * one.frequency_hz:
-        return False
-    slope = 2 * change / (two.start_s + two.stop_s - one.start_s - one.stop_s)
-    return all(1 / _SWEEP_RATE_RATIO < rate / slope < _SWEEP_RATE_RATIO for rate in rates)
-
-
-def _rate(log: MappedLog, segment: Segment) -> float:
-    """Rate of change of a run's frequency, Hz/s, from the curvature of its phase."""
+def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
+    """Bend of a run's phase and its standard error, rad."""
     part = log.rows(segment.start_s, segment.stop_s)
-    time, theta = log.time_s[part], log.theta_rad[part]
-    if len(time) < 16:
-        return 0.0
-    clock = time - (time[0] + time[-1]) / 2
-    x = clock / clock[-1]
-    wave = np.exp(2j * np.pi * segment.frequency_hz * clock)
-    bent = wave[:, None] * x[:, None] ** np.arange(3)
-    basis = np.column_stack([np.ones_like(x), x, bent.real, bent.imag])
-    largest = theta[:, int(np.argmax(theta.std(axis=0)))]
-    c = np.linalg.lstsq(basis, largest - largest.mean(), rcond=None)[0]
-    y = c[5:] + 1j * c[2:5]
-    if y[0] == 0:
-        return 0.0
-    return float((2 * y[2] / y[0] - (y[1] / y[0]) ** 2).imag / (2 * np.pi * clock[-1] ** 2))
+    signals = np.column_stack([log.theta_rad[part], log.tau_Nm[part]])
+    interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)
+    lines = interval * np.array(segment.lines_hz)
+    return phase_bend(frames_of(signals, lines, hop_periods=0.5).z)
 
 
-def _merged(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Merge parts of one sweep between which a run was missed."""
+def _merged(pieces: Iterable[Segment]) -> list[tuple[float, float]]:
+    """Merge pieces of one sweep, between which others were missed."""
     merged: list[tuple[float, float]] = []
-    for begin, end in spans:
-        if merged and begin - merged[-1][1] < _MERGE_GAP * max(
-            merged[-1][1] - merged[-1][0], end - begin
-        ):
-            merged[-1] = (merged[-1][0], end)
-        else:
-            merged.append((begin, end))
+    for piece in pieces:
+        begin, longer = piece.start_s, piece.stop_s - piece.start_s
+        if merged:
+            longer = max(longer, merged[-1][1] - merged[-1][0])
+            if begin - merged[-1][1] < _SWEEP_GAP * longer:
+                begin = merged.pop()[0]
+        merged.append((begin, piece.stop_s))
     return merged
 
 
