@@ -17,8 +17,8 @@ def impedance(s: Array, M: Array, M2: Array, K: Array, D: Array) -> Array:
 def bound(robot: Robot, experiment: Experiment, given_M: Array, given_M2: Array, std: float) -> Array:
     """Smallest standard errors of K and D, shape (2n,), when M and M2 are given with a relative ``std``.
 
-    The noise is that of the experiment: white torque noise and an encoder's steps. True amplitudes are
-    unknown nuisances, which leaves the residual of the motors' equations of motion, one vector per record.
+    The noise is that of the experiment: white torque noise and an encoder's steps. The true amplitudes
+    are nuisance parameters, so the residual of the motors' equations of motion counts in each record.
     """
     n = robot.n
     rows, columns = np.tril_indices(n)

@@ -1,9 +1,9 @@
 """A simulated robot that shares nothing with the package but the values it hands over.
 
-It confirms the estimators and the verdict with data that neither ``jointid.simulation`` nor the fit's own
-equations have made. Many robots and records are integrated side by side with NumPy, in closed loop:
-PD control at a sample rate, torque held between samples, encoder steps, torque noise, and whatever real
-robots do beside elasticity and damping: friction at motor and arm, nonlinear gears, soft links, lags,
+It confirms the estimators and the verdict with data that neither ``jointid.simulation`` nor the fit's
+own equations have made. Many robots and records are integrated side by side with NumPy, in closed loop:
+PD control at a sample rate, torque held between samples, encoder steps, torque noise, and the effects of
+real robots beside elasticity and damping: friction at motor and arm, nonlinear gears, soft links, lags,
 filters, reversed and swapped axes.
 
 A linear robot advances by its exact transition matrix, any other by the classic Runge-Kutta method.
@@ -20,6 +20,7 @@ import numpy as np
 from jointid import SineRecord
 
 Array = np.ndarray
+Values = Array | Sequence[float] | Sequence[Sequence[float]] | float
 
 BRANCHES_RAD_S = 2 * np.pi * np.geomspace(0.1, 1000.0, 9)
 """Corner frequencies of the Maxwell branches that make a loss factor nearly constant between them. The
@@ -33,51 +34,54 @@ LINK_DAMPING = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """Elastic joints and their deviations from the ideal model, a number or one per joint, motor side."""
+    """Elastic joints and their deviations from the ideal model, motor side.
 
-    M: Array
-    M2: Array
-    K: Array
-    D: Array
-    coulomb: Array = 0.0  # type: ignore[assignment]
+    Each value is one number for all joints or one per joint; K and D are the truth to be found.
+    """
+
+    M: Values
+    M2: Values
+    K: Values
+    D: Values
+    coulomb: Values = 0.0
     """Friction level at the motor, N·m. It is set-valued: a joint that sticks does not move."""
-    viscous: Array = 0.0  # type: ignore[assignment]
-    asymmetry: Array = 0.0  # type: ignore[assignment]
+    viscous: Values = 0.0
+    asymmetry: Values = 0.0
     """The level is 1 + this times as high at positive velocity, 1 − this at negative."""
-    stribeck: Array = 0.0  # type: ignore[assignment]
+    stribeck: Values = 0.0
     """Additional level at rest, N·m; it falls with exp(−(velocity / ``stribeck_rad_s``)²)."""
-    stribeck_rad_s: Array = 0.2  # type: ignore[assignment]
-    load: Array = 0.0  # type: ignore[assignment]
+    stribeck_rad_s: Values = 0.2
+    load: Values = 0.0
     """Additional level per gear torque."""
     smoothing_rad_s: float = 0.0
     """Friction level × tanh(velocity / this) in place of set-valued friction."""
-    presliding_rad: Array = 0.0  # type: ignore[assignment]
-    """Friction level over the stiffness of its bristles, rad: friction has a state, after Dahl, or LuGre with
-    ``stribeck`` and ``bristle_damping``."""
-    bristle_damping: Array = 0.0  # type: ignore[assignment]
+    presliding_rad: Values = 0.0
+    """Friction level over the stiffness of its bristles, rad: friction after Dahl, or after LuGre with
+    ``stribeck`` and ``bristle_damping``. 0: no bristles."""
+    bristle_damping: Values = 0.0
     """Damping ratio of the motor on its bristles."""
-    arm_coulomb: Array = 0.0  # type: ignore[assignment]
-    arm_viscous: Array = 0.0  # type: ignore[assignment]
+    arm_coulomb: Values = 0.0
+    arm_viscous: Values = 0.0
     arm_smoothing_rad_s: float = 0.02
-    cubic: Array = 0.0  # type: ignore[assignment]
+    cubic: Values = 0.0
     """Hardening, N·m/rad³."""
-    backlash_rad: Array = 0.0  # type: ignore[assignment]
+    backlash_rad: Values = 0.0
     """Total play."""
-    hysteresis_Nm: Array = 0.0  # type: ignore[assignment]
+    hysteresis_Nm: Values = 0.0
     """Saturation of a Dahl element parallel to the spring."""
-    hysteresis_rad: Array = 2e-3  # type: ignore[assignment]
-    loss_factor: Array = 0.0  # type: ignore[assignment]
-    link_share: Array = 0.0  # type: ignore[assignment]
+    hysteresis_rad: Values = 2e-3
+    loss_factor: Values = 0.0
+    link_share: Values = 0.0
     """Share of M2's diagonal that sits behind a soft link."""
-    link_hz: Array = 100.0  # type: ignore[assignment]
-    gravity: Array = 0.0  # type: ignore[assignment]
+    link_hz: Values = 100.0
+    gravity: Values = 0.0
     """Stiffness that gravity adds to the arm, N·m/rad."""
-    lag_s: Array = 0.0  # type: ignore[assignment]
+    lag_s: Values = 0.0
     """The torque acts this much after its sample."""
-    position_filter_hz: Array = 0.0  # type: ignore[assignment]
+    position_filter_hz: Values = 0.0
     """Corner of a first-order filter on the logged angle; 0: none."""
-    torque_filter_hz: Array = 0.0  # type: ignore[assignment]
-    reversed: Array = 1.0  # type: ignore[assignment]
+    torque_filter_hz: Values = 0.0
+    reversed: Values = 1.0
     """−1 logs angle and torque of the joint with the other sign."""
     swapped: bool = False
     """The log has the joints in reverse order."""
@@ -154,18 +158,18 @@ def paper_motions(
     f = np.repeat(np.asarray(frequency_hz, float), per_frequency * len(levels))
     level = np.tile(np.repeat(levels, per_frequency), len(frequency_hz))
     size = rng.uniform(0.6, 1.0, (f.size, robot.n)) * level[:, None]
-    turn = (np.arange(f.size) % per_frequency)[:, None] * np.arange(robot.n) / max(per_frequency, robot.n)
+    turn = np.outer(np.arange(f.size) % per_frequency, np.arange(robot.n)) / max(per_frequency, robot.n)
     phase = 2 * np.pi * turn + rng.uniform(-0.5, 0.5, (f.size, robot.n))
     amplitude = size * velocity_rad_s / (2 * np.pi * f[:, None])
-    return Experiment(f, amplitude, phase, seed=seed, **more)  # type: ignore[arg-type]
+    return Experiment(f, amplitude, phase, seed=seed, **more)
 
 
 class Plants:
     """Equations of motion of p robots with n joints, each with r records.
 
-    The linear part is x' = A x + B (held torque) with the states: motor angles and velocities, arm angles
-    and velocities, filtered angles and torques, and, where robots have them, link angles and velocities
-    and Maxwell branches. Everything else enters as forces on motors and arms, each a block of n states.
+    The linear part is x' = A x + B (held torque). The states are blocks of n: motor angles and
+    velocities, arm angles and velocities, filtered angles and torques, and, where robots have them, link
+    angles and velocities and Maxwell branches. Everything else enters as forces on motors and arms.
     """
 
     def __init__(self, robots: Sequence[Robot]) -> None:
@@ -229,20 +233,27 @@ class Plants:
                 A[at["link_omega"], at[velocity]] = np.diag(moved * per_velocity)
             A[at["link"], at["link_omega"]] = eye
         A[at["arm_omega"]] += arm_force @ on_arm
-        for log, corner in (("angle_log", robot.position_filter_hz), ("torque_log", robot.torque_filter_hz)):
+        for log, corner in (
+            ("angle_log", robot.position_filter_hz),
+            ("torque_log", robot.torque_filter_hz),
+        ):
             A[at[log], at[log]] = -2 * np.pi * np.diag(corner)
         A[at["angle_log"], at["theta"]] = 2 * np.pi * np.diag(robot.position_filter_hz)
 
     def measured(self, x: Array) -> Array:
         """Angles as the log has them before rounding, (p, n, r)."""
-        return np.where(self.of("position_filter_hz") > 0, x[:, self.at["angle_log"]], x[:, self.at["theta"]])
+        return np.where(
+            self.of("position_filter_hz") > 0, x[:, self.at["angle_log"]], x[:, self.at["theta"]]
+        )
 
     def energy(self, x: Array) -> Array:
         """Kinetic and elastic energy of robots without link mode and play, shape (p, r)."""
         at = self.at
         deflection = x[:, at["theta"]] - x[:, at["arm"]]
         M2 = np.stack([robot.M2 for robot in self.robots])
-        kinetic = self.of("M") * x[:, at["omega"]] ** 2 + x[:, at["arm_omega"]] * (M2 @ x[:, at["arm_omega"]])
+        kinetic = self.of("M") * x[:, at["omega"]] ** 2 + x[:, at["arm_omega"]] * (
+            M2 @ x[:, at["arm_omega"]]
+        )
         elastic = self.of("K") * deflection**2 + 0.5 * self.of("cubic") * deflection**4
         gravity = self.of("gravity") * x[:, at["arm"]] ** 2
         return 0.5 * (kinetic + elastic + gravity).sum(axis=1)
@@ -403,7 +414,9 @@ class _Nonlinear:
             gear = self.cubic * deflection**3 + self.hysteresis * z
             gear -= self.K * np.clip(deflection, -self.half_play, self.half_play)
             on_motor, on_arm = -gear, gear
-            wound[:] = (twist - np.abs(twist) * z) / self.hysteresis_rad
+            wound[:] = (
+                np.where(self.hysteresis > 0, twist - np.abs(twist) * z, 0.0) / self.hysteresis_rad
+            )
         if np.any(self.arm_coulomb):
             rubbing = self.arm_coulomb * np.tanh(arm_velocity / self.arm_smoothing)
             on_arm = -rubbing if on_arm is None else on_arm - rubbing

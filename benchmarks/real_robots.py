@@ -16,7 +16,7 @@ from benchmarks.independent_robot import (
     settling_s,
     steady_state,
 )
-from jointid import Inertia, JointIdError, SineRecord, Study
+from jointid import Inertia, SineRecord, Study
 
 PAPER = Robot(
     M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]], K=[43.0, 7.5], D=[0.10, 0.015]
@@ -54,7 +54,9 @@ def _calm(robot: Robot) -> bool:
 def varied(robot: Robot, rng: np.random.Generator, spread: float = 0.2) -> Robot:
     """The same robot with other numbers, each up to ``spread`` off."""
     while True:
-        by = {name: getattr(robot, name) * rng.uniform(1 - spread, 1 + spread, robot.n) for name in "MKD"}
+        by = {
+            name: getattr(robot, name) * rng.uniform(1 - spread, 1 + spread, robot.n) for name in "MKD"
+        }
         own = np.sqrt(rng.uniform(1 - spread, 1 + spread, robot.n))
         other = replace(robot, M2=robot.M2 * np.outer(own, own), **by)
         if _calm(other):
@@ -238,7 +240,7 @@ OTHERS = {
 """More deviations, tried in the same way."""
 
 
-def _rubbing(share: float, **more: float) -> Change:
+def rubbing(share: float, **more: float) -> Change:
     """Coulomb friction over the smallest motor torque; further levels are given over that friction."""
 
     def change(_: Robot, loads: Loads) -> dict[str, Any]:
@@ -256,20 +258,20 @@ PERFECT = {
     "5–25 Hz": Case(band=(0.5, 2.5, 12)),
     "one joint": Case(joints=1),
     "six joints, 42 records": Case(joints=6, band=(0.3, 3.0, 7)),
-    "mild friction": Case(change=_rubbing(0.1, viscous=0.04)),
+    "mild friction": Case(change=rubbing(0.1, viscous=0.04)),
 }
 """Studies that fit the model."""
 
 STICKING = {
-    "Coulomb": Case(change=_rubbing(0.5, viscous=0.04)),
-    "Coulomb, 80 %": Case(change=_rubbing(0.8, viscous=0.04)),
-    "smoothed below 0.05 rad/s": Case(change=_rubbing(0.5, smoothing_rad_s=0.05)),
-    "Stribeck": Case(change=_rubbing(0.4, stribeck=0.4, stribeck_rad_s=0.3)),
-    "asymmetric": Case(change=_rubbing(0.5, asymmetry=0.2)),
-    "load-dependent": Case(change=_rubbing(0.4, load=0.02)),
-    "presliding (Dahl)": Case(change=_rubbing(0.5, presliding_rad=1e-3)),
+    "Coulomb": Case(change=rubbing(0.5, viscous=0.04)),
+    "Coulomb, 80 %": Case(change=rubbing(0.8, viscous=0.04)),
+    "smoothed below 0.05 rad/s": Case(change=rubbing(0.5, smoothing_rad_s=0.05)),
+    "Stribeck": Case(change=rubbing(0.4, stribeck=0.4, stribeck_rad_s=0.3)),
+    "asymmetric": Case(change=rubbing(0.5, asymmetry=0.2)),
+    "load-dependent": Case(change=rubbing(0.4, load=0.02)),
+    "presliding (Dahl)": Case(change=rubbing(0.5, presliding_rad=1e-3)),
     "presliding (LuGre)": Case(
-        change=_rubbing(0.4, stribeck=0.3, presliding_rad=1e-3, bristle_damping=0.2)
+        change=rubbing(0.4, stribeck=0.3, presliding_rad=1e-3, bristle_damping=0.2)
     ),
 }
 """Friction of half the smallest torque amplitude and more: joints stick at their reversals."""
