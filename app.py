@@ -2,22 +2,28 @@
 
 import streamlit as st
 
-from jointid.answer import answer_sentence
 from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.overview import freed_note, show_findings, show_heading, show_steps, show_tiles
-from jointid.ui.study.uncertainty_panels import show_inertia_line
+from jointid.ui.study.overview import (
+    freed_note,
+    show_findings,
+    show_heading,
+    show_headline,
+    show_steps,
+    show_tiles,
+)
+from jointid.ui.study.uncertainty_panels import show_error_parts
 
 page = open_page("Study")
 show_heading(page.study)
 analysis = page.analysis()
 
-st.subheader(answer_sentence(analysis.fit, page.study.nominal), anchor=False)
-show_tiles(analysis.fit, page.study.nominal)
-show_inertia_line(page, analysis)
+show_headline(analysis)
+show_tiles(analysis)
+show_error_parts(analysis)
 outcome_panel(page, analysis)
 show_findings(analysis.findings)
 

@@ -1,30 +1,112 @@
-"""The result of an identification as a sentence."""
+"""The result of an identification in words."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
 from jointid.arrays import Floats
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity
-from jointid.rounding import significant
+from jointid.rounding import decimal_place, significant, with_error
 from jointid.wording import capitalised, enumerated
 
 _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
 
+UNSTATED_TORQUE_SCALE = (
+    "The uncertainty of the torque scale is not stated: K, D and the inertias hold if the torque "
+    "constants are exact. If they are known to 2 %, set std = 0.02 under [torque] in study.toml."
+)
+ERROR_BARS = "± is one standard error from all causes."
+EFFECT_PARAMETERS = {
+    name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
+}
+"""Label and unit of every parameter of the effects."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A fitted number with its standard error."""
+
+    name: str
+    value: float
+    error: float
+    unit: str
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """The value ± its error, and their unit; times in milliseconds."""
+        scale, unit = (1e3, "ms") if self.unit == "s" else (1.0, self.unit)
+        return with_error(scale * self.value, scale * self.error), unit
+
+
+def elasticity_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
+    """K1 ... Kn and D1 ... Dn with the whole standard error."""
+    units = ["N·m/rad"] * fit.n + ["N·m·s/rad"] * fit.n
+    return _quantities(elasticity_labels(fit.n), fit.estimate, fit.standard_error, units)
+
+
+def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
+    """Friction, delay and effects that were fitted together with K and D."""
+    found: list[Quantity] = []
+    if (friction := fit.friction) is not None:
+        names = _of_joints("Coulomb friction", fit.n) + _of_joints("viscous friction", fit.n)
+        values = np.concatenate([friction.coulomb, friction.viscous])
+        units = ["N·m"] * fit.n + ["N·m·s/rad"] * fit.n
+        found += _quantities(names, values, friction.standard_error, units)
+    if fit.delay is not None:
+        found.append(Quantity("torque delay", fit.delay, fit.delay_error or 0.0, "s"))
+    for name, (values, errors) in effect_values(fit).items():
+        label, unit = EFFECT_PARAMETERS[name]
+        found += _quantities(_of_joints(label, fit.n), values, errors, [unit] * fit.n)
+    return tuple(found)
+
+
+def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
+    """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
+    layout, p = fit.parameters.layout, fit.parameters
+    error = np.sqrt(np.diag(fit.parameter_covariance))
+    return {name: (p[name], error[layout[name]]) for name in EFFECT_PARAMETERS if name in layout}
+
+
+def _quantities(
+    names: Sequence[str], values: Floats, errors: Floats, units: Sequence[str]
+) -> tuple[Quantity, ...]:
+    rows = zip(names, values.tolist(), errors.tolist(), units, strict=True)
+    return tuple(Quantity(*row) for row in rows)
+
+
+def _of_joints(name: str, n: int) -> list[str]:
+    return [f"{name} {j + 1}" for j in range(n)]
+
 
 def model_name(fit: ElasticityFit) -> str:
-    """Return the fitted model: "elasticity", with " + friction" and " + delay" where fitted."""
-    parts = {"elasticity": True, "friction": fit.friction, "delay": fit.delay}
-    return " + ".join(name for name, part in parts.items() if part is not None)
+    """Return the fitted model: "elasticity", with " + friction", " + delay" and effects where fitted."""
+    return " + ".join(["elasticity", *_extensions(fit)])
 
 
 def without(fit: ElasticityFit) -> str:
-    """Return "without friction and delay", or whichever of these the fit found; empty for neither."""
+    """Return "without friction and delay", or what else the fit removes from the data, or nothing."""
+    removed = _extensions(fit)
+    if "torque_scale" in fit.parameters.layout:
+        removed.append("torque scale error")
+    return f"without {enumerated(removed)}" if removed else ""
+
+
+def _extensions(fit: ElasticityFit) -> list[str]:
+    """Names of what was fitted in addition to K, D, inertias and torque scales."""
     found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
-    return f"without {' and '.join(found)}" if found else ""
+    return found + [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
 
 
-def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> str:
+def answer_sentence(
+    fit: ElasticityFit, nominal: Elasticity | None = None, *, torque_stated: bool = True
+) -> str:
     """State the identified stiffnesses, relative to the nominal ones if these are given.
 
     Parameters
@@ -32,54 +114,60 @@ def answer_sentence(fit: ElasticityFit, nominal: Elasticity | None = None) -> st
     fit : ElasticityFit
     nominal : Elasticity, optional
         Values that the controller assumes.
+    torque_stated : bool
+        Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
     """
     unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
     if unknown:
         which = enumerated([f"joint {j + 1}" for j in unknown])
-        return f"These records do not tell the stiffness of {which}: see what was found below."
+        return f"These records do not determine the stiffness of {which}: see the findings."
+    condition = "" if torque_stated else ", if the torque scale is exact"
+    undetermined = [f"D{j + 1}" for j in range(fit.n) if np.isinf(fit.standard_error[fit.n + j])]
+    tail = f" These records do not determine {enumerated(undetermined)}." if undetermined else ""
+    return f"{_stiffnesses(fit, nominal)}{condition}.{tail}"
+
+
+def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None) -> str:
     if nominal is None:
-        parts = [f"{_rounded(fit, j)} N·m/rad" for j in range(fit.n)]
+        pairs = zip(fit.K.tolist(), fit.standard_error[: fit.n].tolist(), strict=True)
+        parts = [f"{with_error(K, error)} N·m/rad" for K, error in pairs]
         joints = enumerated([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, seen from the motor."
+        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, seen from the motor"
     whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
     if fit.n > 1 and len(whole) == 1:
-        return f"Every joint {whole.pop()}."
+        return f"Every joint {whole.pop()}"
     parts = [f"joint {j + 1} {_compared(fit, nominal, j, short=j > 0)}" for j in range(fit.n)]
-    return f"{capitalised(enumerated(parts))}."
-
-
-def inertia_sentence(added: Floats, share: float = 0.03) -> str:
-    """State the standard errors that come from the inertias, which the error bars do not include.
-
-    Parameters
-    ----------
-    added : ndarray, shape (2n,)
-        Standard errors of K1 ... Kn, D1 ... Dn when every inertia errs by ``share`` of itself.
-    share : float
-    """
-    n = added.size // 2
-    parts = [
-        f"{q}{j + 1} ± {significant(float(added[j + k * n]), 2)}"
-        for j in range(n)
-        for k, q in enumerate("KD")
-    ]
-    return f"± is noise alone. If M and M2 are known to {100 * share:g} %, that adds {', '.join(parts)}."
+    return capitalised(enumerated(parts))
 
 
 def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -> str:
     """Stiffness relative to the nominal one; ``short`` omits the reference."""
     ratio = float(fit.K[j] / nominal.K[j])
-    uncertainty = 2 * float(fit.standard_error[j] / nominal.K[j])
-    if abs(ratio - 1) <= max(_AGREEMENT, uncertainty):
+    error = float(fit.standard_error[j] / nominal.K[j])
+    if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
         return "is as stiff as " + ("assumed" if short else "the controller assumes")
     if 0.67 < ratio < 1.5:
         kind = "stiffer" if ratio > 1 else "softer"
         tail = "" if short else " than the controller assumes"
-        return f"is {significant(100 * abs(ratio - 1), 2)} % {kind}{tail}"
+        return f"is {_two_digits(100 * abs(ratio - 1), 100 * error)} % {kind}{tail}"
     tail = "" if short else " as the controller assumes"
-    return f"is {significant(ratio, 2)} times as stiff{tail}"
+    return f"is {_two_digits(ratio, error)} times as stiff{tail}"
 
 
-def _rounded(fit: ElasticityFit, j: int) -> str:
-    return significant(float(fit.K[j]), 3)
+def _two_digits(value: float, error: float) -> str:
+    """The value with two digits where its error allows them, else with its error."""
+    if error < 0.5 * 10.0 ** (decimal_place(value) - 1):
+        return significant(value, 2)
+    return with_error(value, error)
+
+
+def change_from(value: float, error: float, reference: float) -> str:
+    """Deviation from a nominal value in per cent, "agrees" within two standard errors."""
+    if reference <= 0 or not np.isfinite(error):
+        return "–"
+    ratio = value / reference - 1
+    if abs(ratio) <= 2 * error / reference:
+        return "agrees"
+    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
+    return f"{'+' if ratio > 0 else '−'}{size} %"

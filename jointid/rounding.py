@@ -7,6 +7,8 @@ import math
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_DIGITS = 7
 """Most significant digits shown, whatever the standard error."""
+UNDETERMINED = "not determined"
+"""In place of a value whose standard error is infinite."""
 
 
 def with_error(value: float, error: float) -> str:
@@ -18,22 +20,25 @@ def with_error(value: float, error: float) -> str:
     ----------
     value : float
     error : float
-        Standard error, not negative. Shown as "± ?" if not finite.
+        Standard error, not negative.
 
     Returns
     -------
     str
-        Very small and very large values as "(1.20 ± 0.03)×10⁻⁷".
+        Very small and very large values as "(1.20 ± 0.03)×10⁻⁷"; "not determined" for an infinite
+        error, "± ?" for an unknown one (NaN).
     """
+    if error == math.inf:
+        return UNDETERMINED
     if not math.isfinite(value):
         return "unknown"
-    if not math.isfinite(error):
+    if math.isnan(error):
         return f"{significant(value, 3)} ± ?"
     if error < 0:
         raise ValueError(f"error = {error:g}: a standard error is not negative.")
     if value == 0 and error == 0:
         return "0 ± 0"
-    exponent = _exponent(max(abs(value), error))
+    exponent = decimal_place(max(abs(value), error))
     if not -3 <= exponent < 6 and exponent > -300:
         inner = with_error(value / 10.0**exponent, error / 10.0**exponent)
         return f"({inner})×10{str(exponent).translate(_SUPERSCRIPTS)}"
@@ -65,14 +70,15 @@ def plain(value: float) -> str:
 
 
 def _last_place(error: float) -> int:
-    first = _exponent(error)
+    first = decimal_place(error)
     leading = round(error / 10.0**first, 1)
     if leading >= 9.5:  # 0.097 rounds to 0.1, which begins with 1
         return first
     return first - 1 if leading < 2 and round(error / 10.0 ** (first - 1)) < 20 else first
 
 
-def _exponent(value: float) -> int:
+def decimal_place(value: float) -> int:
+    """Power of ten of a number's first digit; 0 for zero."""
     return math.floor(math.log10(abs(value))) if value != 0 else 0
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 
+from jointid.answer import answer_sentence
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_each
 from jointid.estimation.inertia_prior import InertiaPrior, checked_std
@@ -17,12 +18,23 @@ from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import SineRecord
 from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
+from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings
 from jointid.wording import counted
 
 INERTIA_STD = 0.05
 """Relative standard deviation of inertias where a study says nothing: computed from drawings, they are
 known to a few per cent."""
+
+USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
+STATES = (USABLE, WITH_CARE, NOT_USABLE)
+"""What may be done with an answer."""
+
+
+def answer_state(levels: Iterable[str]) -> str:
+    """State of an answer, one of ``STATES``, from the levels of its findings."""
+    found = set(levels)
+    return NOT_USABLE if "problem" in found else WITH_CARE if "warning" in found else USABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +170,41 @@ class Analysis:
     """Fits of the chosen estimator and of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
     """Findings on the data and the answer, most important first."""
+
+    @property
+    def state(self) -> str:
+        """One of ``STATES``, see ``answer_state``."""
+        return answer_state(finding.level for finding in self.findings)
+
+    @property
+    def state_reason(self) -> str:
+        """Title of the finding that limits the use of the answer; empty if it is usable."""
+        limits = (f.title for f in self.findings if answer_state([f.level]) == self.state)
+        return "" if self.state == USABLE else next(limits)
+
+    @property
+    def headline(self) -> str:
+        """The answer as a sentence; of an unusable one, the reason."""
+        if self.state == NOT_USABLE:
+            return f"Not usable: {self.state_reason}."
+        stated = self.study.torque_std is not None
+        return answer_sentence(self.fit, self.study.nominal, torque_stated=stated)
+
+    @property
+    def caution(self) -> str:
+        """What limits a usable answer, as a sentence; empty otherwise."""
+        return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
+
+    @property
+    def priors(self) -> tuple[PriorRow, ...]:
+        """Inertias and torque scales as given and as fitted."""
+        return prior_rows(self.fit, [record.pose or "" for record in self.study.records])
+
+    def inertia(self, pose: str = "") -> Inertia:
+        """Fitted inertia of a pose, "" for records without one; the given one if it has no record."""
+        given = self.study.poses[pose] if pose else self.study.inertia
+        of_records = zip(self.study.records, self.fit.inertias, strict=True)
+        return next((found for record, found in of_records if (record.pose or "") == pose), given)
 
 
 def analyse(study: Study, *, method: str = "auto") -> Analysis:

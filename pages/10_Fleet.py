@@ -38,6 +38,7 @@ download(
     lambda: to_parquet(rows),
     "results.parquet",
     "application/vnd.apache.parquet",
-    hint="One row per study: K1, K1_error, D1 and so on, verdict, errors; misfit is the square of what "
-    "is left over what noise explains, 1 is ideal; a digest is a fingerprint: equal data, equal digest.",
+    hint="One row per study: state, K1, K1_error (all causes), D1 and so on, verdict, errors; misfit is "
+    "the square of what is left over what noise explains, 1 is ideal; a digest is a fingerprint: equal "
+    "data, equal digest.",
 )

@@ -6,29 +6,28 @@ from jointid.ui.shared.page import open_page
 from jointid.ui.study.elasticity_figures import show_dynamic_stiffness, show_response, show_unexplained
 from jointid.ui.study.estimates import show_also_fitted, show_estimates, show_matrix
 from jointid.ui.study.model_check import show_model_holds, show_poses
-from jointid.ui.study.overview import show_findings, show_tiles
+from jointid.ui.study.overview import show_findings, show_headline, show_tiles
 from jointid.ui.study.uncertainty_panels import (
-    ask_share,
     on_demand,
     show_checks,
     show_ellipses,
     show_errors,
+    show_influence,
 )
 
 page = open_page("Elasticity")
 st.title("Elasticity", anchor=False)
 st.write(
-    "Since the rigid-body inertias are known, every record tells how far each spring was deflected and "
-    "which torque it passed on. Their ratio holds K and D; the problem is linear, so no start values "
-    "are needed."
+    "With the rigid-body inertias, every record gives each spring's deflection and transmitted torque; "
+    "their ratio gives K and D. The inertias are fitted along within their uncertainty."
 )
 analysis = page.analysis()
-show_tiles(analysis.fit, page.study.nominal)
+show_headline(analysis)
+show_tiles(analysis)
 show_findings(analysis.findings)
 
 st.subheader("How well they are known", anchor=False)
-share = ask_share()
-errors = st.container()
+show_errors(analysis)
 show_dynamic_stiffness(page, analysis)
 st.subheader("Every estimator", anchor=False)
 show_estimates(analysis)
@@ -41,6 +40,7 @@ with st.expander("The matrix A, its condition, and how the estimates are correla
     show_matrix(analysis.fit)
 details = {
     "checks": ("Check the error bars", show_checks),
+    "inertias": ("Which given inertia matters", show_influence),
     "ellipses": ("Confidence ellipses", show_ellipses),
     "model": ("Does the model hold", show_model_holds),
 }
@@ -50,4 +50,3 @@ for key, (label, show) in details.items():
     with on_demand(label, key) as expander:
         if expander.open:
             show(page, analysis)
-show_errors(page, analysis, errors, share)

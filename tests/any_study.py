@@ -23,7 +23,7 @@ from jointid import (
     analyse,
     figures,
 )
-from jointid.answer import answer_sentence, inertia_sentence, without
+from jointid.answer import answer_sentence, further_quantities, without
 from jointid.arrays import Complexes, Floats
 from jointid.cut.outcome import study_outcome
 from jointid.cut.robot import cut_robot, reason_unusable
@@ -56,6 +56,7 @@ from jointid.ui.study.data_quality import phasor_columns, quality_table
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
 from jointid.ui.study.estimates import estimates_table
 from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
@@ -399,6 +400,10 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
     given = (phasors, study.inertias, fit)
     n = fit.n
     yield "answer", lambda: (answer_sentence(fit, study.nominal), without(fit))
+    yield "headline", lambda: (analysis.headline, analysis.state, analysis.state_reason)
+    yield "further", lambda: [quantity.shown for quantity in further_quantities(fit)]
+    yield "error parts", lambda: error_table(fit)
+    yield "priors", lambda: [row.cells for row in analysis.priors]
     yield "row", lambda: checked(row_of(analysis, study="study"))
     yield "json", lambda: from_json(to_json(identification(analysis)))
     yield "toml", lambda: to_toml(identification(analysis))
@@ -421,7 +426,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
             phasor_columns(phasors),
         ),
     )
-    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis, None, 0.03))
+    yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))
     yield "fit", lambda: (fit.condition, fit.correlation, fit.misfit, fit.equations.matrix())
     yield from _pictures(analysis)
     yield "inertias", lambda: _inertias(analysis)
@@ -471,8 +476,7 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
 def _inertias(analysis: Analysis) -> None:
     found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
     assert found.relative.shape[0] == 2 * analysis.fit.n
-    inertia_sentence(found.standard_error())
-    errors_table(analysis, found, 0.03)
+    errors_table(analysis)
 
 
 def _poses(analysis: Analysis) -> None:

@@ -1,14 +1,35 @@
-"""The sentence says what the numbers say."""
+"""What a person reads of an answer: sentence, state, error bars, inertias."""
 
 from __future__ import annotations
 
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jointid import Elasticity
-from jointid.answer import answer_sentence
+from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
+from jointid.answer import answer_sentence, further_quantities, model_name, without
+from jointid.estimation.parameters import ParameterLayout
+from jointid.exporting import (
+    from_json,
+    from_toml,
+    identification,
+    mujoco_snippet,
+    to_json,
+    to_toml,
+    urdf_snippet,
+)
+from jointid.fleet.row import row_of
+from jointid.fleet.table import as_table
+from jointid.reporting.blocks import Paragraph
+from jointid.reporting.report import make_report, to_html
+from jointid.study import answer_state
+from jointid.uncertainty.error_parts import error_parts
 
 
 def fit(K: list[float], error: float = 0.01) -> SimpleNamespace:
@@ -40,10 +61,157 @@ def test_a_difference_within_the_uncertainty_is_none() -> None:
 
 def test_without_a_nominal_stiffness() -> None:
     assert answer_sentence(fit([43.0, 7.5])) == (
-        "Joint 1 and joint 2 have stiffnesses of 43.0 N·m/rad and 7.50 N·m/rad, seen from the motor."
+        "Joint 1 and joint 2 have stiffnesses of 43.000 ± 0.010 N·m/rad and 7.500 ± 0.010 N·m/rad, seen "
+        "from the motor."
     )
 
 
 @pytest.mark.parametrize("K", [-3.0, 0.015, float("nan")])
-def test_what_the_records_do_not_tell_is_not_told(K: float) -> None:
-    assert "do not tell the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
+def test_what_the_records_do_not_determine_is_not_stated(K: float) -> None:
+    assert "do not determine the stiffness of joint 2" in answer_sentence(fit([43.0, K]))
+
+
+def test_an_infinite_error_is_said_in_words() -> None:
+    unknown = fit([43.0, 7.5])
+    unknown.standard_error[3] = math.inf
+    assert answer_sentence(unknown).endswith("seen from the motor. These records do not determine D2.")
+    unknown.standard_error[0] = math.inf
+    assert answer_sentence(unknown).startswith("These records do not determine the stiffness of joint 1")
+
+
+def test_a_torque_scale_that_is_not_stated_is_a_condition() -> None:
+    nominal = Elasticity([20.0, 3.5], [0.1, 0.1])
+    said = answer_sentence(fit([44.0, 7.5]), nominal, torque_stated=False)
+    assert said.endswith("times as stiff, if the torque scale is exact.")
+    assert "torque scale" not in answer_sentence(fit([44.0, 7.5]), nominal)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(0.2, "is 2.2 times"), (2.0, "is 2.20 ± 0.10 times"), (8.0, "is 2.2 ± 0.4 times")],
+)
+def test_digits_follow_the_error(error: float, said: str) -> None:
+    assert said in answer_sentence(fit([44.0], error), Elasticity([20.0], [0.1]))
+
+
+@pytest.mark.parametrize(
+    ("levels", "state"),
+    [
+        (["good"], "usable"),
+        (["good", "note"], "usable"),
+        (["note", "warning"], "usable with care"),
+        (["warning", "problem"], "not usable"),
+    ],
+)
+def test_the_findings_decide_the_state_of_the_answer(levels: list[str], state: str) -> None:
+    assert answer_state(levels) == state
+
+
+@pytest.fixture(scope="module")
+def study() -> Study:
+    return load_study(Path(__file__).parents[1] / "sample_data" / "paper.zip")
+
+
+def with_findings(analysis: Analysis, *levels: str) -> Analysis:
+    found = tuple(Finding(level, f"A {level}", "", "", 1.0) for level in levels)
+    return replace(analysis, findings=found)
+
+
+def test_an_unusable_answer_says_so_first_everywhere(study: Study) -> None:
+    analysis = with_findings(analyse(study), "problem", "warning")
+    assert (analysis.state, analysis.state_reason) == ("not usable", "A problem")
+    assert analysis.headline == "Not usable: A problem."
+    found = identification(analysis)
+    assert urdf_snippet(found, [100.0]).startswith("<!-- Not usable: A problem.\n")
+    document = json.loads(to_json(found))
+    assert (document["state"], document["answer"]) == ("not usable", "Not usable: A problem.")
+    blocks = make_report(analysis, cut=False).sections[0].blocks
+    assert blocks[0] == Paragraph("Not usable: A problem.", "lead")
+    row = row_of(analysis, study="here")
+    assert as_table([replace(row, verdict="problem")])["state"].to_pylist() == ["not usable"]
+
+
+def test_one_that_needs_care_says_why(study: Study) -> None:
+    analysis = with_findings(analyse(study), "warning", "note")
+    assert (analysis.state, analysis.state_reason) == ("usable with care", "A warning")
+    assert "times as stiff" in analysis.headline
+    assert identification(analysis).answer.endswith("is exact. Usable with care: A warning.")
+    blocks = make_report(analysis, cut=False).sections[0].blocks
+    assert blocks[1] == Paragraph("Usable with care: A warning.")
+
+
+def test_the_parts_add_up_to_the_whole_error(study: Study) -> None:
+    for std, method in ((0.05, "auto"), (0.3, "weighted"), (0.0, "least-squares")):
+        found = analyse(replace(study, inertia_std=std, torque_std=0.02), method=method).fit
+        total = sum(np.square(part.error) for part in error_parts(found))
+        assert total == pytest.approx(np.square(found.standard_error))
+
+
+def test_inertias_are_compared_with_the_given_ones(study: Study) -> None:
+    """J_a1 is given 20 % low with a standard deviation of 10 %: it comes out 2.5 of those above."""
+    M2 = study.inertia.M2.copy()
+    M2[0, 0] *= 0.8
+    wrong = replace(study, inertia=Inertia(study.inertia.M, M2), inertia_std=0.1, torque_std=0.0)
+    analysis = analyse(wrong)
+    rows = {row.name: row for row in analysis.priors}
+    assert list(rows) == ["J_m1", "J_m2", "J_a1", "J_12", "J_a2"]
+    assert rows["J_a1"].fitted == pytest.approx(study.inertia.M2[0, 0], rel=0.01)
+    assert rows["J_a1"].disagreement == pytest.approx(2.5, rel=0.05)
+    assert abs(rows["J_m2"].disagreement or 0.0) < 0.2
+    assert 0 < rows["J_a1"].fitted_std < 0.1 * rows["J_a1"].given_std
+    fitted = identification(analysis).inertia
+    assert fitted.M2[0, 0] == rows["J_a1"].fitted
+    assert analysis.inertia() is analysis.fit.inertias[0]
+
+
+def test_a_linear_estimator_keeps_the_given_inertias(study: Study) -> None:
+    rows = analyse(replace(study, torque_std=0.02), method="weighted").priors
+    assert [row.name for row in rows][-2:] == ["torque scale 1", "torque scale 2"]
+    assert all(row.cells[2] == "as given" and row.disagreement is None for row in rows)
+
+
+def test_inertias_of_several_poses_carry_the_name_of_theirs(study: Study) -> None:
+    other = Inertia(study.inertia.M, 1.5 * study.inertia.M2)
+    records = [
+        replace(record, pose="far" if k % 4 < 2 else None) for k, record in enumerate(study.records)
+    ]
+    rows = analyse(replace(study, records=records, poses={"far": other}), method="weighted").priors
+    assert [row.name for row in rows[:2]] == ["J_m1", "J_m2"]
+    assert {row.name.partition(", ")[2] for row in rows[2:]} == {"pose far", "pose of [inertia]"}
+
+
+def test_what_nothing_determines_is_said_in_words_and_read_again(study: Study) -> None:
+    analysis = analyse(replace(study, inertia_std=math.inf, torque_std=math.inf))
+    assert np.all(np.isinf(analysis.fit.standard_error))
+    found = identification(analysis)
+    texts = [to_json(found), to_toml(found), mujoco_snippet(found, [100.0])]
+    texts.append(to_html(make_report(analysis, cut=False)))
+    for text in texts:
+        assert "not determined by these records" in text or "These records do not determine" in text
+        assert not re.search(r"\b(inf|nan|Infinity|NaN)\b", text)
+    document = json.loads(texts[0])
+    assert document["standard_error"] == [None] * 4
+    assert set(document["undetermined"]) == {"K1", "K2", "D1", "D2"}
+    for back in (from_json(texts[0]), from_toml(texts[1])):
+        assert to_json(back) == texts[0]
+        assert np.all(np.isinf(back.standard_error))
+        assert back.priors == found.priors
+
+
+def test_effects_are_named_with_their_values(study: Study) -> None:
+    layout = ParameterLayout.of(2, effects=["arm_viscous", "lag"])
+    plain = analyse(study, method="weighted").fit
+    vector = layout.pack(K=plain.K, D=plain.D, arm_viscous=[0.002, 0.001], lag=[1e-4, 0.0])
+    errors = np.full(layout.size, 1e-5)
+    found = replace(
+        plain, parameters=layout.named(vector), parameter_covariance=np.diag(np.square(errors))
+    )
+    assert model_name(found) == "elasticity + arm-side viscous friction + a lag per joint"
+    assert without(found) == "without arm-side viscous friction and a lag per joint"
+    shown = {quantity.name: quantity.shown for quantity in further_quantities(found)}
+    assert shown["arm-side viscous friction 1"] == ("0.002000 ± 0.000010", "N·m·s/rad")
+    assert shown["lag 1"] == ("0.100 ± 0.010", "ms")
+    exported = identification(replace(analyse(study), fit=found))
+    document = json.loads(to_json(exported))
+    assert document["effects"]["lag"]["values"] == [1e-4, 0.0]
+    assert to_json(from_toml(to_toml(exported))) == to_json(exported)

@@ -75,10 +75,13 @@ def test_identify_prints_json_that_is_the_identification(study: Path) -> None:
     assert document["K"] == fit.K.tolist()
     assert document["covariance"] == fit.covariance.tolist()
     assert {"level", "title", "detail", "remedy"} == set(document["findings"][0])
-    added = document.pop("inertias_add")
-    assert added["relative"] == 0.03
-    assert min(added["standard_error"]) > 0
-    del document["answer"], document["findings"]
+    squares = [np.square(part) for part in document["error_parts"].values()]
+    assert np.sum(squares, axis=0) == pytest.approx(np.square(document["standard_error"]))
+    assert document["standard_error"] == fit.standard_error.tolist()
+    assert max(document["error_parts"]["prior"]) > 0
+    assert document["answer"].endswith("if the torque scale is exact.")
+    assert document["state"] == "usable"
+    del document["findings"]
     assert from_json(json.dumps(document)).K.tolist() == fit.K.tolist()
 
 
@@ -297,7 +300,7 @@ def test_export_says_that_the_answer_is_a_problem(studies: dict[int, Study], her
     assert result.exit_code == 0
     assert json.loads(result.stdout) == {"written": ["r.json", "r.toml"]}
     (said,) = result.stderr.splitlines()
-    assert said.startswith(f"Problem: {problems[0].title}. ")
+    assert said.startswith(f"Not usable: {problems[0].title}. ")
     save_study(good, "good.zip")
     assert run.invoke(app, ["export", "good.zip", "-o", "r.json"]).stderr == ""
 

@@ -345,7 +345,7 @@ def test_matlab_gets_everything(analyses: dict[int, Analysis]) -> None:
     assert mat["transfer"].H.shape == (2, 2, 6)  # as MATLAB's frd wants it
     np.testing.assert_array_equal(np.moveaxis(mat["transfer"].H, -1, 0), matrix.H)
     np.testing.assert_array_equal(mat["phasors"].q, analysis.phasors.q)
-    H = motor_response(OMEGA[:1], analysis.study.inertia, analysis.fit.elasticity)[0]
+    H = motor_response(OMEGA[:1], analysis.inertia(), analysis.fit.elasticity)[0]
     m = mat["model"]
     np.testing.assert_allclose(response(m.A, m.B, m.C, m.D, 1j * OMEGA[0]), H, rtol=1e-9)
 

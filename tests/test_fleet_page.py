@@ -295,7 +295,7 @@ def test_what_is_no_table_is_said_and_the_rest_is_shown(
     at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
     assert "bad.parquet: The table cannot be read" in text_of(at)
     frame = at.dataframe[-1].value
-    assert frame["Verdict"].tolist().count("— failed") == 1
+    assert frame["State"].tolist().count("— failed") == 1
     assert len(frame) == 2
 
 

@@ -31,6 +31,8 @@ from jointid.rounding import plain, significant, with_error
         (0, 0, "0 ± 0"),
         (-0.001, 0.1, "0.00 ± 0.10"),
         (5, math.nan, "5.00 ± ?"),
+        (5, math.inf, "not determined"),
+        (math.nan, math.inf, "not determined"),
         (math.nan, 1, "unknown"),
         (math.inf, 1, "unknown"),
     ],

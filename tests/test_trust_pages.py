@@ -25,6 +25,7 @@ from jointid.uncertainty.validation import harmonic_content, record_residuals
 
 APP = Path(__file__).parents[1] / "app.py"
 ELASTICITY, PLAN = "pages/4_Elasticity.py", "pages/6_Plan.py"
+POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
 
 
@@ -61,6 +62,14 @@ def column(at: AppTest, name: str) -> list[str]:
     return next(list(t.value[name]) for t in at.table if name in t.value)
 
 
+def bar(text: str) -> float:
+    """The part after ±, with its power of ten."""
+    digits, _, power = text.rpartition("± ")[2].replace("×10", "e").partition("e")
+    inside, _, outside = digits.partition(")")
+    exponent = (power or outside.replace("e", "")).translate(POWERS)
+    return float(inside.replace("<", "")) * 10.0 ** int(exponent or 0)
+
+
 def number(text: str) -> float:
     return float(text.replace("±", "").replace("−", "-").replace("%", "").split("×")[0])
 
@@ -70,24 +79,42 @@ JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pyte
 
 @pytest.mark.parametrize("joints", JOINTS)
 class TestErrorBars:
-    def test_noise_inertias_and_the_papers_answer_stand_side_by_side(
+    def test_the_error_its_parts_and_the_papers_answer_are_shown(
         self, app: AppTest, studies: dict[int, Study], joints: int
     ) -> None:
         at = opened(app, ELASTICITY, joints)
         analysis = analyse(studies[joints])
-        slopes = inertia_sensitivity(analysis.phasors, studies[joints].inertias, analysis.fit)
-        shown = [number(text) for text in column(at, "Inertias ± 3 %")]
-        assert shown == pytest.approx(slopes.standard_error(0.03).tolist(), rel=0.06)
+        shown = [bar(text) for text in column(at, "Estimate")]
+        assert shown == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
+        for name, errors in (
+            ("whole error", analysis.fit.standard_error),
+            ("noise", analysis.fit.noise_error),
+            ("inertias and torque scale", analysis.fit.prior_error),
+        ):
+            parts = [bar(text) for text in column(at, name)]
+            assert parts == pytest.approx(np.asarray(errors).tolist(), rel=0.06)
         paper = analysis.fits["least-squares"]
         for text, value in zip(column(at, "Paper's least squares"), [*paper.K, *paper.D], strict=True):
             assert float(text.split(" ± ")[0].lstrip("(")) == pytest.approx(value, rel=2e-2)
 
-    def test_inertias_known_twice_as_well_halve_their_error_bar(self, app: AppTest, joints: int) -> None:
+    def test_inertias_stand_as_given_and_as_fitted(
+        self, app: AppTest, studies: dict[int, Study], joints: int
+    ) -> None:
         at = opened(app, ELASTICITY, joints)
-        wide = [number(text) for text in column(at, "Inertias ± 3 %")]
-        at = at.number_input(key="inertia_share").set_value(1.5).run()
-        narrow = [number(text) for text in column(at, "Inertias ± 1.5 %")]
-        assert narrow == pytest.approx([x / 2 for x in wide], rel=0.1)
+        rows = analyse(studies[joints]).priors
+        assert column(at, "given") == [row.cells[1] for row in rows]
+        assert column(at, "fitted") == [row.cells[2] for row in rows]
+        assert len(rows) == joints + joints * (joints + 1) // 2
+        said = [caption.value for caption in at.caption]
+        assert any("torque scale is not stated" in text for text in said)
+
+    def test_the_influence_of_each_inertia_is_computed_on_demand(
+        self, app: AppTest, studies: dict[int, Study], joints: int
+    ) -> None:
+        at = opened(app, ELASTICITY, joints, show_inertias="true")
+        analysis = analyse(studies[joints])
+        slopes = inertia_sensitivity(analysis.phasors, studies[joints].inertias, analysis.fit)
+        assert column(at, "1 % more of") == list(slopes.names)
 
     def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
@@ -101,7 +128,7 @@ class TestErrorBars:
 def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) -> None:
     at = opened(app, ELASTICITY, joints, show_checks="true")
     at = clicked(at, "check_errors")
-    stated = [number(text) for text in column(at, "Stated")]
+    stated = [number(text) for text in column(at, "From noise")]
     assert [number(text) for text in column(at, "Bootstrap")] == pytest.approx(stated, rel=0.4)
     assert len(column(at, "Jackknife")) == 2 * joints
 
@@ -169,18 +196,16 @@ class TestTheNextExperiment:
         at = at.button[0].click().run()
         assert said in at.error[0].value
 
-    def test_the_default_limits_are_the_largest_motion_so_far(
-        self, found: Analysis, studies: dict[int, Study]
-    ) -> None:
+    def test_the_default_limits_are_the_largest_motion_so_far(self, found: Analysis) -> None:
         torque, velocity = largest_so_far(found)
         given = suggest_records(
             found.phasors,
-            studies[2].inertias,
+            found.fit.inertias,
             found.fit,
             torque_limit_Nm=torque,
             velocity_limit_rad_s=velocity,
         )
-        default = suggest_records(found.phasors, studies[2].inertias, found.fit)
+        default = suggest_records(found.phasors, found.fit.inertias, found.fit)
         np.testing.assert_allclose(given.worst, default.worst, rtol=1e-9)
 
     def test_the_file_holds_the_records_to_the_last_bit(

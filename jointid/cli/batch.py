@@ -17,6 +17,7 @@ from jointid.cli.options import JSON, METHOD, named, require_ending
 from jointid.cli.output import print_json
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
+from jointid.study import answer_state
 from jointid.wording import counted
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def _document(summary: Summary) -> dict[str, Any]:
 def _print_summary(summary: Summary) -> None:
     new = summary.studies - summary.skipped
     print(f"{summary.out}: {counted(summary.studies, 'study')}, {summary.good} of them with an answer")
-    print("Verdicts: " + ", ".join(f"{count} {level}" for level, count in summary.verdicts.items()))
+    print(", ".join(f"{n} {answer_state([level])}" for level, n in summary.verdicts.items()))
     print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
     if summary.skipped:
         print(f"Taken over from an earlier run: {summary.skipped}")

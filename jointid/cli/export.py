@@ -13,7 +13,7 @@ from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
-from jointid.study import Analysis
+from jointid.study import NOT_USABLE, Analysis
 
 if TYPE_CHECKING:
     from jointid.exporting import Identification
@@ -53,12 +53,8 @@ def export(
     result = identification(analysis)
     for file in output:
         write_file(file, _exported(_ending(file), analysis, result, ratio))
-    problem = next((finding for finding in analysis.findings if finding.level == "problem"), None)
-    if problem is not None:
-        typer.echo(
-            f"Problem: {problem.title}. K and D are not usable as they are: see jointid identify.",
-            err=True,
-        )
+    if analysis.state == NOT_USABLE:
+        typer.echo(f"{analysis.headline} See jointid identify.", err=True)
     written(output, as_json)
 
 

@@ -9,11 +9,7 @@ from jointid.cli.files import analysed
 from jointid.cli.options import JSON, METHOD, STUDY
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
-from jointid.estimation.parameters import elasticity_labels
 from jointid.study import Analysis
-
-_SHARE = 0.03
-"""Usual relative uncertainty of inertias."""
 
 
 @reported
@@ -24,58 +20,53 @@ def identify(
 ) -> None:
     """Identify stiffness and damping of every joint."""
     analysis = analysed(study, method, quiet=as_json)
-    from jointid.errors import JointIdError
-    from jointid.uncertainty.sensitivity import inertia_sensitivity
-
-    added = None
-    try:
-        found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-        added = found.standard_error(_SHARE)
-        missing = ""
-    except JointIdError as fault:
-        missing = f"± is noise alone; what inertias that are off would add is not known. {fault}"
-    document = identify_document(analysis) | {
-        "inertias_add": {"relative": _SHARE, "standard_error": None if added is None else added.tolist()}
-    }
     if as_json:
-        print_json(document)
+        print_json(identify_document(analysis))
         return
-    from jointid.answer import inertia_sentence
-    from jointid.rounding import plain, with_error
-
-    fit, nominal = analysis.fit, analysis.study.nominal
-    rows = []
-    for k, name in enumerate(elasticity_labels(fit.n)):
-        unit = "N·m/rad" if k < fit.n else "N·m·s/rad"
-        known = "" if nominal is None else plain(float([*nominal.K, *nominal.D][k]))
-        value = with_error(float(fit.estimate[k]), float(fit.standard_error[k]))
-        rows.append([name, value, unit, known])
-    if fit.friction is not None:
-        values = [*fit.friction.coulomb, *fit.friction.viscous]
-        for k, (value, error) in enumerate(zip(values, fit.friction.standard_error, strict=True)):
-            unit = "N·m" if k < fit.n else "N·m·s/rad"
-            name = f"{'Coulomb' if k < fit.n else 'viscous'} friction {k % fit.n + 1}"
-            rows.append([name, with_error(float(value), float(error)), unit, ""])
-    if fit.delay is not None:
-        delay = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
-        rows.append(["torque delay", delay, "ms", ""])
-    print(f"{analysis.study.name or study.name}\n{document['answer']}\n")
-    print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    if not any(finding.level == "problem" for finding in analysis.findings):
-        print(missing if added is None else inertia_sentence(added, _SHARE))
+    print(f"{analysis.study.name or study.name}\n{analysis.headline}")
+    if analysis.caution:
+        print(analysis.caution)
+    _print_tables(analysis)
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
         print(f"\n{finding.level.capitalize()}: {finding.title}. {finding.detail}{remedy}")
 
 
+def _print_tables(analysis: Analysis) -> None:
+    from jointid.answer import (
+        ERROR_BARS,
+        UNSTATED_TORQUE_SCALE,
+        elasticity_quantities,
+        further_quantities,
+        model_name,
+    )
+    from jointid.rounding import plain
+    from jointid.uncertainty.error_parts import error_table
+    from jointid.uncertainty.prior_rows import PRIOR_HEADER
+
+    fit, nominal = analysis.fit, analysis.study.nominal
+    fitted = (*elasticity_quantities(fit), *further_quantities(fit))
+    known = [""] * len(fitted)
+    if nominal is not None:
+        known[: 2 * fit.n] = [plain(float(value)) for value in (*nominal.K, *nominal.D)]
+    print(f"\nModel: {model_name(fit)}")
+    rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
+    print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
+    print(f"{ERROR_BARS} Its parts:")
+    header, rows = error_table(fit)
+    print_table(header, rows, right=tuple(range(1, len(header))))
+    print("Inertias and torque scales, σ = standard deviation of the given value:")
+    print_table(PRIOR_HEADER, [row.cells for row in analysis.priors], right=(1, 2, 4))
+    if analysis.study.torque_std is None:
+        print(UNSTATED_TORQUE_SCALE)
+
+
 def identify_document(analysis: Analysis) -> dict[str, Any]:
-    """Document of the identification, with the answer as a sentence and the findings."""
-    from jointid.answer import answer_sentence
+    """Document of the identification with the findings."""
     from jointid.exporting.identification import identification
     from jointid.exporting.identification_files import to_document
 
     return to_document(identification(analysis)) | {
-        "answer": answer_sentence(analysis.fit, analysis.study.nominal),
         "findings": [
             {"level": f.level, "title": f.title, "detail": f.detail, "remedy": f.remedy}
             for f in analysis.findings

@@ -39,10 +39,17 @@ def plan(
     known = loaded(study)
     with status("Planning", quiet=as_json):
         phasors = extract_phasors(known.records)
-        suggestion = suggest_records(
+        fit = identify_elasticity(
             phasors,
             known.inertias,
-            identify_elasticity(phasors, known.inertias, method=method),
+            method=method,
+            inertia_std=known.inertia_std,
+            torque_std=known.torque_std,
+        )
+        suggestion = suggest_records(
+            phasors,
+            fit.inertias,
+            fit,
             count=count,
             duration_s=duration_s,
             torque_limit_Nm=torque,

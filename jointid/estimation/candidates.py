@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.likelihood import LikelihoodEstimate
@@ -20,6 +21,28 @@ class Model:
     """Whether friction has a part that varies nonlinearly with speed."""
     effects: tuple[str, ...] = ()
     """Keys of ``EFFECTS``, in its order."""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """What the model has beside K and D: "friction", "delay", keys of ``EFFECTS``."""
+        friction = ("friction",) if self.reversal is not None else ()
+        return (*friction, *(("delay",) if self.delay else ()), *self.effects)
+
+    def with_part(self, part: str) -> Model:
+        """The model with one more part."""
+        if part == "friction":
+            return replace(self, reversal=0.0)
+        if part == "delay":
+            return replace(self, delay=True)
+        return replace(self, effects=tuple(e for e in EFFECTS if e in (*self.effects, part)))
+
+    def without(self, part: str) -> Model:
+        """The model with one part less."""
+        if part == "friction":
+            return replace(self, reversal=None, curve=False)
+        if part == "delay":
+            return replace(self, delay=False)
+        return replace(self, effects=tuple(e for e in self.effects if e != part))
 
     @property
     def name(self) -> str:
@@ -64,3 +87,5 @@ class Choice:
     """The error if no model could be fitted."""
     candidates: tuple[Candidate, ...]
     """Best first."""
+    spread: Floats
+    """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""

@@ -1,4 +1,4 @@
-"""Deviations of real robots from equation (1) that take one number per joint."""
+"""Deviations of real robots from equation (1), each of one or two numbers per joint."""
 
 from __future__ import annotations
 
@@ -7,27 +7,50 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect; its parameter is zero on an ideal robot."""
+    """One effect; its first parameter is zero on an ideal robot."""
 
-    label: str
-    """Label of the parameter, without the joint's number."""
-    unit: str
     name: str
     """Name in the description of a model and in the verdict."""
+    parameters: dict[str, tuple[str, str]]
+    """Label, without the joint's number, and unit of each block of parameters."""
+    positive: bool = False
+    """Whether the first parameter cannot be negative: friction and damping take energy, masses are."""
 
 
 EFFECTS = {
-    "arm_viscous": Effect("arm-side viscous friction", "N·m·s/rad", "arm-side viscous friction"),
-    "loss_factor": Effect("loss factor", "", "structural damping"),
-    "lag": Effect("lag", "s", "a lag per joint"),
-    "position_filter": Effect("position filter", "s", "a position filter"),
-    "link": Effect("link flexibility", "kg·m²·s²", "link flexibility"),
-    "gravity": Effect("gravity stiffness", "N·m/rad", "gravity stiffness"),
+    "arm_viscous": Effect(
+        "arm-side viscous friction",
+        {"arm_viscous": ("arm-side viscous friction", "N·m·s/rad")},
+        positive=True,
+    ),
+    "arm_coulomb": Effect(
+        "arm-side Coulomb friction",
+        {"arm_coulomb": ("arm-side Coulomb friction", "N·m")},
+        positive=True,
+    ),
+    "loss_factor": Effect("structural damping", {"loss_factor": ("loss factor", "")}, positive=True),
+    "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
+    "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
+    "link": Effect("link flexibility", {"link": ("link flexibility", "kg·m²·s²")}, positive=True),
+    "gravity": Effect("gravity stiffness", {"gravity": ("gravity stiffness", "N·m/rad")}),
+    "cubic": Effect("a hardening gear", {"cubic": ("cubic stiffness", "N·m/rad³")}),
+    "backlash": Effect("backlash", {"backlash": ("backlash", "rad")}, positive=True),
+    "hysteresis": Effect(
+        "gear hysteresis",
+        {
+            "hysteresis": ("hysteresis", "N·m"),
+            "presliding": ("presliding deflection", "rad"),
+        },
+        positive=True,
+    ),
 }
-"""By parameter block. With s = iω, ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic
-stiffness, ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²),
-``loss_factor`` η adds iηK to the gear's, ``lag`` d multiplies a joint's torque by e^{-sd}, and
-``position_filter`` T its position by 1 + sT."""
+"""By key. With s = iω, ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
+``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²), ``loss_factor`` η adds
+iηK to the gear's, ``lag`` d multiplies a joint's torque by e^{-sd}, and ``position_filter`` T its position
+by 1 + sT. The others are laws in time (``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
+
+GEAR_LAWS = ("cubic", "backlash", "hysteresis")
+"""Nonlinear laws of the gear."""

@@ -76,6 +76,8 @@ class ElasticityFit:
     """Inertia of each record, as fitted; the given one where it was exact."""
     parameters: Parameters
     """All fitted parameters: K, D, friction, delay, effects, inertias."""
+    parameter_covariance: Floats
+    """Their covariance by noise and prior, shape (P, P), in the order of ``parameters.layout``."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
@@ -83,6 +85,8 @@ class ElasticityFit:
     """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
+    choice_error: Floats | float = 0.0
+    """Part of ``standard_error`` that comes from models that explain the data as well, (2n,)."""
     torque_scale: Floats | float = 1.0
     """Torque over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None
@@ -112,7 +116,8 @@ class ElasticityFit:
     @property
     def noise_error(self) -> Floats:
         """Part of ``standard_error`` that comes from noise, shape (2n,)."""
-        known = np.square(self.unseen_error) + np.square(self.prior_error)
+        parts = (self.unseen_error, self.prior_error, self.choice_error)
+        known = sum(np.square(part) for part in parts)
         with np.errstate(invalid="ignore"):  # infinite where nothing determines a parameter
             noise = np.nan_to_num(np.diag(self.covariance) - known, nan=np.inf, posinf=np.inf)
         return np.asarray(np.sqrt(np.maximum(noise, 0.0)))
@@ -178,6 +183,7 @@ def identify_elasticity(
     delay: bool = False,
     inertia_std: float | None = None,
     torque_std: float | None = None,
+    gear: str = "auto",
 ) -> ElasticityFit:
     """Identify K and D of every joint; one record suffices in principle.
 
@@ -201,6 +207,8 @@ def identify_elasticity(
         their errors. By default they are exact, as in the paper.
     torque_std : float, optional
         The same for the torque constant of each joint.
+    gear : {"auto", "linear"}
+        Whether "auto" fits nonlinear gears where the data ask for them.
 
     Raises
     ------
@@ -209,7 +217,7 @@ def identify_elasticity(
         the parameters.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape, inertia_std=inertia_std, torque_std=torque_std)
-    return identify_each(phasors, prior, [method], friction=friction, delay=delay)[method]
+    return identify_each(phasors, prior, [method], friction=friction, delay=delay, gear=gear)[method]
 
 
 def require_method(method: str) -> None:
@@ -225,6 +233,7 @@ def identify_each(
     *,
     friction: bool = False,
     delay: bool = False,
+    gear: str = "auto",
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
@@ -233,9 +242,11 @@ def identify_each(
     names = list(dict.fromkeys(methods))
     for method in names:
         require_method(method)
+    if gear not in ("auto", "linear"):
+        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    return {name: _identified(name, phasors, prior, equations, friction, delay) for name in names}
+    return {name: _identified(name, phasors, prior, equations, friction, delay, gear) for name in names}
 
 
 def _identified(
@@ -245,6 +256,7 @@ def _identified(
     equations: SpringEquations,
     friction: bool,
     delay: bool,
+    gear: str,
 ) -> ElasticityFit:
     if method in LINEAR:
         if friction or delay:
@@ -253,9 +265,17 @@ def _identified(
             )
         return _linear_fit(method, LINEAR[method](equations), equations, phasors, prior)
     linear = weighted(equations)
-    asked = {"friction": friction, "delay": delay, "exactly": method != "auto"}
     with one_thread():
-        choice = choose_model(phasors, prior, linear.p, equations.noise, **asked)
+        choice = choose_model(
+            phasors,
+            prior,
+            linear.p,
+            equations.noise,
+            friction=friction,
+            delay=delay,
+            exactly=method != "auto",
+            gear=gear,
+        )
     if isinstance(choice.estimate, LikelihoodEstimate):
         inertias = list(choice.estimate.inertias)
         equations = spring_equations(choice.estimate.phasors, inertias, noise=equations.noise)
@@ -277,7 +297,9 @@ def _linear_fit(
     if not prior.blocks():
         return fit
     by_prior = prior_covariance(method, phasors, prior, equations.noise)
-    return replace(fit, covariance=fit.covariance + by_prior, prior_error=np.sqrt(np.diag(by_prior)))
+    whole = fit.covariance + by_prior
+    by_prior_error = np.sqrt(np.diag(by_prior))
+    return replace(fit, covariance=whole, parameter_covariance=whole, prior_error=by_prior_error)
 
 
 def _likelihood_fit(
@@ -295,7 +317,9 @@ def _likelihood_fit(
         inertias=estimate.inertias,
         torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
         prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
+        choice_error=np.sqrt(np.diag(choice.spread)),
     )
+    fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
         share = 4 / np.pi * np.abs(p.coulomb) / np.median(np.abs(estimate.phasors.tau), axis=0)
         floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
@@ -322,9 +346,10 @@ def _fit(
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
     if isinstance(estimate, LikelihoodEstimate):
         covariance, inflation = estimate.elasticity_covariance, estimate.inflation  # already included
+        every = estimate.covariance
     else:
         inflation = max(1.0, estimate.misfit)
-        covariance = estimate.elasticity_covariance * inflation
+        covariance = every = estimate.elasticity_covariance * inflation
     return ElasticityFit(
         method=method,
         K=K,
@@ -340,4 +365,5 @@ def _fit(
         prior=prior,
         inertias=tuple(prior.inertias(prior.M, prior.M2)),
         parameters=estimate.named,
+        parameter_covariance=every,
     )

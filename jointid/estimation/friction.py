@@ -15,6 +15,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import FreeFriction
+from jointid.estimation.periods import phasors_of, samples_of, waves
 from jointid.phasors.extract import Phasors
 
 _HATS_PER_HARMONIC = 3
@@ -66,7 +67,7 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
     swing = (rate[..., None] * angle).swapaxes(1, 2)
-    velocity = _samples(swing) + phasors.drift[:, :, None]
+    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
     noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
     largest = np.abs(velocity).max(axis=2)
@@ -81,39 +82,14 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
         threshold = np.where(stationary, np.inf, share * largest)
         free = _freed(velocity, signs, threshold, carried, H)
     reverses = (signs.min(axis=2) < 0) & (signs.max(axis=2) > 0)
-    coulomb = _phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
+    coulomb = phasors_of(signs, H).swapaxes(1, 2) * reverses[:, None]
     fading = np.zeros((*coulomb.shape, len(_WIDTHS) if curve else 0), complex)
     for c in range(fading.shape[3]):
         width = _WIDTHS[c] * largest.max(axis=0)[:, None]  # (n, 1), rad/s
         with np.errstate(divide="ignore", invalid="ignore"):
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
-        fading[..., c] = _phasors_of(fades, H).swapaxes(1, 2)
+        fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
     return FrictionWaveforms(coulomb, fading, free, stationary)
-
-
-@lru_cache(maxsize=4)
-def _waves(H: int) -> Complexes:
-    """Samples of e^{ihφ} over a period, (H, t)."""
-    return np.asarray(np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(_GRID) / _GRID)))
-
-
-@lru_cache(maxsize=4)
-def _pairs(H: int) -> Floats:
-    """Sines above cosines, (2H, t): the real synthesis matrix of phasors."""
-    return np.concatenate([_waves(H).imag, _waves(H).real])
-
-
-def _samples(phasors: Complexes) -> Floats:
-    """Samples over a period (r, n, t) of phasors (r, n, H), by one product of contiguous matrices."""
-    parts = np.concatenate([phasors.real, phasors.imag], axis=2)
-    flat = parts.reshape(-1, parts.shape[2]) @ _pairs(phasors.shape[2])
-    return np.asarray(flat.reshape(*phasors.shape[:2], _GRID))
-
-
-def _phasors_of(samples: Floats, H: int) -> Complexes:
-    """Phasors (r, n, H) of samples over a period (r, n, t)."""
-    parts = (samples.reshape(-1, _GRID) @ _pairs(H).T) * (2 / _GRID)
-    return np.asarray((parts[:, :H] + 1j * parts[:, H:]).reshape(*samples.shape[:2], H))
 
 
 def _freed(
@@ -133,7 +109,7 @@ def _freed(
                 steps = np.arange(length + 1)
                 sign[(begin + steps) % _GRID] = np.where(steps < length / 2, before, -before)
                 pieces = int(np.ceil(_HATS_PER_HARMONIC * carried[record] * length / _GRID))
-                late = _waves(H)[:, begin % _GRID].conj()
+                late = waves(H, _GRID)[:, begin % _GRID].conj()
                 column = np.zeros((H, n, pieces + 1), complex)
                 column[:, joint] = _hats(length, pieces, H) * late[:, None]
                 columns.append(column)
@@ -157,4 +133,4 @@ def _hats(length: int, pieces: int, H: int) -> Complexes:
     """Phasors (H, pieces + 1) of hat functions over the first ``length`` samples."""
     steps = np.arange(length + 1)
     hats = 1 - np.abs(steps * pieces / length - np.arange(pieces + 1)[:, None])
-    return np.asarray(_waves(H)[:, steps % _GRID].conj() @ np.maximum(hats, 0).T * (2j / _GRID))
+    return np.asarray(waves(H, _GRID)[:, steps % _GRID].conj() @ np.maximum(hats, 0).T * (2j / _GRID))

@@ -35,6 +35,8 @@ _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12
 """The same for the score test."""
+_IDLE, _MOST_IDLE = 0.02, 3
+"""Decrease of the cost, over the misfit, that changes nothing; steps of that kind that end the iteration."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -144,37 +146,52 @@ def harmonic_scale(problem: Problem, p: Floats) -> tuple[int, Floats]:
     return rank, np.maximum(1.0, residual.misfit_by_harmonic(rank))
 
 
-def score_gains(
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What a further part of the model would change, to second order (Rao's score test)."""
+
+    gain: float
+    """Decrease of the cost."""
+    count: int
+    """Number of its parameters."""
+    shift: Floats
+    """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
+
+    def penalised(self, rows: int, *, misfit: float = 1.0) -> float:
+        """Decrease of half the information criterion: of the cost over the misfit, less the penalty."""
+        return self.gain / max(1.0, misfit) - 0.5 * self.count * float(np.log(rows))
+
+
+def scores(
     phasors: Phasors,
     prior: InertiaPrior,
     estimate: LikelihoodEstimate,
     friction: FrictionWaveforms | None,
     noise: Noise,
-    blocks: Sequence[str],
-) -> dict[str, float]:
-    """Decrease of the cost when "delay" or an effect is added to an estimate, to second order.
-
-    Rao's score test: one evaluation for all in place of a fit for each.
-    """
+    parts: Sequence[str],
+) -> dict[str, Score]:
+    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``: one evaluation for all."""
     fitted = estimate.layout
-    effects = [name for name in EFFECTS if name in fitted or name in blocks]
-    delay = "delay" in fitted or "delay" in blocks
+    effects = [name for name in EFFECTS if name in fitted or name in parts]
+    delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
     _, gradient, normal = quadratic(problem, problem.start(estimate.named), np.ones(problem.s.shape[1]))
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     normal, gradient = normal / np.outer(size, size), gradient / size
     base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
-    gains = {}
-    for name in blocks:
-        own = np.arange(layout.size)[layout[name]]
-        inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
+    inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
+    found = {}
+    for name in parts:
+        own = np.arange(layout.size)[layout.of_part(name)]
         coupling = normal[np.ix_(base, own)]
-        left = normal[np.ix_(own, own)] - coupling.T @ np.linalg.solve(inner, coupling)
-        pull = gradient[own] - coupling.T @ np.linalg.solve(inner, gradient[base])
-        left += _RIDGE * np.eye(own.size)
-        gains[name] = float(pull @ np.linalg.solve(left, pull))
-    return gains
+        through = np.linalg.solve(inner, coupling)
+        left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
+        pull = gradient[own] - through.T @ gradient[base]
+        step = np.linalg.solve(left, pull)
+        shift = (through @ step / size[base])[: 2 * prior.n]
+        found[name] = Score(float(pull @ step), own.size, shift)
+    return found
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:
@@ -198,7 +215,7 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
 
     It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit.
     """
-    damping = 1e-3
+    damping, idle = 1e-3, 0
     cost, gradient, normal = quadratic(problem, p, scale)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
@@ -217,7 +234,10 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if damping > 1e8:
                 return p, normal
             damping = max(10 * damping, 1e-6)
+        idle = idle + 1 if cost - new[0] < _IDLE * max(1.0, 2 * cost / problem.rows) else 0
         p, (cost, gradient, normal) = trial, new
+        if idle == _MOST_IDLE:
+            break
         damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
 

@@ -1,4 +1,9 @@
-"""Model selection: elasticity alone, with friction, with a delay, or with both."""
+"""Model selection: which friction, delay and effects the records ask for.
+
+Models grow from the simplest. A score test (Rao) tells in one evaluation how much every absent part would
+lower the cost; the best few are fitted, and parts that they make superfluous are dropped. Models are
+compared by an information criterion with the cost over the best model's misfit.
+"""
 
 from __future__ import annotations
 
@@ -11,40 +16,49 @@ from scipy.stats import chi2
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice, Model
-from jointid.estimation.effects import EFFECTS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood, score_gains
+from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
-NO_FRICTION = (None, False)
-FRICTIONS = ((0.0, False), (0.03, False), (0.1, False), (0.03, True), (0.1, True))
-"""Friction models from simple to rich: velocity, over the largest, below which friction is free (from a
+_RICHER = {
+    (0.0, False): ((0.03, False), (0.1, False)),
+    (0.03, False): ((0.1, False), (0.03, True)),
+    (0.1, False): ((0.1, True),),
+    (0.03, True): ((0.1, True),),
+}
+"""Richer friction models for each one: velocity, over the largest, below which friction is free (from a
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
 
 _EXPLAINED = 1.1
-"""Misfit below which a richer model cannot improve the fit noticeably."""
+"""Misfit below which richer friction cannot improve the fit noticeably."""
 _SIGNIFICANT = 5.0
-"""Standard errors by which friction and delay must differ from zero."""
-_WORTH_A_FIT = 1.0
-"""Predicted decrease of the cost from which a delay is fitted; it is chosen from ln(rows)/2, about 4."""
+"""Standard errors by which an optional part must differ from zero."""
 _NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
+_UNEXPLAINED = 10.0
+"""Misfit of the best model from which none is right: a part must then lower the cost by ``_WORTH``, since
+every wrong part explains something."""
+_WORTH = 3.0
 _CHANCE = 1e-3
-"""Probability that the score of any effect leads to a fit on an ideal robot."""
-_MOST_EFFECTS = 3
+"""Probability that the score of any part leads to a fit on an ideal robot."""
 _TRIED = 2
-"""Effects of the highest scores that are fitted for each one added: similar ones differ by cost only."""
-_CERTAIN = 1000.0
-"""Squared Coulomb friction over its variance from which models without friction are skipped; far above
-the square of ``_SIGNIFICANT``."""
+"""Parts of the highest scores that are fitted for each one added: similar ones differ by cost only."""
+_MOST_EFFECTS = 3
+_MOST_FITS = 24
+"""Fits of one search; wrong data would take many more."""
+_OCCAM = 1 / 20
+"""Weight of a model, over the best, from which it explains the data as well."""
+_CERTAIN = 200.0
+"""Squared parameter over its variance from which a model without it need not be fitted."""
 
 
 def choose_model(
@@ -56,8 +70,9 @@ def choose_model(
     friction: bool,
     delay: bool,
     exactly: bool = False,
+    gear: str = "auto",
 ) -> Choice:
-    """Fit models from simple to rich until the noise explains the residual, and choose the best.
+    """Fit models from simple to rich until no further part is significant, and choose the best.
 
     Parameters
     ----------
@@ -65,14 +80,17 @@ def choose_model(
         Parts that every model has; the others are optional.
     exactly : bool
         Exclude the optional parts; only the form of the friction reversals is chosen.
+    gear : {"auto", "linear"}
+        Whether nonlinear laws of the gears are among the optional parts.
     """
-    frictions = FRICTIONS if friction else (NO_FRICTION,) if exactly else (NO_FRICTION, *FRICTIONS)
-    lags = (delay,) if delay or exactly else (False, True)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = ParameterLayout.of(phasors.n).named(start)
-    effects = prior.inertia_std > 0 and not exactly
-    search = _Search(phasors, prior, linear, noise, frictions, lags, effects)
-    return _searched(search)
+    optional: list[str] = []
+    if not exactly:
+        effects = [name for name in EFFECTS if gear == "auto" or name not in GEAR_LAWS]
+        optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
+    base = Model(0.0 if friction else None, delay)
+    return _searched(_Search(phasors, prior, linear, noise, base, tuple(optional)))
 
 
 def _searched(search: _Search) -> Choice:
@@ -80,20 +98,20 @@ def _searched(search: _Search) -> Choice:
 
     Heavy friction can make the linear estimate negative, or lead it to another local minimum.
     """
-    best = search.with_effects(search.search())
+    best = search.best()
     misfit = search.misfit(best)
     if misfit < _LOST:
         return search.choice(best)
     better = min(misfit / 10, _FAR)
     good = _LOST if np.isinf(misfit) else min(misfit / 3, max(_LOST, misfit / _LOST))
-    probe = Model(search.frictions[:3][-1][0], search.lags[-1])
-    if search.phasors.harmonics.shape[1] == 1:  # friction shows in harmonics only
-        probe = Model(search.frictions[0][0], search.lags[0])
+    probe = search.base
+    if "friction" in search.optional and search.phasors.harmonics.shape[1] > 1:
+        probe = Model(0.03, search.base.delay or "delay" in search.optional)
     for start in _other_starts(search.phasors, search.prior):
         other = replace(search, start=start, tried={})
-        other.fit(probe)
+        other.fit(probe, start)
         if other.misfit(probe) < better:
-            found = other.with_effects(other.search())
+            found = other.best(probe)
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
@@ -118,174 +136,220 @@ class _Search:
     prior: InertiaPrior
     start: Parameters
     noise: Noise
-    frictions: Sequence[tuple[float | None, bool]]
-    lags: Sequence[bool]
-    effects: bool
-    """Whether effects of real robots are tried."""
+    base: Model
+    """Parts that every model has."""
+    optional: tuple[str, ...]
+    """The others: "friction", "delay" and keys of ``EFFECTS``."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
 
-    def fit(self, model: Model) -> None:
-        if model in self.tried:
-            return
-        if (problem := self._reason_to_skip(model)) is not None:
-            self.tried[model] = problem
-            return
-        self.tried[model] = self._fitted(model, self._start(model))
-
-    def _fitted(self, model: Model, start: Parameters) -> LikelihoodEstimate | JointIdError:
-        try:
-            return maximum_likelihood(
-                self.phasors,
-                self.prior,
-                start,
-                friction=self._waveforms(model.reversal, model.curve),
-                delay=model.delay,
-                effects=model.effects,
-                noise=self.noise,
-            )
-        except JointIdError as error:
-            return error
-
-    def _reason_to_skip(self, model: Model) -> JointIdError | None:
-        """Reason why a model cannot be the best; None if it has to be fitted."""
-        if self._lacks_friction(model):
-            return JointIdError("Not fitted: there is friction beyond doubt.")
-        if not model.delay:
-            return None
-        without = self.tried.get(replace(model, delay=False))
-        if False not in self.lags or not isinstance(without, LikelihoodEstimate):
-            return None
-        if self._gains(model, without, ["delay"])["delay"] / max(1.0, without.misfit) > _WORTH_A_FIT:
-            return None
-        return JointIdError("Not fitted: the data show no lag of the torque.")
-
-    def _gains(
-        self, model: Model, estimate: LikelihoodEstimate, blocks: Sequence[str]
-    ) -> dict[str, float]:
-        waveforms = self._waveforms(model.reversal, model.curve)
-        return score_gains(self.phasors, self.prior, estimate, waveforms, self.noise, blocks)
-
-    def with_effects(self, best: Model) -> Model:
-        """The best model with effects; a delay may have been chosen in place of one."""
-        if not self.effects:
-            return best
-        starts = [best]
-        if best.delay and False in self.lags:
-            starts.append(replace(best, delay=False))
-        found = [best, *(self._extended(start) for start in starts if start in self.tried)]
-        criterion = self._criterion()
-        return min(found, key=lambda model: criterion[model])
-
-    def _extended(self, best: Model) -> Model:
-        """Add effects with a significant score, one at a time, and drop superfluous parts."""
-        while isinstance(found := self.tried[best], LikelihoodEstimate):
-            absent = [name for name in EFFECTS if name not in best.effects]
-            if not absent or len(best.effects) == _MOST_EFFECTS:
-                break
-            gains = self._gains(best, found, absent)
-            least = chi2.isf(_CHANCE / len(EFFECTS), self.phasors.n)
-            wider = []
-            for name in sorted(absent, key=lambda name: -gains[name])[:_TRIED]:
-                if 2 * gains[name] / max(1.0, found.misfit) > least:
-                    effects = tuple(known for known in EFFECTS if known in (*best.effects, name))
-                    richer = replace(best, effects=effects)
-                    self.tried[richer] = self._fitted(richer, found.named)
-                    wider.append(self._simplified(richer))
-            criterion = self._criterion()
-            better = min([best, *wider], key=lambda model: criterion[model])
+    def best(self, *first: Model) -> Model:
+        """Grow and prune from the base, or from models that are fitted already."""
+        self.fit(self.base, self.start)
+        rubbing = replace(self.base, reversal=0.0)
+        if self.misfit(self.base) >= _LOST and "friction" in self.optional:
+            self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
+        best = self._least([*first, *self.tried])
+        while len(self.tried) < _MOST_FITS:
+            found = [best]
+            for wider in self._extensions(best):
+                self._fit_wider(wider, best)
+                found.append(self._pruned(wider))
+                if self.misfit(found[-1]) < _EXPLAINED < self.misfit(best):
+                    break
+            better = self._least(found)
             if better == best:
                 break
             best = better
         return best
 
-    def _simplified(self, model: Model) -> Model:
-        """The best of a model and those without its friction, delay or single effects."""
+    def fit(self, model: Model, start: Parameters) -> None:
+        """Fit a model; of two fits from different starts the better one stays."""
+        earlier = self.tried.get(model)
+        try:
+            estimate = maximum_likelihood(
+                self.phasors,
+                self.prior,
+                start,
+                friction=self._waveforms(model),
+                delay=model.delay,
+                effects=model.effects,
+                noise=self.noise,
+            )
+        except JointIdError as error:
+            self.tried.setdefault(model, error)
+            return
+        if not isinstance(earlier, LikelihoodEstimate) or estimate.misfit < earlier.misfit:
+            self.tried[model] = estimate
+
+    def _fit_wider(self, wider: Model, narrow: Model) -> None:
+        """Fit with one more part, from the estimate without it or, where that is far off, the start."""
+        if wider in self.tried:
+            return
+        found = self.tried[narrow]
+        near = isinstance(found, LikelihoodEstimate)
+        if not near or (self.misfit(narrow) >= _LOST and wider.reversal != narrow.reversal):
+            self.fit(wider, self.start)
+        if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
+            self.fit(wider, found.named)
+
+    def _extensions(self, model: Model) -> list[Model]:
+        """Models with one more part that may lower the cost significantly."""
+        found = self.tried[model]
+        if isinstance(found, JointIdError):
+            return []
+        wider = []
+        scored = self.scores(model)
+        for part in sorted(scored, key=lambda part: scored[part].penalised(self.rows), reverse=True):
+            least = chi2.isf(_CHANCE / max(len(self.optional), 1), scored[part].count)
+            if 2 * scored[part].gain / max(1.0, found.misfit) > least:
+                wider.append(model.with_part(part))
+        wider = wider[:_TRIED]
+        if model.reversal is not None and found.misfit > _EXPLAINED:
+            richer = _RICHER.get((model.reversal, model.curve), ())
+            wider += [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+        return [each for each in wider if each not in self.tried]
+
+    def scores(self, model: Model) -> dict[str, Score]:
+        """Score of every optional part that the model lacks."""
+        found = self.tried[model]
+        full = len(model.effects) >= _MOST_EFFECTS
+        absent = [p for p in self.optional if p not in model.parts and not (full and p in EFFECTS)]
+        if isinstance(found, JointIdError) or not absent:
+            return {}
+        waveforms = self._waveforms(model)
+        if waveforms is None and "friction" in absent:
+            waveforms = self._waveforms(replace(model, reversal=0.0))
+        return scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
+
+    def _pruned(self, model: Model) -> Model:
+        """The best of a model and those without parts that are not beyond doubt."""
         found = self.tried[model]
         if isinstance(found, JointIdError):
             return model
-        simpler = [
-            replace(model, effects=tuple(e for e in model.effects if e != one)) for one in model.effects
-        ]
-        if model.delay and False in self.lags:
-            simpler.append(replace(model, delay=False))
-        if model.reversal is not None and NO_FRICTION in self.frictions:
-            simpler.append(replace(model, reversal=None, curve=False))
-            simpler.append(replace(model, reversal=None, curve=False, delay=False))
-        for one in simpler:
-            if one not in self.tried or isinstance(self.tried[one], JointIdError):
-                self.tried[one] = self._fitted(one, found.named)
-        criterion = self._criterion()
-        return min([model, *simpler], key=lambda one: criterion[one])
+        models = [model]
+        for part in model.parts:
+            if part in self.optional and not self._is_certain(found, part):
+                narrow = model.without(part)
+                models.append(narrow)
+                if self.misfit(narrow) > _NEEDED * max(1.0, found.misfit):
+                    self.fit(narrow, found.named)  # from other starts it may have diverged
+        best = self._least(models)
+        return best if best == model else self._pruned(best)
 
-    def _lacks_friction(self, model: Model) -> bool:
-        """Whether a model has no friction although the same with friction finds it with certainty.
+    def _is_certain(self, estimate: LikelihoodEstimate, part: str) -> bool:
+        """Whether the cost without a part would be far higher, by its size in standard errors."""
+        place = estimate.layout.of_part(part)
+        variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
+        squared = estimate.p[place] ** 2
+        return bool(np.any((squared > _CERTAIN * variance) & (variance > 0)))
 
-        The cost would rise by half the squared friction over its variance.
-        """
-        found = self.tried.get(Model(0.0, model.delay))
-        if isinstance(found, JointIdError):  # with friction there is no delay
-            found = self.tried.get(Model(0.0, False))
-        if model.reversal is not None or not isinstance(found, LikelihoodEstimate):
-            return False
-        coulomb, variance = found.named.coulomb, np.diag(found.covariance)[found.layout["coulomb"]]
-        certain = coulomb**2 > _CERTAIN * variance
-        return bool(np.any(certain & (coulomb > 0) & (variance > 0)))
-
-    def _waveforms(self, reversal: float | None, curve: bool) -> FrictionWaveforms | None:
-        if reversal is None:
+    def _waveforms(self, model: Model) -> FrictionWaveforms | None:
+        if model.reversal is None:
             return None
-        if (reversal, curve) not in self.waveforms:
-            self.waveforms[reversal, curve] = friction_waveforms(self.phasors, reversal, curve=curve)
-        return self.waveforms[reversal, curve]
+        key = model.reversal, model.curve
+        if key not in self.waveforms:
+            self.waveforms[key] = friction_waveforms(self.phasors, key[0], curve=key[1])
+        return self.waveforms[key]
 
-    def best(self, models: Sequence[Model]) -> Model:
-        # Models without friction come last: if friction is certain, they are skipped.
-        for model in sorted(models, key=lambda model: model.reversal is None):
-            self.fit(model)
-        criterion = self._criterion()
-        return min(models, key=lambda model: criterion[model])
-
-    def search(self) -> Model:
-        """Fit richer and richer friction models until the noise explains the residual."""
-        models: list[Model] = []
-        for reversal, curve in self.frictions:
-            models += [Model(reversal, lag, curve) for lag in self.lags]
-            if reversal is None and len(self.frictions) > 1:
-                continue  # fitted together with the first friction model
-            if reversal is not None:
-                # From a linear start, friction and delay together may end in a local minimum.
-                self.fit(Model(reversal, False, curve))
-            best = self.best(models)
-            if self.misfit(best) < _EXPLAINED:
-                break
-        return self.without_friction(best, models)
-
-    def without_friction(self, best: Model, models: Sequence[Model]) -> Model:
-        """Fit without friction from the estimate with it; from the linear one it may have diverged."""
-        plain, found = Model(None, best.delay), self.tried[best]
-        if best == plain or plain not in models or self._lacks_friction(plain):
-            return best
-        if isinstance(found, JointIdError):
-            return best
-        before = self.misfit(plain)
-        again = self._fitted(plain, found.named)
-        if isinstance(again, LikelihoodEstimate) and again.misfit < before:
-            self.tried[plain] = again
-            return self.best(models)
-        return best
+    @property
+    def rows(self) -> int:
+        """Real equations of all records, joints and harmonics."""
+        return max(2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n]), 1)
 
     def misfit(self, model: Model) -> float:
-        estimate = self.tried[model]
-        return np.inf if isinstance(estimate, JointIdError) else estimate.misfit
+        """Misfit of a model that was tried; infinite where it could not be fitted."""
+        estimate = self.tried.get(model)
+        return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
+
+    def _least(self, models: Sequence[Model]) -> Model:
+        criterion = self.criterion()
+        return min(models, key=lambda model: criterion[model])
+
+    def criterion(self) -> dict[Model, float]:
+        """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
+
+        Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
+        friction. Where no model is right, the logarithm of the cost with a penalty for each part.
+        """
+        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
+        misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
+        criterion = dict.fromkeys(self.tried, np.inf)
+        for model, estimate in fitted.items():
+            if not self._is_significant(model, estimate):
+                continue
+            free = estimate.parameter_count - estimate.p.size
+            penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
+            criterion[model] = 2 * estimate.cost / misfit + penalty
+            if misfit > _UNEXPLAINED:
+                cost = np.log(estimate.cost) + len(model.effects) * np.log(_WORTH)
+                criterion[model] += self.rows * float(cost)
+        return criterion
+
+    def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
+        """Whether every optional part is needed, or differs from zero significantly and physically.
+
+        Free friction absorbs many small effects that are not friction; this rejects them.
+        """
+        layout, own = estimate.layout, max(1.0, estimate.misfit)
+        error = np.sqrt(np.diag(estimate.covariance) * own)
+        for part in model.parts:
+            if part not in self.optional:
+                continue
+            size, sigma = estimate.p[layout.of_part(part)], error[layout.of_part(part)]
+            clear = np.abs(size) > _SIGNIFICANT * sigma
+            if part in EFFECTS and EFFECTS[part].positive:
+                if np.any(size < -_SIGNIFICANT * sigma):
+                    return False
+                clear &= size > 0
+            elif part == "friction" and not model.curve:
+                clear &= size > 0
+            other = self.tried.get(model.without(part))
+            if isinstance(other, LikelihoodEstimate):
+                needed = other.misfit > _NEEDED * own
+                if part in EFFECTS:  # unlike free friction, they absorb nothing else
+                    needed |= 2 * (other.cost - estimate.cost) / own > _SIGNIFICANT**2 + size.size
+            else:
+                needed = False
+            if not clear.any() and not needed:
+                return False
+        return True
 
     def choice(self, best: Model) -> Choice:
-        criterion = self._criterion()
+        """The best model with the candidates, and how far others that explain the data differ."""
+        criterion = self.criterion()
         candidates = [
             self._candidate(model, criterion[model], model == best)
             for model in sorted(self.tried, key=lambda model: criterion[model])
         ]
-        return Choice(best, self.tried[best], tuple(candidates))
+        return Choice(best, self.tried[best], tuple(candidates), self._spread(best))
+
+    def _spread(self, best: Model) -> Floats:
+        """Covariance of K and D by the choice between models, shape (2n, 2n).
+
+        The weight of a model is exp(−½ difference of the criterion) to the best; those that were not
+        fitted are judged by their scores. Unlikely ones are left out (Occam's window; Madigan and
+        Raftery, Journal of the American Statistical Association 89, 1994).
+        """
+        found = self.tried[best]
+        size = 2 * self.phasors.n
+        if isinstance(found, JointIdError):
+            return np.zeros((size, size))
+        criterion, shifts = self.criterion(), []
+        for model, estimate in self.tried.items():
+            if model != best and isinstance(estimate, LikelihoodEstimate):
+                weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
+                shifts.append((weight, estimate.elasticity - found.elasticity))
+        for part, score in self.scores(best).items():
+            if best.with_part(part) not in self.tried:
+                gain = score.penalised(self.rows, misfit=found.misfit)
+                shifts.append((float(np.exp(np.minimum(gain, 0.0))), score.shift))
+        equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
+        total = 1 + sum(weight for weight, _ in equals)
+        spread = np.zeros((size, size))
+        for weight, shift in equals:
+            spread += weight / total * np.outer(shift, shift)
+        return spread
 
     def _candidate(self, model: Model, criterion: float, chosen: bool) -> Candidate:
         estimate = self.tried[model]
@@ -303,59 +367,3 @@ class _Search:
             criterion=criterion,
             chosen=chosen and fitted is not None,
         )
-
-    def _start(self, model: Model) -> Parameters:
-        """Parameters of the last fit of a similar model, or the linear estimate."""
-        for lag in (model.delay, False):
-            for earlier, estimate in reversed(self.tried.items()):
-                alike = (earlier.reversal is None) == (model.reversal is None) and earlier.delay == lag
-                if alike and isinstance(estimate, LikelihoodEstimate):
-                    if earlier.curve == model.curve:
-                        return estimate.named
-                    return self.start.layout.named(estimate.elasticity)
-        return self.start
-
-    def _criterion(self) -> dict[Model, float]:
-        """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
-
-        Schwarz's penalty ln(rows) for the parameters (K, D, friction, delay), Akaike's 2 for each degree
-        of freedom of the free friction.
-        """
-        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
-        misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
-        rows = 2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n])
-        criterion = dict.fromkeys(self.tried, np.inf)
-        for model, estimate in fitted.items():
-            if self._is_significant(model, estimate):
-                free = estimate.parameter_count - estimate.p.size
-                penalty = float(np.log(np.maximum(rows, 1))) * estimate.p.size + 2 * free
-                criterion[model] = 2 * estimate.cost / misfit + penalty
-        return criterion
-
-    def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
-        """Whether optional friction and delay are needed or differ from zero significantly.
-
-        Free friction absorbs many small effects that are not friction; this rejects them.
-        """
-        layout, own = estimate.layout, estimate.misfit
-        error = np.sqrt(np.diag(estimate.covariance) * max(1.0, own))
-        significant = np.abs(estimate.p) > _SIGNIFICANT * error
-        parts: list[tuple[Model, bool]] = []
-        if model.reversal is not None and NO_FRICTION in self.frictions:
-            own_part = layout.span("coulomb", "viscous")
-            found = significant[own_part] & (estimate.p[own_part] > 0)  # friction dissipates energy
-            if model.curve:
-                found = significant[layout.span("coulomb", "curve")]
-            without = replace(model, reversal=None, curve=False)
-            parts.append((without, bool(found.any())))
-        if model.delay and False in self.lags:
-            parts.append((replace(model, delay=False), bool(significant[layout["delay"]].any())))
-        for without, clear in parts:
-            other = self.tried.get(without)
-            if isinstance(other, LikelihoodEstimate):
-                needed = other.misfit > _NEEDED * max(1.0, own)
-            else:
-                needed = self._lacks_friction(without)
-            if not clear and not needed:
-                return False
-        return True

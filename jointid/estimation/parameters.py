@@ -58,7 +58,7 @@ class ParameterLayout:
         delay : bool
             One delay of the torque.
         effects : sequence of str
-            Keys of ``effects.EFFECTS``, one number per joint each.
+            Keys of ``effects.EFFECTS``.
         rotors, arms : int
             Distinct rotor inertias M and arm inertias M2 to fit.
         torque_scale : bool
@@ -75,7 +75,9 @@ class ParameterLayout:
             ]
         if delay:
             blocks.append(Block("delay", (), ("delay",)))
-        blocks += [_of_joints(n, name, f"{EFFECTS[name].label} ") for name in effects]
+        for effect in effects:
+            parameters = EFFECTS[effect].parameters.items()
+            blocks += [_of_joints(n, name, f"{label} ") for name, (label, _) in parameters]
         if rotors:
             names = [f"J_m{j}{_suffix(m, rotors)}" for m in range(rotors) for j in joints]
             blocks.append(Block("M", (rotors, n), tuple(names)))
@@ -108,6 +110,10 @@ class ParameterLayout:
     def __getitem__(self, name: str) -> slice:
         """Place of a block in the vector."""
         return self._slices[name]
+
+    def of_part(self, part: str) -> slice:
+        """Place of the parameters by which a part of a model is judged: "friction", or its first block."""
+        return self._slices[part] if part != "friction" else self.span("coulomb", "curve")
 
     def span(self, first: str, last: str) -> slice:
         """Place of the blocks from ``first`` to ``last``."""

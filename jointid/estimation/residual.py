@@ -3,8 +3,9 @@
 At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2, both with
 the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual is
 r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without effects
-s²M + X is the inverse of equation (16) times s². Both τ and q carry noise of covariance C; r has the
-covariance V = E C Eᴴ with E = ∂r/∂[q; τ].
+s²M + X is the inverse of equation (16) times s². Nonlinear laws add w to the deflection of the gears and
+friction P at the arm (``joint_laws``); the torque through the gears is then X (q − w + A⁻¹P). Both τ and q
+carry noise of covariance C; r has the covariance V = E C Eᴴ with E = ∂r/∂[q; τ].
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import ARM_EFFECTS
+from jointid.estimation.effects import ARM_EFFECTS, GEAR_LAWS
 from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_laws import JointLaws
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
@@ -28,6 +30,9 @@ from jointid.small_matrices import inverse, lifted
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
+_PRESLIDING, _PRESLIDING_START = (1e-3, 2.0), 0.03
+"""Range and start of the presliding deflection, over the largest deflection: beyond the range a sharper
+hysteresis, or one that is a spring, looks the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +46,7 @@ class Problem:
     prior: InertiaPrior
     friction: FrictionWaveforms | None
     layout: ParameterLayout
+    laws: JointLaws | None
     stiffest: Floats  # upper bound on K, (n,)
 
     @property
@@ -79,6 +85,10 @@ class Problem:
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
+        if "presliding" in self.layout and self.laws is not None:
+            share = p["presliding"] / self.laws.units(p)["presliding"]
+            if np.any((share < _PRESLIDING[0]) | (share > _PRESLIDING[1])):
+                return False
         return "M2" not in self.layout or bool(np.all(np.linalg.eigvalsh(self.arm_inertia(p)) > 0))
 
     def start(self, values: Parameters) -> Floats:
@@ -87,6 +97,8 @@ class Problem:
         shapes = {block.name: block.shape for block in self.layout.blocks}
         given = {block.name: values[block.name] for block in values.layout.blocks}
         same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
+        if "presliding" in self.layout and self.laws is not None:
+            means["presliding"] = _PRESLIDING_START * self.laws.units(values)["presliding"]
         return self.layout.pack(**(means | same))
 
     def pull(self, vector: Floats) -> tuple[Floats, Floats]:
@@ -146,14 +158,23 @@ def make_problem(
             f"K{int(np.argmin(stiffness)) + 1} comes out negative by least squares: check the sign and "
             "unit of the torque, the gear ratios, and the inertias M and M2."
         )
+    n, z = prior.n, phasors.harmonics
+    s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, z.shape[1] + 1))
+    laws = None
+    if any(name in layout for name in (*GEAR_LAWS, "arm_coulomb")):
+        inertial = (s * s)[..., None] * prior.M[prior.rotor, None]
+        variance = np.einsum("rhjj->rhj", noise.covariance).real
+        by_noise = np.abs(inertial) ** 2 * variance[..., :n] + variance[..., n:]
+        laws = JointLaws.of(s, z[..., n:] - inertial * z[..., :n], by_noise)
     return Problem(
-        s=np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1)),
-        z=phasors.harmonics,
+        s=s,
+        z=z,
         noise=noise,
-        known=np.any(phasors.harmonics != 0, axis=2),
+        known=np.any(z != 0, axis=2),
         prior=prior,
         friction=friction,
         layout=layout,
+        laws=laws,
         stiffest=_STIFFEST * stiffness,
     )
 
@@ -180,6 +201,10 @@ class Residual:
     """e^{-sδ} of each joint, shape (r, H, n)."""
     advance: Complexes
     """Position over logged position, shape (r, H, n)."""
+    torque: Complexes
+    """Torque through the gears by the balance at the motors, shape (r, H, n), N·m."""
+    law: tuple[Complexes, Complexes]
+    """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:
@@ -202,11 +227,18 @@ class Residual:
             E[..., j, n + j] = lag[..., j] * np.broadcast_to(p.torque_scale, n)[j]
         E[..., :n] *= advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
-        r = (E @ problem.z[..., None])[..., 0]
+        q = problem.z[..., :n] * advance
+        torque = lag * p.torque_scale * problem.z[..., n:] - own * q
         if problem.friction is not None:
-            r -= sliding_friction(problem.friction, p, s.shape[1])
+            torque -= sliding_friction(problem.friction, p, s.shape[1])
+        law = np.zeros_like(q), np.zeros_like(q)
+        if problem.laws is not None:
+            law = problem.laws.deflection(torque, p), np.zeros_like(q)
+            if "arm_coulomb" in problem.layout:
+                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
+        r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance)
+        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance, torque, law)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
@@ -224,7 +256,7 @@ class Residual:
     def jacobian(self, weighted_residual: Complexes) -> Complexes:
         """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
 
-        With the gear torque f = X q, the arm angle A⁻¹f and the deflection κ⁻¹f, ∂f = Xκ⁻¹ ∂κ κ⁻¹f +
+        With the gear torque f, the arm angle A⁻¹f and the deflection κ⁻¹f, ∂f = Xκ⁻¹ ∂κ κ⁻¹f +
         XA⁻¹ ∂A A⁻¹f, and XA⁻¹ + Xκ⁻¹ = I.
 
         Parameters
@@ -235,44 +267,66 @@ class Residual:
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
         smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
-        q, tau = smooth[..., :n] * self.advance, smooth[..., n:] * self.lag
-        f = (self.X @ q[..., None])[..., 0]
+        q = smooth[..., :n] * self.advance
+        f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
         J[..., layout["K"]] = by_gear * (1 + 1j * np.asarray(p.effect("loss_factor")))
         J[..., layout["D"]] = by_gear * s[..., None]
         if "loss_factor" in layout:
             J[..., layout["loss_factor"]] = by_gear * (1j * p.K)
-        self._differentiate_arm(J, f)
-        own: dict[str, Complexes] = {}  # blocks of which parameter j acts on joint j's residual only
-        if problem.friction is not None:
-            own["coulomb"], own["viscous"] = -problem.friction.coulomb, -s * q
-            for j in range(n):
-                curve = problem.friction.curve[:, :, j]
-                first = layout["curve"].start + j * curve.shape[2]
-                J[..., j, first : first + curve.shape[2]] = -curve
-        own["lag"], own["torque_scale"] = -s * tau * p.torque_scale, tau
-        for name, columns in own.items():
-            if name in layout:
-                for j in range(n):
-                    J[..., j, layout[name].start + j] = columns[..., j]
-        if "delay" in layout:
-            J[..., layout["delay"].start] = own["lag"]
+        self._differentiate_arm(J, f - self.law[1])
+        if "arm_coulomb" in layout and problem.laws is not None:
+            signs = problem.laws.arm_friction(self.torque, self.arm)
+            J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
         if "position_filter" in layout:
-            rate = s * smooth[..., :n]
-            J[..., layout["position_filter"]] = -self.X * rate[..., None, :]
-            inertial = _motor_stiffness(problem, p) * rate
-            for j in range(n):
-                J[..., j, layout["position_filter"].start + j] -= inertial[..., j]
-        if "M" in layout:
-            for j in range(n):
-                for m in range(len(problem.prior.M)):
-                    uses = (problem.prior.rotor == m)[:, None]
-                    J[..., j, layout["M"].start + m * n + j] = np.where(uses, -(s * s * q)[..., j], 0)
+            J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
+        own = self._own_columns(smooth)
+        slopes = {} if problem.laws is None else problem.laws.slopes(self.torque, p, own)
+        for name, columns in own.items():
+            through = self.X * slopes[name][..., None, :] if name in slopes else 0
+            whole = columns[..., None, :] * np.eye(n) + through
+            block, _, part = name.partition(" ")
+            place = np.arange(layout.size)[layout[block]]
+            if block == "curve":
+                J[..., place.reshape(n, -1)[:, int(part)]] += whole
+            elif block == "M":
+                for m, row in enumerate(place.reshape(-1, n)):
+                    uses = problem.prior.rotor == m
+                    J[np.ix_(uses, range(s.shape[1]), range(n), row)] += whole[uses]
+            elif block == "delay":
+                J[..., place[0]] += whole.sum(axis=-1)
+            else:
+                J[..., place] += whole
+        for name in slopes.keys() - own.keys():
+            J[..., layout[name]] += self.X * slopes[name][..., None, :]
         return J
 
+    def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
+        """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
+        problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
+        s = problem.s[..., None]
+        q, tau = smooth[..., :n] * self.advance, smooth[..., n:] * self.lag
+        lag = -s * tau * p.torque_scale
+        columns = {
+            "viscous": -s * q,
+            "delay": lag,
+            "lag": lag,
+            "torque_scale": tau,
+            "position_filter": -_motor_stiffness(problem, p) * s * smooth[..., :n],
+            "M": -s * s * q,
+        }
+        if problem.friction is not None:
+            columns["coulomb"] = -problem.friction.coulomb
+            for c in range(problem.friction.curve.shape[3]):
+                columns[f"curve {c}"] = -problem.friction.curve[..., c]
+        return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
+
     def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
-        """Fill the columns of M2 and of the effects on the arm's dynamic stiffness."""
+        """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
+
+        ``f`` is the torque that moves the arm.
+        """
         problem, layout, s = self.problem, self.problem.layout, self.problem.s
         if not any(name in layout for name in (*ARM_EFFECTS, "M2")):
             return
@@ -293,6 +347,12 @@ class Residual:
                 first = layout["M2"].start + pose * rows.size
                 uses = problem.prior.pose == pose
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
+
+
+def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]) -> Complexes:
+    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
+    w, P = law
+    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
 
 
 def _motor_stiffness(problem: Problem, p: Parameters) -> Complexes:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from jointid.answer import model_name
-from jointid.arrays import Floats, finite_array
+from jointid.answer import effect_values, model_name
+from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction, require_method
 from jointid.files.digest import study_digest
 from jointid.joints import Elasticity, Inertia
-from jointid.study import Analysis
+from jointid.study import STATES, Analysis
+from jointid.uncertainty.error_parts import error_parts
+from jointid.uncertainty.prior_rows import PriorRow
 from jointid.version import __version__
 from jointid.wording import counted
 
@@ -58,7 +60,8 @@ class Identification:
     D: Floats
     """Damping, shape (n,), N·m·s/rad; may be negative."""
     covariance: Floats
-    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n)."""
+    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the whole error. What the records do not
+    determine has an infinite variance and no covariance."""
     friction: Friction | None
     """Fitted friction of the motors, or None."""
     delay: float | None
@@ -66,24 +69,48 @@ class Identification:
     delay_error: float | None
     """Its standard error, s."""
     inertia: Inertia
-    """Assumed inertia of records without a pose."""
+    """Inertia of records without a pose, as fitted together with K and D; the given one if exact."""
     poses: dict[str, Inertia]
-    """Inertia of each named pose."""
+    """Inertia of each named pose, likewise."""
     nominal: Elasticity | None
     """Present values of the controller."""
     obtained: Obtained
+    state: str = ""
+    """What may be done with the answer, one of ``jointid.study.STATES``; empty when not stated."""
+    answer: str = ""
+    """The answer as a sentence with what limits it; of an unusable one, the reason."""
+    error_parts: dict[str, Floats] = field(default_factory=dict)
+    """Parts of the standard errors by cause, each shape (2n,), see ``uncertainty.error_parts``."""
+    effects: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    """Values and standard errors of fitted effects, by names of their parameters."""
+    priors: tuple[PriorRow, ...] = ()
+    """Inertias and torque scales as given and as fitted."""
 
     def __post_init__(self) -> None:
         n = self.inertia.n
-        for name, shape in {"K": (n,), "D": (n,), "covariance": (2 * n, 2 * n)}.items():
-            object.__setattr__(self, name, _of_shape(name, getattr(self, name), shape))
+        for name in "KD":
+            object.__setattr__(self, name, _of_shape(name, getattr(self, name), (n,)))
+        covariance = _errors("covariance", self.covariance, (2 * n, 2 * n))
+        object.__setattr__(self, "covariance", covariance)
+        parts_of_error = {
+            name: _errors(f"error_parts.{name}", error, (2 * n,))
+            for name, error in self.error_parts.items()
+        }
+        object.__setattr__(self, "error_parts", parts_of_error)
+        effects = {
+            name: (_of_shape(name, values, (n,)), _errors(name, errors, (n,)))
+            for name, (values, errors) in self.effects.items()
+        }
+        object.__setattr__(self, "effects", effects)
+        if self.state not in ("", *STATES):
+            raise JointIdError(f'state = "{self.state:.60}": expected one of {", ".join(STATES)}.')
         if self.friction is not None:
-            parts = {"coulomb": (n,), "viscous": (n,), "standard_error": (2 * n,)}
-            checked = {
-                name: _of_shape(f"friction.{name}", getattr(self.friction, name), shape)
-                for name, shape in parts.items()
-            }
-            object.__setattr__(self, "friction", Friction(**checked))
+            friction = Friction(
+                _of_shape("friction.coulomb", self.friction.coulomb, (n,)),
+                _of_shape("friction.viscous", self.friction.viscous, (n,)),
+                _errors("friction.standard_error", self.friction.standard_error, (2 * n,)),
+            )
+            object.__setattr__(self, "friction", friction)
         for name in ("delay", "delay_error"):
             if getattr(self, name) is not None:
                 finite_array(f"{name} (s)", getattr(self, name), ndim=0)
@@ -130,16 +157,22 @@ def identification(analysis: Analysis) -> Identification:
         When the fit holds a value that is not finite.
     """
     fit, study = analysis.fit, analysis.study
+    known = np.isfinite(fit.standard_error)
     return Identification(
         K=fit.K,
         D=fit.D,
-        covariance=fit.covariance,
+        covariance=np.where(np.outer(known, known), fit.covariance, np.diag(np.where(known, 0, np.inf))),
         friction=fit.friction,
         delay=fit.delay,
         delay_error=fit.delay_error,
-        inertia=study.inertia,
-        poses=dict(study.poses),
+        inertia=analysis.inertia(),
+        poses={pose: analysis.inertia(pose) for pose in study.poses},
         nominal=study.nominal,
+        state=analysis.state,
+        answer=f"{analysis.headline} {analysis.caution}".strip(),
+        error_parts={part.key: part.error for part in error_parts(fit)},
+        effects=effect_values(fit),
+        priors=analysis.priors,
         obtained=Obtained(
             version=__version__,
             digest=study_digest(study),
@@ -160,3 +193,9 @@ def _of_shape(name: str, value: Floats, shape: tuple[int, ...]) -> Floats:
     if array.shape != shape:
         raise JointIdError(f"{name} has shape {array.shape}; expected {shape}.")
     return array
+
+
+def _errors(name: str, value: Floats, shape: tuple[int, ...]) -> Floats:
+    """Errors of this shape; infinite where the records do not determine a value."""
+    infinite = np.isposinf(np.asarray(value, float))
+    return frozen(np.where(infinite, np.inf, _of_shape(name, np.where(infinite, 0.0, value), shape)))

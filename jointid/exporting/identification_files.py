@@ -4,32 +4,46 @@ Both hold the same document, motor side, SI units:
 
     format = 1
     kind = "jointid identification"
+    state = "usable"                  # or "usable with care", "not usable"
+    answer = "..."                    # as a sentence
     K = [43.014, 7.49998]             # N·m/rad
     D = [0.1002, 0.014998]            # N·m·s/rad
-    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn
+    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn: the whole error
+    [error_parts] noise, prior, unseen, choice: parts of the standard errors
     [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
-    [inertia] M, M2     [poses.NAME] M, M2     [nominal] K, D
+    [effects.NAME] values, standard_error
+    [inertia] M, M2     [poses.NAME] M, M2, as fitted together with K and D     [nominal] K, D
+    [priors] name, unit, given, given_std, fitted, fitted_std, is_fitted, disagreement: every inertia and
+             torque scale; the disagreement in standard deviations of the given value
     [obtained] version, digest, study, origin, method, model, ...
 
-``standard_error`` and ``units`` at the top are for people; readers ignore them.
+``standard_error``, ``undetermined`` and ``units`` at the top are for people; readers ignore them. An
+infinite error, of what the records do not determine, is null in JSON and "not determined" in TOML; the
+infinite standard deviation of an unknown inertia is null and "unknown". Readers ignore the disagreement.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomli_w
 
+from jointid.answer import EFFECT_PARAMETERS
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
+from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
 from jointid.joints import Inertia
+from jointid.rounding import UNDETERMINED
+from jointid.uncertainty.prior_rows import PriorRow
 from jointid.version import __version__
 from jointid.wording import shown
 
@@ -43,7 +57,25 @@ _UNITS = {
     "viscous": "N·m·s/rad",
     "delay": "s",
 }
+_UNKNOWN = "unknown"
+_NONE = "none"
+_INFINITE = (None, UNDETERMINED, _UNKNOWN)
+"""In place of an infinite number."""
+_TOML_WORDS = {"given_std": _UNKNOWN, "disagreement": _NONE}
+"""In place of null in TOML, where that is not "not determined"."""
 _FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
+_ERROR_PARTS = {name: f"{name} = […]" for name in ("noise", "prior", "unseen", "choice")}
+_EFFECT = {"values": "values = […]", "standard_error": "standard_error = […]"}
+_PRIORS = {
+    "name": 'name = ["J_m1"]',
+    "unit": 'unit = ["kg·m²"]',
+    "given": "given = [0.0025]",
+    "given_std": "given_std = [0.0001]",
+    "fitted": "fitted = [0.0025]",
+    "fitted_std": "fitted_std = [0.0001]",
+    "is_fitted": "is_fitted = [true]",
+    "disagreement": "disagreement = [0.1]",
+}
 _DELAY = {"seconds": "seconds = 0.0015", "standard_error": "standard_error = 1e-7"}
 _OBTAINED = {
     "version": f'version = "{__version__}"',
@@ -61,11 +93,17 @@ _TOP = {
     "format": "format = 1",
     "kind": f'kind = "{KIND}"',
     "side": 'side = "motor"',
+    "state": 'state = "usable"',
+    "answer": 'answer = "Joint 1 has a stiffness of 43.00 ± 0.02 N·m/rad."',
     "units": "[units]",
     "K": "K = [43.0, 7.5]",
     "D": "D = [0.10, 0.015]",
     "standard_error": "standard_error = [0.01, 0.002, 0.001, 0.0001]",
     "covariance": "covariance = [[…], …], one row and column for each of K1 … Kn, D1 … Dn",
+    "undetermined": "[undetermined]",
+    "error_parts": "[error_parts], noise = …, prior = …",
+    "effects": "[effects.lag], values = …, standard_error = …",
+    "priors": "[priors], name = …, given = …, fitted = …",
     "friction": "[friction], coulomb = …, viscous = …, standard_error = …",
     "delay": "[delay], seconds = …, standard_error = …",
     "inertia": "[inertia], M = …, M2 = …",
@@ -76,32 +114,60 @@ _TOP = {
 
 
 def to_document(identification: Identification) -> dict[str, Any]:
-    """Return the document that JSON and TOML hold, of plain lists, numbers and texts."""
+    """Return the document that JSON and TOML hold, of plain lists, numbers, texts and None."""
     i = identification
     document: dict[str, Any] = {
         "format": 1,
         "kind": KIND,
         "side": "motor",
+        "state": i.state,
+        "answer": i.answer,
         "K": i.K.tolist(),
         "D": i.D.tolist(),
         "standard_error": i.standard_error.tolist(),
         "covariance": i.covariance.tolist(),
         "units": _UNITS,
     }
+    names = np.array(elasticity_labels(i.n))[np.isinf(i.standard_error)]
+    if names.size:
+        document["undetermined"] = dict.fromkeys(names.tolist(), f"{UNDETERMINED} by these records")
+    if i.error_parts:
+        document["error_parts"] = {name: error.tolist() for name, error in i.error_parts.items()}
     if i.friction is not None:
         document["friction"] = {name: getattr(i.friction, name).tolist() for name in _FRICTION}
     if i.delay is not None:
         document["delay"] = {"seconds": i.delay}
         if i.delay_error is not None:
             document["delay"]["standard_error"] = i.delay_error
+    if i.effects:
+        document["effects"] = {
+            name: {"values": values.tolist(), "standard_error": errors.tolist()}
+            for name, (values, errors) in i.effects.items()
+        }
     document["inertia"] = _inertia_table(i.inertia)
     if i.poses:
         document["poses"] = {name: _inertia_table(pose) for name, pose in i.poses.items()}
+    if i.priors:
+        document["priors"] = {name: [getattr(row, name) for row in i.priors] for name in _PRIORS}
     if i.nominal is not None:
         document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
     document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
     document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
-    return document
+    finite: dict[str, Any] = _with_infinite_as(None, document)
+    return finite
+
+
+def _with_infinite_as(word: str | None, value: Any) -> Any:
+    """The document with ``word`` for None and for infinite numbers."""
+    if isinstance(value, dict):
+        return {
+            key: _with_infinite_as(_TOML_WORDS.get(key, word) if word else None, item)
+            for key, item in value.items()
+        }
+    if isinstance(value, list):
+        return [_with_infinite_as(word, item) for item in value]
+    infinite = value is None or (isinstance(value, float) and math.isinf(value))
+    return word if infinite else value
 
 
 def to_json(identification: Identification) -> str:
@@ -121,7 +187,7 @@ def to_json(identification: Identification) -> str:
 
 def to_toml(identification: Identification) -> str:
     """Write an identification as TOML; ``from_toml`` returns the same one, bit for bit."""
-    return tomli_w.dumps(to_document(identification))
+    return tomli_w.dumps(_with_infinite_as(UNDETERMINED, to_document(identification)))
 
 
 def from_json(data: str | bytes, *, where: str = "JSON") -> Identification:
@@ -192,7 +258,8 @@ def _identification(top: CheckedTable) -> Identification:
     known: dict[str, Any] = dict.fromkeys(("friction", "delay", "delay_error"))
     if "friction" in top:
         table = top.table("friction", _FRICTION)
-        parts: dict[str, Any] = {name: table.numbers(name) for name in _FRICTION}
+        parts: dict[str, Any] = {name: table.numbers(name) for name in ("coulomb", "viscous")}
+        parts["standard_error"] = table.numbers("standard_error", words=_INFINITE)
         known["friction"] = Friction(**parts)  # checked and converted by Identification
     if "delay" in top:
         table = top.table("delay", _DELAY)
@@ -205,7 +272,19 @@ def _identification(top: CheckedTable) -> Identification:
     texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
     known["nominal"] = read_nominal(top)
     known |= {name: top.numbers(name) for name in "KD"}
-    known["covariance"] = top.matrix("covariance")
+    known["covariance"] = top.matrix("covariance", words=_INFINITE)
+    known["state"], known["answer"] = top.text("state", ""), top.text("answer", "")
+    if "error_parts" in top:
+        table = top.table("error_parts", _ERROR_PARTS)
+        known["error_parts"] = {k: table.numbers(k, words=_INFINITE) for k in _ERROR_PARTS if k in table}
+    if "effects" in top:
+        known["effects"] = {
+            name: (table.numbers("values"), table.numbers("standard_error", words=_INFINITE))
+            for name, table in top.named_tables("effects", _EFFECT).items()
+            if name in EFFECT_PARAMETERS
+        }
+    if "priors" in top:
+        known["priors"] = _prior_rows(top.table("priors", _PRIORS))
     known["obtained"] = Obtained(
         **texts,
         free_reversal=how.number("free_reversal"),
@@ -215,6 +294,17 @@ def _identification(top: CheckedTable) -> Identification:
     )
     with in_place(top.where, top.file):
         return Identification(**known)
+
+
+def _prior_rows(table: CheckedTable) -> tuple[PriorRow, ...]:
+    numbers = (
+        table.numbers(name, words=_INFINITE) for name in ("given", "given_std", "fitted", "fitted_std")
+    )
+    columns = (table.texts("name"), table.texts("unit"), *numbers, table.flags("is_fitted"))
+    try:
+        return tuple(PriorRow(*row) for row in zip(*columns, strict=True))
+    except ValueError:
+        raise table.error("all lists must have the same length.") from None
 
 
 def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:

@@ -32,11 +32,12 @@ def to_mat(analysis: Analysis) -> bytes:
     Returns
     -------
     bytes
-        Variables: ``identification`` (struct as in JSON: K, D, covariance, obtained ...); ``model``
-        (struct A, B, C, D for ``ss(model.A, model.B, model.C, model.D)``, torque to acceleration of
-        the motors; missing for an unphysical estimate); ``transfer`` (struct array by pose:
-        ``frd(transfer(1).H, transfer(1).omega)``, H as measured);
-        ``transfer_without_friction_and_delay`` (friction- and delay-compensated; missing without
+        Variables: ``identification`` (struct as in JSON: state, K, D, covariance, obtained ...; Inf
+        where JSON has null); ``model`` (struct A, B, C, D for ``ss(model.A, model.B, model.C,
+        model.D)``, torque to acceleration of the motors, with the fitted inertias; missing for an
+        unphysical estimate); ``transfer`` (struct array by pose: ``frd(transfer(1).H,
+        transfer(1).omega)``, H as measured); ``transfer_without_friction_and_delay`` (friction- and
+        delay-compensated; missing without
         them); ``phasors`` (struct omega, q, tau, std, labels).
     """
     document = to_document(identification(analysis))
@@ -58,7 +59,7 @@ def to_mat(analysis: Analysis) -> bytes:
     if free := without_friction_and_delay(analysis):
         contents["transfer_without_friction_and_delay"] = _transfer(free)
     try:
-        model = state_space(analysis.study.inertia, analysis.fit.elasticity)
+        model = state_space(analysis.inertia(), analysis.fit.elasticity)
     except JointIdError:  # an unphysical estimate has no model
         pass
     else:
@@ -88,7 +89,10 @@ def _prepared(value: Any) -> Any:
     if isinstance(value, list):
         if value and isinstance(value[0], dict):
             return _structs(_prepared(item) for item in value)
+        if value and isinstance(value[0], str):
+            return _column(np.array(value, dtype=object))
         array = np.array(value, dtype=np.float64)
+        array[np.isnan(array)] = np.inf  # None
         return _column(array) if array.ndim == 1 else array
     return float(value) if isinstance(value, int) else value
 

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.exporting.identification import Identification
+from jointid.rounding import UNDETERMINED
 from jointid.wording import counted
 
 
@@ -267,24 +268,33 @@ def _document(identification: Identification, arm: ArmSide, note: str, root: Ele
 
 
 def _heading(identification: Identification, arm: ArmSide) -> list[str]:
-    """Source, units and side of the numbers, as an XML comment."""
+    """State of the answer, source, units and side of the numbers, as an XML comment."""
     i = identification
     ratios = ", ".join(_text(value) for value in arm.gear_ratio)
     lines = [
-        f"<!-- Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
+        f"<!-- {_comment(i.answer or 'The state of the answer is not stated.')}",
+        f"     Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
         f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)}.",
         f"     Arm side, SI units: gear ratios N = {ratios} are applied, K_arm = N^2 K, D_arm = N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
-    for j, (K, D, J_m) in enumerate(zip(i.K, i.D, i.inertia.M, strict=True), start=1):
+    errors = i.standard_error
+    for j, J_m in enumerate(i.inertia.M):
         lines.append(
-            f"     Joint {j}, motor side: K = {_text(K)} N.m/rad, D = {_text(D)} N.m.s/rad, "
-            f"J_m = {_text(J_m)} kg.m^2."
+            f"     Joint {j + 1}, motor side: K = {_text(i.K[j])} N.m/rad {_error(errors[j])}, "
+            f"D = {_text(i.D[j])} N.m.s/rad {_error(errors[i.n + j])}, J_m = {_text(J_m)} kg.m^2."
         )
+    fitted = any(row.is_fitted for row in i.priors)
+    lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")
     if i.friction is None:
         lines.append("     Friction was not identified and is 0 here.")
     lines[-1] += " -->"
     return lines
+
+
+def _error(error: float) -> str:
+    """A standard error in brackets."""
+    return f"(+- {error:.2g})" if np.isfinite(error) else f"({UNDETERMINED} by these records)"
 
 
 def _names(n: int, names: Sequence[str] | None) -> list[str]:

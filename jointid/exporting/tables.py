@@ -8,6 +8,7 @@ from io import StringIO
 
 import numpy as np
 
+from jointid.answer import without
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
@@ -70,10 +71,9 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:
-    """Return friction- and delay-compensated transfer matrices by pose; empty without these effects."""
-    nothing = analysis.fit.friction is None and analysis.fit.delay is None
+    """Return transfer matrices without friction, delay and effects by pose; empty if none was fitted."""
     poses = analysis.transfer_matrices.keys() & analysis.freed_transfer_matrices.keys()
-    if nothing or len(poses) < len(analysis.transfer_matrices):
+    if not without(analysis.fit) or len(poses) < len(analysis.transfer_matrices):
         return {}
     return analysis.freed_transfer_matrices
 

@@ -14,7 +14,7 @@ import numpy as np
 from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.joints import Elasticity, motor_response, resonances
+from jointid.joints import Elasticity, Inertia, motor_response, resonances
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 
@@ -86,19 +86,20 @@ def single_records(analysis: Analysis, pose: str, joint: int) -> list[Response]:
 
 
 def nominal(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of the controller's nominal model; None when the study has none."""
+    """Return H_ij of the nominal K and D with the given inertias; None when the study has none."""
     if analysis.study.nominal is None:
         return None
-    return _model(analysis, pose, i, j, analysis.study.nominal)
+    given = analysis.study.poses[pose] if pose else analysis.study.inertia
+    return _model(analysis, pose, i, j, given, analysis.study.nominal)
 
 
 def identified(analysis: Analysis, pose: str, i: int, j: int) -> Response | None:
-    """Return H_ij of the identified model; None for an unphysical estimate."""
+    """Return H_ij of the identified model with its inertias; None for an unphysical estimate."""
     try:
         elasticity = analysis.fit.elasticity
     except JointIdError:
         return None
-    return _model(analysis, pose, i, j, elasticity)
+    return _model(analysis, pose, i, j, analysis.inertia(pose), elasticity)
 
 
 def model_curves(analysis: Analysis, pose: str, i: int, j: int) -> list[Curve]:
@@ -202,9 +203,10 @@ def phase_deg(response: Response, model: Response | None) -> Floats:
     return np.asarray(centre + (angle - centre + 180) % 360 - 180)
 
 
-def _model(analysis: Analysis, pose: str, i: int, j: int, elasticity: Elasticity) -> Response:
+def _model(
+    analysis: Analysis, pose: str, i: int, j: int, inertia: Inertia, elasticity: Elasticity
+) -> Response:
     """A curve over the measured band, dense enough for its peaks."""
-    inertia = analysis.study.poses[pose] if pose else analysis.study.inertia
     band = band_of(analysis.phasors.omega[analysis.study.of_pose(pose)] / (2 * np.pi))
     peaks = [peak * np.geomspace(0.97, 1.03, _PEAK_POINTS) for peak in resonances(inertia, elasticity)]
     f = np.concatenate([np.geomspace(*band, _POINTS), *peaks])

@@ -6,10 +6,13 @@ import datetime
 import math
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import TypeVar
 
 from jointid.errors import JointIdError
 from jointid.wording import listed, nearest, shown
+
+T = TypeVar("T")
 
 MAX_TOML_BYTES = 1 << 20
 """Largest TOML file that is parsed, bytes."""
@@ -90,18 +93,30 @@ class CheckedTable:
             raise self._wrong_type(key, found, "a date without quotes")
         return value
 
-    def numbers(self, key: str) -> list[float]:
-        """Return a list of finite numbers; a single number counts as a list of one."""
-        value = self._get(key)
-        return [self._number(key, item) for item in (value if isinstance(value, list) else [value])]
+    def numbers(self, key: str, *, words: Collection[object] = ()) -> list[float]:
+        """Return a list of finite numbers; a single number counts as a list of one.
 
-    def matrix(self, key: str) -> list[list[float]]:
-        """Return rows of finite numbers, equally long; a single number counts as one row of one."""
+        ``words`` are values in place of an infinite number.
+        """
+        value = self._get(key)
+        items = value if isinstance(value, list) else [value]
+        return [math.inf if item in words else self._number(key, item) for item in items]
+
+    def texts(self, key: str) -> list[str]:
+        """Return a list of strings."""
+        return self._list(key, str, "a list of texts")
+
+    def flags(self, key: str) -> list[bool]:
+        """Return a list of true or false."""
+        return self._list(key, bool, "a list of true or false")
+
+    def matrix(self, key: str, *, words: Collection[object] = ()) -> list[list[float]]:
+        """Return rows of numbers as in ``numbers``, equally long; a single number is one row of one."""
         value = self._get(key)
         rows = value if isinstance(value, list) else [[value]]
         if not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
             raise self._wrong_type(key, value, "a list of equally long rows")
-        return [[self._number(key, item) for item in row] for row in rows]
+        return [[math.inf if item in words else self._number(key, item) for item in row] for row in rows]
 
     def table(self, key: str, examples: Mapping[str, str]) -> CheckedTable:
         """Return the table under ``key``."""
@@ -126,6 +141,12 @@ class CheckedTable:
             self._subtable(f"[[{key}]] number {number}", key, item, examples)
             for number, item in enumerate(value, start=1)
         ]
+
+    def _list(self, key: str, kind: type[T], expected: str) -> list[T]:
+        value = self._get(key)
+        if not isinstance(value, list) or not all(isinstance(item, kind) for item in value):
+            raise self._wrong_type(key, value, expected)
+        return value
 
     def _get(self, key: str, default: object = None) -> object:
         value = self._values.get(key, default)

@@ -7,9 +7,11 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
 from jointid.answer import model_name
 from jointid.files.digest import study_digest
-from jointid.study import Analysis
+from jointid.study import Analysis, answer_state
 from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
@@ -56,13 +58,13 @@ class Row:
     D: Numbers = ()
     """Damping, n values, N·m·s/rad."""
     K_error: Numbers = ()
-    """One standard error of K, N·m/rad."""
+    """One standard error of K, the whole one, N·m/rad; infinite where nothing determines it."""
     D_error: Numbers = ()
     """One standard error of D, N·m·s/rad."""
     K_unseen: Numbers = ()
-    """The part of ``K_error`` that no noise makes, N·m/rad."""
+    """The part of ``K_error`` from truncated friction harmonics, N·m/rad."""
     D_unseen: Numbers = ()
-    """The part of ``D_error`` that no noise makes, N·m·s/rad."""
+    """The part of ``D_error`` from truncated friction harmonics, N·m·s/rad."""
     K_nominal: Numbers = ()
     """Nominal values of the controller; empty when not stated."""
     D_nominal: Numbers = ()
@@ -86,6 +88,11 @@ class Row:
     def is_good(self) -> bool:
         """Whether there is an answer."""
         return not self.failure
+
+    @property
+    def state(self) -> str:
+        """State of the answer, one of ``jointid.study.STATES``; empty without an answer."""
+        return answer_state([self.verdict]) if self.is_good else ""
 
     @property
     def is_final(self) -> bool:
@@ -113,7 +120,7 @@ def row_of(
     fit, known = analysis.fit, analysis.study
     n = fit.n
     error = fit.standard_error
-    unseen = [float(x) for x in (fit.unseen_error + 0.0 * error)]
+    unseen = np.broadcast_to(fit.unseen_error, error.shape)
     friction, nominal = fit.friction, known.nominal
     return Row(
         study=study,

@@ -76,6 +76,7 @@ def as_table(rows: Sequence[Row]) -> Any:
 
     for name in _HEAD:
         add(name, [_text(getattr(row, name)) for row in rows], _TYPES[name])
+    add("state", [row.state for row in rows], pa.string())  # from the verdict, for other programs
     for j in range(joints):
         for name, column in _JOINTWISE.items():
             values = [v[j] if j < len(v := getattr(row, name)) else None for row in rows]

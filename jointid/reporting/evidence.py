@@ -35,11 +35,8 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
-    fit = analysis.fit
-    if fit.friction is not None or fit.delay is not None:
-        text += (
-            f"Full points are from torques {without(fit)}, as far as found here; rings are as measured. "
-        )
+    if removed := without(analysis.fit):
+        text += f"Full points are {removed}, as identified here; rings are as measured. "
     yield Paragraph(
         f"{text}The blue line is the model with the identified K and D, not a curve through the points: "
         "where they agree, the model holds. Bars are ± one standard error where they exceed the mark."

@@ -8,19 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import count
 
-from jointid.answer import answer_sentence, inertia_sentence
+from jointid.answer import (
+    ERROR_BARS,
+    UNSTATED_TORQUE_SCALE,
+    change_from,
+    elasticity_quantities,
+    further_quantities,
+)
 from jointid.cut.outcome import Outcome, millimetres, whose
-from jointid.errors import JointIdError
-from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
-from jointid.rounding import plain, significant, with_error
+from jointid.rounding import plain
 from jointid.study import Analysis, Study
-from jointid.uncertainty.sensitivity import inertia_sensitivity
+from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.version import __version__
 from jointid.wording import counted
 
@@ -99,73 +104,40 @@ def _facts(study: Study) -> str:
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     study, fit = analysis.study, analysis.fit
-    yield Paragraph(answer_sentence(fit, study.nominal), "lead")
+    yield Paragraph(analysis.headline, "lead")
+    if analysis.caution:
+        yield Paragraph(analysis.caution)
     if study.description:
         yield Paragraph(study.description, "quiet")
+    header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
+    caption = f"Seen from the motor. {ERROR_BARS} Nominal: what the controller assumes today."
     rows: list[tuple[str, ...]] = []
-    for k, name in enumerate(elasticity_labels(fit.n)):
-        stiffness, j = k < fit.n, k % fit.n
-        value, error = float((fit.K if stiffness else fit.D)[j]), float(fit.standard_error[k])
-        unit = "N·m/rad" if stiffness else "N·m·s/rad"
+    for k, found in enumerate(elasticity_quantities(fit)):
+        j = k % fit.n
         nominal, change = "–", "–"
         if study.nominal is not None:
-            reference = float((study.nominal.K if stiffness else study.nominal.D)[j])
-            nominal = plain(reference)
-            change = _change(value, error, reference)
-        meaning = f"{'stiffness' if stiffness else 'damping'} of joint {j + 1}"
-        rows.append((f"{name}, {meaning}", with_error(value, error), unit, nominal, change))
-    header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = (
-        "Seen from the motor, ± one standard error from noise. "
-        "Nominal: what the controller assumes today."
-    )
+            reference = float((study.nominal.K if k < fit.n else study.nominal.D)[j])
+            nominal, change = plain(reference), change_from(found.value, found.error, reference)
+        meaning = f"{'stiffness' if k < fit.n else 'damping'} of joint {j + 1}"
+        rows.append((f"{found.name}, {meaning}", *found.shown, nominal, change))
     if study.nominal is None:
         header, rows = header[:3], [row[:3] for row in rows]
         caption = caption.partition(" Nominal")[0]
     yield Table(header, tuple(rows), caption, "lrlrr"[: len(header)], kind="answer")
-    if not any(finding.level == "problem" for finding in analysis.findings):
-        yield Paragraph(_inertias_add(analysis))
-    if others := _others(analysis):
-        yield Paragraph(f"Found together with K and D: {others}.")
     if outcome is not None:
         yield Paragraph(
             f"Simulated path error of {whose(outcome.robot)}, as in Figure 7 of the paper: "
             f"{millimetres(outcome.before_m)} before, {millimetres(outcome.after_m)} after."
         )
-
-
-def _inertias_add(analysis: Analysis) -> str:
-    """Contribution of the inertias, which the error bars exclude."""
-    try:
-        found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-    except JointIdError as error:
-        return f"± is noise alone; what inertias that are off would add is not known. {error}"
-    return inertia_sentence(found.standard_error())
-
-
-def _others(analysis: Analysis) -> str:
-    """Fitted friction and delay as a sentence; empty without them."""
-    fit, parts = analysis.fit, []
-    if fit.friction is not None:
-        error = fit.friction.standard_error
-        for what, values, errors, unit in (
-            ("Coulomb friction", fit.friction.coulomb, error[: fit.n], "N·m"),
-            ("viscous friction", fit.friction.viscous, error[fit.n :], "N·m·s/rad"),
-        ):
-            each = [with_error(float(v), float(e)) for v, e in zip(values, errors, strict=True)]
-            parts.append(f"{what} of {', '.join(each)} {unit}")
-    if fit.delay is not None:
-        value = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
-        parts.append(f"a torque delay of {value} ms beyond what the records state")
-    return "; ".join(parts)
-
-
-def _change(value: float, error: float, reference: float) -> str:
-    """Deviation from the nominal value in per cent, where it exceeds its uncertainty."""
-    if reference <= 0:
-        return "–"
-    ratio = value / reference - 1
-    if abs(ratio) <= 2 * error / reference:
-        return "agrees"
-    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
-    return f"{'+' if ratio > 0 else '−'}{size} %"
+    columns, parts = error_table(fit)
+    yield Table(tuple(columns), tuple(map(tuple, parts)), "Parts of the standard errors by cause.")
+    yield Table(
+        tuple(PRIOR_HEADER),
+        tuple(tuple(row.cells) for row in analysis.priors),
+        "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ is the standard "
+        "deviation of the given value. " + (UNSTATED_TORQUE_SCALE if study.torque_std is None else ""),
+        "lrrlr",
+    )
+    if further := further_quantities(fit):
+        rows = [(quantity.name, *quantity.shown) for quantity in further]
+        yield Table(("", "identified", "unit"), tuple(rows), "Fitted together with K and D.", "lrl")

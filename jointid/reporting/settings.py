@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import isfinite
 
 import numpy as np
 
+from jointid.answer import elasticity_quantities, further_quantities, model_name
 from jointid.estimation.elasticity import METHODS, ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
-from jointid.joints import Inertia
 from jointid.reporting.blocks import Block, Paragraph, Table
-from jointid.rounding import plain, significant, with_error
+from jointid.rounding import UNDETERMINED, plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.version import __version__
 
@@ -20,7 +21,7 @@ _MAX_ROWS = 100
 
 
 def settings_blocks(analysis: Analysis) -> Iterator[Block]:
-    """Software, study, estimator and model; inertias; results of other estimators."""
+    """Software, study, estimator and model; results of other estimators."""
     study, fit = analysis.study, analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
@@ -40,7 +41,6 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
         ("Harmonics fitted", str(analysis.phasors.harmonics.shape[1])),
     ]
     yield Table((), tuple(facts), kind="facts")
-    yield _inertias(study)
     if len(fit.candidates) > 1:
         yield Table(
             ("model", "parameters", "left over / noise", "criterion", ""),
@@ -70,7 +70,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             for method, other in analysis.fits.items()
         ),
         "Other estimators on the same records: the paper's least squares (13)–(14) and its explicit "
-        "solution (15). They leave friction and delay out, where these were found.",
+        "solution (15), with the given inertias; without friction and delay.",
     )
     yield Table(
         ("correlation", *names),
@@ -80,39 +80,14 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
 
 
 def _model(analysis: Analysis) -> str:
-    fit = analysis.fit
-    chosen = next((c.name for c in fit.candidates if c.chosen), "")
-    parts = ["K and D"]
-    if fit.friction is not None:
-        parts.append("Coulomb and viscous friction")
-    if fit.delay is not None:
-        parts.append("torque delay")
+    """The fitted model, with the extent of free friction."""
+    chosen = next((c.name for c in analysis.fit.candidates if c.chosen), "")
     free = f" ({chosen.partition(', ')[2]})" if ", " in chosen else ""
-    return ", ".join(parts) + free
+    return model_name(analysis.fit) + free
 
 
 def _estimates(fit: ElasticityFit) -> Iterator[tuple[float, float]]:
     yield from zip(fit.estimate, fit.standard_error, strict=True)
-
-
-def _inertias(study: Study) -> Table:
-    n = study.inertia.n
-    header = ["pose", *(f"J_m{j + 1}" for j in range(n))]
-    pairs = [(i, j) for i in range(n) for j in range(i, n)]
-    header += [f"J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}" for i, j in pairs]
-
-    def row(name: str, inertia: Inertia) -> tuple[str, ...]:
-        values = [*inertia.M, *(inertia.M2[i, j] for i, j in pairs)]
-        return (name, *(plain(float(value)) for value in values))
-
-    rows = [row("all records" if not study.poses else "without a pose", study.inertia)]
-    rows += [row(name, inertia) for name, inertia in study.poses.items()]
-    return Table(
-        tuple(header),
-        tuple(rows),
-        "Inertias taken as known, motor side, kg·m²: J_m rotors, J_a arm, J_12 coupling. An error in "
-        "them is an error in K and D.",
-    )
 
 
 def record_rows(study: Study) -> Table:
@@ -138,17 +113,11 @@ def record_rows(study: Study) -> Table:
 def digit_blocks(analysis: Analysis) -> Iterator[Block]:
     """All digits of every number, and the command to reproduce them."""
     fit = analysis.fit
+    found = (*elasticity_quantities(fit), *further_quantities(fit))
     rows = [
-        (name, repr(float(value)), repr(float(error)))
-        for name, (value, error) in zip(elasticity_labels(fit.n), _estimates(fit), strict=True)
+        (q.name, repr(q.value), repr(q.error) if isfinite(q.error) else UNDETERMINED, q.unit)
+        for q in found
     ]
-    if fit.friction is not None:
-        values = [*fit.friction.coulomb, *fit.friction.viscous]
-        names = [f"F_{kind}{j + 1}" for kind in "cv" for j in range(fit.n)]
-        for name, value, error in zip(names, values, fit.friction.standard_error, strict=True):
-            rows.append((name, repr(float(value)), repr(float(error))))
-    if fit.delay is not None:
-        rows.append(("delay", repr(fit.delay), repr(float(fit.delay_error or 0.0))))
     yield Paragraph(
         "For whoever wants to obtain the same: this study, this version and this estimator give these "
         "numbers (motor side, SI units); another processor may round the last digits otherwise. The "
@@ -156,12 +125,7 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
         + (f" --method {fit.method}" if fit.method != "auto" else "")
         + " --json"
     )
-    caption = "K in N·m/rad, D in N·m·s/rad"
-    if fit.friction is not None:
-        caption += "; F_c Coulomb friction in N·m, F_v viscous friction in N·m·s/rad"
-    if fit.delay is not None:
-        caption += "; delay in s"
-    yield Table(("", "value", "standard error"), tuple(rows), f"{caption}.")
+    yield Table(("", "value", "standard error", "unit"), tuple(rows), align="lrrl")
 
 
 def _two(value: float) -> str:

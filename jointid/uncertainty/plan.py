@@ -175,7 +175,8 @@ def suggest_records(
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
     information = _planned_information(candidates, pose, now)
     total = measured_information(phasors, each, now).sum(axis=0)
-    size = np.maximum(np.abs(fit.estimate), fit.standard_error)  # for a damping near zero
+    known = np.where(np.isfinite(fit.standard_error), fit.standard_error, 0.0)
+    size = np.maximum(np.abs(fit.estimate), known)  # for a damping near zero
     chosen, path = [], [_standard_errors(total, fit) / size]
     for _ in range(count):
         trials = np.array([_standard_errors(total + one, fit) / size for one in information])

@@ -1,7 +1,7 @@
 """Sensitivity of K and D to the given inertias, and confidence ellipses.
 
-The error bars of a fit come from the noise of the phasors alone. Errors of the given inertias are a
-second source, which the records do not show; it is reported separately.
+The error bars of a fit contain the uncertainty of the inertias as its prior states it; the sensitivity
+gives the change of K and D when a given inertia, the mean of the prior, is another one.
 """
 
 from __future__ import annotations
@@ -157,7 +157,8 @@ def confidence_ellipse(
     Raises
     ------
     JointIdError
-        When a name is not one of the fit's parameters, both are the same, or the level is out of range.
+        When a name is not one of the fit's parameters, both are the same, the level is out of range, or
+        the records do not determine a parameter.
     """
     names = elasticity_labels(fit.n)
     for name in (first, second):
@@ -170,6 +171,8 @@ def confidence_ellipse(
         )
     index = [names.index(first), names.index(second)]
     error = fit.standard_error[index]
+    if not np.all(np.isfinite(error)):
+        raise JointIdError(f"{names[index[np.argmax(error)]]} is not determined by these records.")
     values, vectors = np.linalg.eigh(fit.correlation[np.ix_(index, index)])
     radius = np.sqrt(-2 * np.log(1 - level))  # χ² with two degrees of freedom
     axes = radius * np.sqrt(np.maximum(values, 0))

@@ -114,9 +114,9 @@ def remainder(
     *first, last = causes or ["the controller's rate"]
     named = f"{', '.join(first)} and {last}" if first else last
     return (
-        f"What remains, {left}, is {named}, not the springs: within the noise of the fit it changes by "
-        f"{millimetres(outcome.spread_m)}, and its 95 % point is shown. Inertias that are off move K by "
-        f"more: {where} what an error of K costs."
+        f"What remains, {left}, is {named}, not the springs: within the error bars of K and D it "
+        f"changes by {millimetres(outcome.spread_m)} (95th percentile shown); {where} what an error of "
+        "K costs."
     )
 
 
@@ -186,8 +186,8 @@ def show_assumptions() -> None:
             "**Both robots are simulated.** The identified values are the best that is known of the "
             "real robot, so the robot before has exactly these springs. After the identification the "
             "servo has them too, and what is left is the uncertainty of the fit: the blue path is that "
-            "of a robot at the 95 % point of the path error. Errors of the inertias, flexible links and "
-            "gear backlash are in neither."
+            "of a robot at the 95 % point of the path error. Errors of the inertias act through K and "
+            "D; flexible links and gear backlash are in neither."
         )
 
 

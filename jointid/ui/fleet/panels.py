@@ -11,12 +11,12 @@ from jointid.figures.fleet import distribution
 from jointid.fleet.row import Row
 from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, fleet_spread
 from jointid.rounding import significant, with_error
+from jointid.study import STATES
 from jointid.ui.fleet.studies import SIGNS, label
 from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
 from jointid.wording import counted
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
-_VERDICTS = ("good", "warning", "problem")
 
 
 def show_headline(rows: Sequence[Row]) -> None:
@@ -27,7 +27,7 @@ def show_headline(rows: Sequence[Row]) -> None:
     if robots:
         parts.append(counted(len(robots), "robot"))
     parts += [
-        f"{count} {level}" for level in _VERDICTS if (count := sum(r.verdict == level for r in good))
+        f"{count} {state}" for state in STATES if (count := sum(row.state == state for row in good))
     ]
     if failed := len(rows) - len(good):
         parts.append(f"{failed} failed")
@@ -103,7 +103,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
                         "Value": f"{spread.name} = {value}",
                         "Median": significant(float(spread.centre[k]), 4),
                         "z": f"{spread.z[k]:+.1f}".replace("-", "−"),
-                        "Verdict": SIGNS[row.verdict],
+                        "State": SIGNS[row.state],
                     },
                 )
             )

@@ -10,6 +10,7 @@ from jointid import JointIdError
 from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
 from jointid.rounding import with_error
+from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import table
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -18,7 +19,7 @@ from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep, recent
 from jointid.wording import counted
 
-SIGNS = {"good": "✓ good", "warning": "△ warning", "problem": "✕ problem", "": "— failed"}
+SIGNS = {USABLE: "✓ usable", WITH_CARE: "△ usable with care", NOT_USABLE: "✕ not usable", "": "— failed"}
 
 
 def show_failed(rows: Sequence[Row]) -> None:
@@ -61,7 +62,7 @@ def _columns(rows: Sequence[Row]) -> dict[str, list[str]]:
         "Study": [label(row) for row in rows],
         "Robot": [row.robot for row in rows],
         "Date": [row.date for row in rows],
-        "Verdict": [SIGNS[row.verdict] for row in rows],
+        "State": [SIGNS[row.state] for row in rows],
     }
     for j in range(max(row.joints for row in rows)):
         for quantity in "KD":
@@ -77,7 +78,7 @@ def _take_selection() -> None:
 
 def _show_study(fleet: OpenFleet, row: Row) -> None:
     with st.container(border=True):
-        st.markdown(f"**{markdown_escape(row.name or label(row))}** &nbsp;·&nbsp; {SIGNS[row.verdict]}")
+        st.markdown(f"**{markdown_escape(row.name or label(row))}** &nbsp;·&nbsp; {SIGNS[row.state]}")
         if not row.is_good:
             show_error(row.error)
         for finding in row.findings[:3]:

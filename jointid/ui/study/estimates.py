@@ -8,6 +8,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit
+from jointid.answer import ERROR_BARS, further_quantities, model_name
 from jointid.estimation.candidates import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.cached import ESTIMATORS
@@ -18,9 +19,9 @@ from jointid.ui.shared.messages import show_text_table
 def show_estimates(analysis: Analysis) -> None:
     """One row per estimator, the chosen one first."""
     st.caption(
-        f"Shown on every page: **{analysis.fit.method}**; the sidebar chooses another. ± is one "
-        "standard error: the noise of the phasors carried through the estimator, widened where noise "
-        "does not explain the rest."
+        f"Shown on every page: **{analysis.fit.method}**; the sidebar chooses another. {ERROR_BARS} "
+        "The linear estimators keep the given inertias, so that their error bars contain all of "
+        "their uncertainty."
     )
     show_text_table(estimates_table(analysis))
     with st.expander("What each estimator is"):
@@ -32,20 +33,13 @@ def show_estimates(analysis: Analysis) -> None:
 
 
 def show_also_fitted(fit: ElasticityFit) -> None:
-    """Friction, delay, and the compared models."""
-    if fit.friction is not None:
-        n, friction = fit.n, fit.friction
-        error = friction.standard_error
-        st.write("Friction at the motors, fitted together with K and D:")
-        columns = {
-            "": [f"joint {j + 1}" for j in range(n)],
-            "Coulomb (N·m)": [with_error(friction.coulomb[j], error[j]) for j in range(n)],
-            "Viscous (N·m·s/rad)": [with_error(friction.viscous[j], error[n + j]) for j in range(n)],
-        }
-        show_text_table(columns)
-    if fit.delay is not None:
-        delay = with_error(1e3 * fit.delay, 1e3 * (fit.delay_error or 0.0))
-        st.write(f"The torque lags by {delay} ms beyond what the records state.")
+    """The model, what was fitted in addition to K and D, and the compared models."""
+    st.write(f"Fitted model: {model_name(fit)}.")
+    if further := further_quantities(fit):
+        names, shown = [q.name for q in further], [q.shown for q in further]
+        show_text_table(
+            {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
+        )
     if fit.candidates:
         with st.expander("Which models were compared"):
             _show_candidates(fit.candidates)

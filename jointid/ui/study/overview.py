@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import streamlit as st
 
-from jointid import Elasticity, ElasticityFit, Finding, Study
-from jointid.answer import without
+from jointid import Analysis, ElasticityFit, Finding, Study
+from jointid.answer import ERROR_BARS, Quantity, change_from, elasticity_quantities, without
 from jointid.files.study_files import pack_study
-from jointid.rounding import plain, significant, with_error
+from jointid.rounding import plain
+from jointid.study import NOT_USABLE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
+from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.wording import counted, file_stem
 
@@ -42,54 +44,56 @@ def show_heading(study: Study) -> None:
         st.caption(markdown_escape(study.description))
 
 
-def show_tiles(fit: ElasticityFit, nominal: Elasticity | None) -> None:
+def show_headline(analysis: Analysis) -> None:
+    """The answer as a sentence, or why it is not usable; what limits it."""
+    if analysis.state == NOT_USABLE:
+        st.error(f"#### {markdown_escape(analysis.headline)}")
+        return
+    st.subheader(analysis.headline, anchor=False)
+    if analysis.caution:
+        show_note(analysis.caution)
+
+
+def show_tiles(analysis: Analysis) -> None:
     """K and D of every joint with ± one standard error, against the nominal values."""
-    n = fit.n
+    n = analysis.fit.n
+    found = elasticity_quantities(analysis.fit)
     if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
         with st.container(horizontal=True):
             for j in range(n):
                 with st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
-                    for quantity in "KD":
-                        _tile(fit, nominal, quantity, j)
+                    for k in (j, n + j):
+                        _tile(analysis, found[k], k)
         return
-    for quantity in "KD":
+    for first in (0, n):
         with st.container(horizontal=True):
-            for j in range(n):
-                _tile(fit, nominal, quantity, j)
+            for k in range(first, first + n):
+                _tile(analysis, found[k], k)
 
 
-def _tile(fit: ElasticityFit, nominal: Elasticity | None, quantity: str, j: int) -> None:
-    stiffness = quantity == "K"
-    value = float((fit.K if stiffness else fit.D)[j])
-    error = float(fit.standard_error[j if stiffness else fit.n + j])
-    unit = "N·m/rad" if stiffness else "N·m·s/rad"
+def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
+    n, nominal = analysis.fit.n, analysis.study.nominal
     assumed = None
     if nominal is not None:
-        reference = float((nominal.K if stiffness else nominal.D)[j])
+        reference = float((nominal.K if k < n else nominal.D)[k % n])
         assumed = f"nominal {plain(reference)}"
         if reference > 0:
-            assumed += f" ({_change(value / reference - 1, error / reference)})"
-    what = "Stiffness" if stiffness else "Damping"
+            assumed += f" ({change_from(found.value, found.error, reference)})"
+    label = f"{found.name} ({found.unit})"
+    if analysis.state == NOT_USABLE:
+        label, assumed = f":red[Not usable:] {label}", None
+    what = "Stiffness" if k < n else "Damping"
     st.metric(
-        f"{quantity}{j + 1} ({unit})",
-        with_error(value, error),
+        label,
+        found.shown[0],
         assumed,
         delta_color="off",
         delta_arrow="off",
         border=True,
         width=_TILE_WIDTH,
-        help=f"{what} of joint {j + 1} seen from the motor, ± one standard error from noise alone; what "
-        "inertias that are off add stands below. "
+        help=f"{what} of joint {k % n + 1} seen from the motor. {ERROR_BARS} "
         "Nominal is what the controller assumes today.",
     )
-
-
-def _change(ratio: float, error: float) -> str:
-    """Deviation from the nominal value in per cent, when it is more than its uncertainty."""
-    if abs(ratio) <= 2 * error:
-        return "agrees"
-    size = f"{100 * abs(ratio):.0f}" if abs(ratio) >= 0.1 else significant(100 * abs(ratio), 2)
-    return f"{'+' if ratio > 0 else '−'}{size} %"
 
 
 def show_findings(findings: Sequence[Finding]) -> None:
@@ -114,11 +118,7 @@ def _finding(finding: Finding) -> None:
 def freed_note(fit: ElasticityFit) -> str:
     """Explain "without friction" in a figure's legend, if present."""
     words = without(fit)
-    return (
-        f' "{words[0].upper()}{words[1:]}": what was found of it is taken off the torques.'
-        if words
-        else ""
-    )
+    return f' "{words[0].upper()}{words[1:]}": removed from the data as identified.' if words else ""
 
 
 def show_steps(study: Study) -> None:

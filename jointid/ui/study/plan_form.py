@@ -93,7 +93,7 @@ def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
 
 def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
     """Return the inertia that planned records have."""
-    return analysis.study.poses[pose] if pose else analysis.study.inertia
+    return analysis.inertia(pose)
 
 
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
@@ -102,7 +102,7 @@ def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Anal
     return run_in_background(
         suggest_records,
         _analysis.phasors,
-        _analysis.study.inertias,
+        _analysis.fit.inertias,
         _analysis.fit,
         count=settings.count,
         duration_s=settings.seconds,
@@ -214,7 +214,7 @@ def _predicted(
         predict_standard_errors,
         plan,
         _analysis.phasors,
-        _analysis.study.inertias,
+        _analysis.fit.inertias,
         _analysis.fit,
         planned_inertia=inertia,
     )

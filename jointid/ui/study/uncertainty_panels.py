@@ -1,8 +1,8 @@
-"""Uncertainty of K and D: error bars of noise and of the inertias, and checks of them."""
+"""Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from time import monotonic
 
 import numpy as np
@@ -11,22 +11,22 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
-from jointid.answer import inertia_sentence
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
-from jointid.rounding import significant, with_error
+from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import UNITS, Table, plot
+from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
     show_error,
     show_info,
-    show_note,
     show_progress,
     show_text_table,
-    show_warning,
 )
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import result_cache
+from jointid.uncertainty.error_parts import error_table
+from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import (
     InertiaSensitivity,
@@ -35,7 +35,6 @@ from jointid.uncertainty.sensitivity import (
 )
 
 _PATIENCE_S = 0.5
-_SOON_S = 0.2
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
 
 
@@ -62,122 +61,51 @@ def names_of(analysis: Analysis) -> list[str]:
     return [f"{q}{j + 1}" for q in "KD" for j in range(analysis.fit.n)]
 
 
-def estimates_of(analysis: Analysis, method: str = "") -> tuple[Floats, Floats]:
-    """Estimate and standard error in the order of ``names_of``; of the chosen estimator by default."""
-    fit = analysis.fits[method] if method else analysis.fit
-    return np.concatenate([fit.K, fit.D]), fit.standard_error
-
-
 def on_demand(label: str, key: str) -> ExpanderContainer:
     """Return an expander, closed at first; its content may be computed once it is ``open``."""
     return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
-def ask_share() -> float:
-    """Ask how well the inertias are known, as a share."""
-    percent = st.number_input(
-        "Inertias are known to ± (%)",
-        0.0,
-        50.0,
-        3.0,
-        0.5,
-        format="%g",
-        key="inertia_share",
-        bind="query-params",
-        width=232,
-        help="Every element of M and M2 errs by so much, independently. Records say nothing of this "
-        "error, so that it is kept apart from the one that noise makes.",
+def show_errors(analysis: Analysis) -> None:
+    """K and D with their errors beside the paper's answer, the parts of the errors, and the inertias."""
+    show_text_table(errors_table(analysis))
+    show_error_parts(analysis)
+    st.markdown("**Inertias and torque scale**")
+    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
+    st.caption(
+        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
+        "study states. Fitted: together with K and D."
     )
-    return float(percent) / 100
+    if analysis.study.torque_std is None:
+        st.caption(UNSTATED_TORQUE_SCALE)
 
 
-def show_errors(page: Page, analysis: Analysis, place: DeltaGenerator, share: float) -> None:
-    """Both error bars and the paper's answer; slow parts are computed after the page is drawn."""
-    with place:
-        shown, below, details = st.empty(), st.empty(), st.container()
-    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
-    known = found if isinstance(found, InertiaSensitivity) else None
-    show_text_table(errors_table(analysis, known, share), shown)
-    if isinstance(found, str):
-        show_warning(f"What the inertias add is not known. {found}", below)
-        return
-    if known is None:
-        stopped = str(("stopped_inertias", page.digest, page.method))
-        if st.session_state.get(stopped):
-            below.button(
-                "Compute the error bars of the inertias",
-                key="start_inertias",
-                on_click=lambda: st.session_state.pop(stopped, None),
-            )
-            return
-        with below.container():
-            _compute_what_the_inertias_add(page, analysis)
-            st.button(  # outside of the fragment: a click within one interrupts nothing
-                "Stop",
-                key="stop_inertias",
-                help="Leaves the second error bar unknown; the rest of the page does not need it.",
-                on_click=lambda: st.session_state.update({stopped: True}),
-            )
-        return
-    with details, st.expander("Which inertia matters"):
-        _show_sensitivity(analysis, known)
+def show_error_parts(analysis: Analysis) -> None:
+    """The parts of the standard errors, one click away."""
+    with st.expander("Parts of the error bars"):
+        header, rows = error_table(analysis.fit)
+        show_text_table(dict(zip(header, _columns(rows), strict=True)))
+        st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
 
 
-@st.fragment(run_every=_SOON_S)
-def _compute_what_the_inertias_add(page: Page, analysis: Analysis) -> None:
-    """Reserve a line in the page's own run; compute in the next one, which the browser asks for."""
-    waiting = (page.digest, page.method)
-    bar = st.empty()
-    if st.session_state.get("inertias_wait") != waiting:
-        st.session_state["inertias_wait"] = waiting
-        bar.caption("± is noise alone. What inertias that are off would add is computed next.")
-        return
-    try:
-        found: InertiaSensitivity | str = run_in_background(
-            inertia_sensitivity,
-            analysis.phasors,
-            page.study.inertias,
-            analysis.fit,
-            progress=reporter(bar, "What the inertias change"),
-        )
-    except JointIdError as error:
-        found = str(error)
-    result_cache().put(("inertias", page.digest, page.method), found)
-    del st.session_state["inertias_wait"]
-    st.rerun()
-
-
-def show_inertia_line(page: Page, analysis: Analysis) -> None:
-    """One line on the errors of the inertias, computed after the page is drawn."""
-    if any(finding.level == "problem" for finding in analysis.findings):
-        return  # an unusable answer needs no error bars
-    found: InertiaSensitivity | str | None = result_cache().get(("inertias", page.digest, page.method))
-    if found is None:
-        _compute_what_the_inertias_add(page, analysis)
-    elif isinstance(found, str):
-        unknown = "what inertias that are off would add is not known."
-        show_note(f"± is noise alone; {unknown} {found}")
-    else:
-        st.caption(inertia_sentence(found.standard_error()))
-
-
-def errors_table(analysis: Analysis, found: InertiaSensitivity | None, share: float) -> Table:
-    """One row per parameter; the error from the inertias is "…" until it is computed."""
-    value, error = estimates_of(analysis)
-    paper, paper_error = estimates_of(analysis, "least-squares")
-    added = ["…"] * value.size
-    if found is not None:
-        added = [f"± {significant(float(e), 2)}" for e in found.standard_error(share)]
+def errors_table(analysis: Analysis) -> Table:
+    """One row per parameter, with the paper's answer."""
+    found = elasticity_quantities(analysis.fit)
+    paper = elasticity_quantities(analysis.fits["least-squares"])
     same = analysis.fit.method == "least-squares"
     return {
-        "": [f"{name} ({UNITS[name[0]]})" for name in names_of(analysis)],
-        "Estimate ± noise": [with_error(v, e) for v, e in zip(value, error, strict=True)],
-        f"Inertias ± {100 * share:g} %": added,
-        "Paper's least squares": [with_error(v, e) for v, e in zip(paper, paper_error, strict=True)],
+        "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
+        "Estimate": [quantity.shown[0] for quantity in found],
+        "Paper's least squares": [quantity.shown[0] for quantity in paper],
         "Difference": [
-            "the same" if same else difference(p, v) for p, v in zip(paper, value, strict=True)
+            "the same" if same else difference(other.value, one.value)
+            for one, other in zip(found, paper, strict=True)
         ],
     }
+
+
+def _columns(rows: Iterable[Sequence[str]]) -> Iterator[tuple[str, ...]]:
+    return zip(*rows, strict=True)
 
 
 def difference(other: float, value: float) -> str:
@@ -189,13 +117,30 @@ def difference(other: float, value: float) -> str:
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
 
-def _show_sensitivity(analysis: Analysis, found: InertiaSensitivity) -> None:
+def show_influence(page: Page, analysis: Analysis) -> None:
+    """Change of K and D by each given inertia."""
+    key = ("inertias", page.digest, page.method)
+    found: InertiaSensitivity | None = result_cache().get(key)
+    if found is None:
+        place = st.empty()
+        try:
+            found = run_in_background(
+                inertia_sensitivity,
+                analysis.phasors,
+                page.study.inertias,
+                analysis.fit,
+                progress=reporter(place, "Influence of each inertia"),
+            )
+        except JointIdError as error:
+            show_info(error, place)
+            return
+        result_cache().put(key, found)
     names, relative = names_of(analysis), found.relative
     k, e = np.unravel_index(np.nanargmax(np.abs(relative)), relative.shape)
     st.write(
-        f"The error that matters most: 1 % of {found.names[e]} moves {names[k]} by "
+        f"Largest influence: 1 % of the given {found.names[e]} moves {names[k]} by "
         f"{significant(abs(float(relative[k, e])), 2)} %. The table holds the change of each estimate "
-        "in % for 1 % more of each inertia: rotors J_m, arm J_a, couplings J_12."
+        "in % for 1 % more of each given inertia; records that determine the inertias make it small."
     )
     columns = {name: [_signed(x) for x in row] for name, row in zip(names, relative, strict=True)}
     show_text_table({"1 % more of": list(found.names)} | columns)
@@ -212,10 +157,11 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
         "Two checks that do not use the stated error bars. The bootstrap draws the noise anew and "
-        "estimates again; the jackknife leaves out one frequency at a time and takes the scatter for "
-        "the error, whatever its cause. A factor of two between them is nothing to worry about. A "
-        "jackknife far above the others tells of a model that does not hold, a bootstrap far above "
-        "what 68 % of its draws say of an estimate that some noise throws far off."
+        "estimates again, with the given inertias kept: compare it with the part from noise. The "
+        "jackknife leaves out one frequency at a time and takes the scatter for the error, from any "
+        "cause. A factor of two between them is no reason for concern. A jackknife far above the others "
+        "indicates a model that does not hold; a bootstrap far above the range of 68 % of its draws "
+        "indicates an estimate that some noise throws far off."
     )
     key = ("checks", page.digest, page.method)
     checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
@@ -238,9 +184,10 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         place.empty()
         working.empty()
     drawn, left_out = checks
-    names, (_, stated) = names_of(analysis), estimates_of(analysis)
+    names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
-    columns = {"": names, "Stated": _errors(stated), "Bootstrap": _errors(drawn.standard_error)}
+    columns = {"": names, "Stated": _errors(fit.standard_error), "From noise": _errors(fit.noise_error)}
+    columns["Bootstrap"] = _errors(drawn.standard_error)
     columns["68 % of the draws"] = _errors((high - low) / 2)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
@@ -270,7 +217,7 @@ def _checks(
 
 
 def _errors(values: Floats) -> list[str]:
-    return [f"± {significant(float(x), 2)}" for x in values]
+    return [f"± {significant(float(x), 2)}" if np.isfinite(x) else UNDETERMINED for x in values]
 
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
@@ -280,13 +227,17 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
     others = [name for name in names if name != first]
     second = right.selectbox("Upwards", others, key="ellipse_y", bind="query-params")
-    ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
+    try:
+        ellipses = [confidence_ellipse(analysis.fit, first, second, level=p) for p in (0.95, 0.68)]
+    except JointIdError as error:
+        show_info(error)
+        return
     plot(
         confidence_outlines(ellipses, dark=page.dark),
         f"Confidence ellipses of {first} and {second}",
         key="ellipses",
     )
     st.caption(
-        "From noise alone: what the inertias are off is not in it. A slanted ellipse means that an "
-        "error in one comes with an error in the other."
+        "From the whole error. A slanted ellipse means that an error in one comes with an error in the "
+        "other."
     )

@@ -1,0 +1,56 @@
+"""Parts of the standard errors of K and D by their cause."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.parameters import elasticity_labels
+from jointid.rounding import UNDETERMINED, significant
+
+_PARTS = {
+    "noise": "noise",
+    "prior": "inertias and torque scale",
+    "unseen": "friction harmonics",
+    "choice": "choice of model",
+}
+"""Name of each part; the fit holds it as ``noise_error`` and so on."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorPart:
+    """The part of the standard errors that one cause makes."""
+
+    key: str
+    name: str
+    error: Floats
+    """Of K1 ... Kn, D1 ... Dn, shape (2n,); the squares of all parts add up to the whole."""
+
+
+def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
+    """Return the parts of ``fit.standard_error``; those that do not apply are zero."""
+    parts = []
+    for key, name in _PARTS.items():
+        error = np.broadcast_to(getattr(fit, f"{key}_error"), 2 * fit.n)
+        parts.append(ErrorPart(key, name, np.asarray(error, float)))
+    return tuple(parts)
+
+
+def error_table(fit: ElasticityFit) -> tuple[list[str], list[list[str]]]:
+    """Header and rows of a table: the whole standard error of K and D, and its parts.
+
+    Parts that are zero throughout are left out.
+    """
+    parts = [part for part in error_parts(fit) if np.any(part.error > 0)]
+    rows = []
+    for k, name in enumerate(elasticity_labels(fit.n)):
+        whole = float(fit.standard_error[k])
+        if np.isinf(whole):
+            rows.append([name, UNDETERMINED, *["–"] * len(parts)])
+        else:
+            sizes = [whole, *(float(part.error[k]) for part in parts)]
+            rows.append([name, *(significant(size, 2) for size in sizes)])
+    return ["", "whole error", *(part.name for part in parts)], rows

@@ -1,0 +1,98 @@
+"""Inertias and torque scales as given and as fitted, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.parameters import ParameterLayout
+from jointid.rounding import plain, significant, with_error
+from jointid.wording import enumerated
+
+
+@dataclass(frozen=True)
+class PriorRow:
+    """One inertia or torque scale."""
+
+    name: str
+    """J_m1 (rotor), J_a1 (arm), J_12 (coupling) or torque scale 1; with the pose if it has its own."""
+    unit: str
+    given: float
+    given_std: float
+    """Standard deviation of the given value: 0 exact, inf unknown."""
+    fitted: float
+    fitted_std: float
+    """Its standard error, inf if nothing determines it; ``given_std`` if it was not fitted."""
+    is_fitted: bool
+    """False where the estimator keeps the given value."""
+
+    @property
+    def disagreement(self) -> float | None:
+        """Fitted minus given value in standard deviations of the given one; None without any."""
+        known = self.is_fitted and 0 < self.given_std < np.inf and np.isfinite(self.fitted_std)
+        return (self.fitted - self.given) / self.given_std if known else None
+
+    @property
+    def cells(self) -> list[str]:
+        """Name, given value, fitted value, unit and disagreement as texts."""
+        given = f"{plain(self.given)} ± {significant(self.given_std, 2)}"
+        if self.given_std == 0:
+            given = f"{plain(self.given)} (exact)"
+        elif np.isinf(self.given_std):
+            given = f"{significant(self.given, 3)} (start value)"
+        fitted = with_error(self.fitted, self.fitted_std) if self.is_fitted else "as given"
+        distance = self.disagreement
+        shown = "–" if distance is None else f"{round(distance, 1) + 0.0:+.1f} σ".replace("-", "−")
+        return [self.name, given, fitted, self.unit, shown]
+
+
+PRIOR_HEADER = ["", "given", "fitted", "unit", "fitted − given"]
+"""Header of the table of ``PriorRow.cells``; σ is the standard deviation of the given value."""
+
+
+def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow, ...]:
+    """Return every inertia M and M2 of each pose, and the torque scales unless they are exact.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    poses : sequence of str
+        Pose of each record, "" for none, to name the inertias; numbers by default.
+    """
+    prior = fit.prior
+    priors = prior.blocks()
+    given = {"M": prior.M, "M2": prior.lower, "torque_scale": np.ones(fit.n)}
+    layout = ParameterLayout.of(
+        fit.n, rotors=1, arms=1, torque_scale="torque_scale" in priors
+    )  # labels of one pose
+    variance = np.diag(fit.parameter_covariance)
+    rows = []
+    for block in layout.blocks[2:]:
+        mean = given[block.name].ravel()
+        std = priors[block.name][1].ravel() if block.name in priors else np.zeros(mean.size)
+        value, error = mean, std
+        is_fitted = block.name in fit.parameters.layout
+        if is_fitted:
+            value = fit.parameters[block.name].ravel()
+            error = np.sqrt(variance[fit.parameters.layout[block.name]])
+        unit = "" if block.name == "torque_scale" else "kg·m²"
+        columns = (column.tolist() for column in (mean, std, value, error))
+        for k, (a, a_std, b, b_std) in enumerate(zip(*columns, strict=True)):
+            pose, element = divmod(k, len(block.labels))
+            name = block.labels[element] + _suffix(prior, block.name, pose, poses)
+            rows.append(PriorRow(name, unit, a, a_std, b, b_std, is_fitted))
+    return tuple(rows)
+
+
+def _suffix(prior: InertiaPrior, block: str, index: int, poses: Sequence[str]) -> str:
+    """Poses with a distinct inertia; empty if there is only one."""
+    count, of_record = (len(prior.M), prior.rotor) if block == "M" else (len(prior.M2), prior.pose)
+    if count == 1 or block == "torque_scale":
+        return ""
+    used = np.flatnonzero(of_record == index).tolist()
+    names = dict.fromkeys(poses[r] for r in used) if poses else {f"{index + 1}": None}
+    return ", pose " + enumerated([name or "of [inertia]" for name in names])
