@@ -189,14 +189,11 @@ class Plants:
         """Acceleration of the arm per torque on it."""
         for k, robot in enumerate(robots):
             self._linear_part(robot, self.A[k], self.B[k], self.arm_force[k])
-        self.B[:, self.at["torque_log"]] = self._corner("torque_filter_hz") * np.eye(n)
+        self.B[:, self.at["torque_log"]] = 2 * np.pi * self.of("torque_filter_hz") * np.eye(n)
 
     def of(self, name: str) -> Array:
         """A field of all robots, shape (p, n, 1)."""
         return np.stack([getattr(robot, name) for robot in self.robots])[:, :, None]
-
-    def _corner(self, name: str) -> Array:
-        return 2 * np.pi * self.of(name)
 
     def _linear_part(self, robot: Robot, A: Array, B: Array, arm_force: Array) -> None:
         at, eye = self.at, np.eye(self.n)
@@ -320,13 +317,16 @@ class _Nonlinear:
         self.sets = rubs and not self.smoothing and not bristles.all()
         self.set_valued = np.broadcast_to(~bristles, shape)
         self.coulomb, self.stribeck, self.load = level
+        self.falls, self.loaded = bool(self.stribeck.any()), bool(self.load.any())
         self.asymmetry, self.stribeck_rad_s = every("asymmetry"), every("stribeck_rad_s")
         self.arm_coulomb, self.cubic, self.half_play = (
             every("arm_coulomb"), every("cubic"), every("backlash_rad") / 2
         )  # fmt: skip
         self.hysteresis, self.hysteresis_rad = every("hysteresis_Nm"), every("hysteresis_rad")
+        self.arm_rubs = bool(self.arm_coulomb.any())
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
-        self.K, self.D, self.M = every("K"), every("D"), every("M")
+        self.K, self.M = every("K"), every("M")
+        self.torque_corner = 2 * np.pi * every("torque_filter_hz")
         self.geared = any(np.any(law) for law in (self.cubic, self.half_play, self.hysteresis))
         self.direction = np.zeros(shape)
         """Of set-valued friction: the sign of the velocity, 0 where a motor sticks."""
@@ -357,9 +357,9 @@ class _Nonlinear:
 
     def _level(self, velocity: Array, direction: Array, x: Array) -> Array:
         level = self.coulomb * (1 + self.asymmetry * direction)
-        if np.any(self.stribeck):
+        if self.falls:
             level = level + self.stribeck * np.exp(-((velocity / self.stribeck_rad_s) ** 2))
-        if np.any(self.load):
+        if self.loaded:
             level = level + self.load * np.abs(self._gear(x))
         return level
 
@@ -402,7 +402,8 @@ class _Nonlinear:
         rate = np.empty_like(x)
         linear = rate[:, :size]
         np.matmul(plants.A, x[:, :size], out=linear)
-        linear += plants.B @ torque
+        linear[:, at["omega"]] += torque / self.M
+        linear[:, at["torque_log"]] += self.torque_corner * torque
         bristle, wound = rate[:, size : size + n], rate[:, size + n :]
         bristle[:] = wound[:] = 0.0
         velocity, arm_velocity = x[:, at["omega"]], x[:, at["arm_omega"]]
@@ -417,7 +418,7 @@ class _Nonlinear:
             wound[:] = (
                 np.where(self.hysteresis > 0, twist - np.abs(twist) * z, 0.0) / self.hysteresis_rad
             )
-        if np.any(self.arm_coulomb):
+        if self.arm_rubs:
             rubbing = self.arm_coulomb * np.tanh(arm_velocity / self.arm_smoothing)
             on_arm = -rubbing if on_arm is None else on_arm - rubbing
         if self.rubs:
