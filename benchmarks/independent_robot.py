@@ -458,14 +458,18 @@ def gains(robot: Robot) -> tuple[Array, Array]:
 
 
 def settling_s(robot: Robot, drop: float = 1e-5) -> float:
-    """Time after which a start has decayed to ``drop`` under control, at least 1 s."""
+    """Time after which a start has decayed to ``drop`` under control, at least 1 s.
+
+    Twice as long with friction: joints that stick pass their starts on to each other for a while.
+    """
     plants = Plants([replace(robot, link_share=0.0, loss_factor=0.0)])
     gain, damping = gains(robot)
     A = plants.controlled(gain[None], damping[None])[0, : 4 * robot.n, : 4 * robot.n]
     slowest = -np.linalg.eigvals(A).real.max()
     if slowest <= 0:
         raise ValueError("This robot is not stable under its controller.")
-    return float(np.clip(np.log(1 / drop) / slowest, 1.0, 6.0))
+    linear = float(np.clip(np.log(1 / drop) / slowest, 1.0, 6.0))
+    return 2 * linear if np.any(robot.coulomb) else linear
 
 
 def steady_state(robot: Robot, experiment: Experiment) -> tuple[Array, Array, Array]:
