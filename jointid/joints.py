@@ -28,51 +28,86 @@ class Inertia:
     M2 : array_like, shape (n, n)
         Arm inertia matrix with the coupling inertias J_12 = J_21 off its diagonal, kg·m².
         A single joint may give a plain number.
+    added : array_like, shape (n, n), optional
+        The part of M2 that is known exactly, kg·m²: a payload of known mass at a known place. What is
+        said of M2's uncertainty holds for M2 − added. By default zero.
 
     Raises
     ------
     JointIdError
-        When a rotor inertia is not positive, or M2 is not symmetric and positive definite.
+        When a rotor inertia is not positive, or M2 or M2 − added is not symmetric and positive definite.
     """
 
     M: Floats
     """Rotor inertias, shape (n,), kg·m²."""
     M2: Floats
     """Arm inertia matrix, shape (n, n), kg·m²."""
+    added: Floats
+    """Exactly known part of M2, shape (n, n), kg·m²; zero without one."""
 
-    def __init__(self, M: ArrayLike, M2: ArrayLike) -> None:
+    def __init__(self, M: ArrayLike, M2: ArrayLike, added: ArrayLike | None = None) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
-        if isinstance(M2, Sequence) and len(M2) == 1 and isinstance(M2[0], int | float):
-            M2 = M2[0]  # of a single joint
-        arm = finite_array("M2 (arm inertia, kg·m²)", M2, ndim=2)
         n = rotor.size
         if n == 0:
             raise JointIdError("M (rotor inertias, kg·m²) is empty: give one value per joint.")
-        if arm.shape != (n, n):
-            raise JointIdError(
-                f"M2 has shape {arm.shape}: expected ({n}, {n}), since M has {counted(n, 'value')}."
-            )
+        arm = _symmetric("M2", "arm inertia", M2, n)
         _require_positive("M", rotor, "kg·m²")
-        scale = np.sqrt(np.outer(np.abs(np.diag(arm)), np.abs(np.diag(arm))))
-        if np.any(np.abs(arm - arm.T) > 1e-6 * scale):
-            i, j = np.unravel_index(np.argmax(np.abs(arm - arm.T)), arm.shape)
-            raise JointIdError(
-                f"M2 must be symmetric: J_{i + 1}{j + 1} = {arm[i, j]:g} kg·m² but "
-                f"J_{j + 1}{i + 1} = {arm[j, i]:g} kg·m². The coupling inertia is one number."
-            )
-        smallest = float(np.linalg.eigvalsh(arm)[0])
-        if smallest <= 0:
-            raise JointIdError(
-                f"M2 must be positive definite, but its smallest eigenvalue is {smallest:g} kg·m²: "
-                "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
-            )
+        _require_positive_definite("M2", arm)
+        known = np.zeros((n, n)) if added is None else _symmetric("added", "known part of M2", added, n)
+        if known.any():
+            _require_positive_definite("M2 − added (M2 is the total)", arm - known)
         object.__setattr__(self, "M", rotor)
-        object.__setattr__(self, "M2", frozen((arm + arm.T) / 2))
+        object.__setattr__(self, "M2", arm)
+        object.__setattr__(self, "added", frozen(known))
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return int(self.M.size)
+
+    def with_added(self, added: ArrayLike) -> Inertia:
+        """Return the inertia with an exactly known addition, such as a payload of known mass.
+
+        Parameters
+        ----------
+        added : array_like, shape (n, n)
+            Addition to M2, motor side, kg·m².
+
+        Raises
+        ------
+        JointIdError
+            When it is not symmetric or has another shape, or the sum is no inertia.
+        """
+        more = _symmetric("added", "addition to M2", added, self.n)
+        return Inertia(self.M, self.M2 + more, self.added + more)
+
+
+def _symmetric(name: str, what: str, values: ArrayLike, n: int) -> Floats:
+    """Return a symmetric matrix of inertias, shape (n, n)."""
+    if isinstance(values, Sequence) and len(values) == 1 and isinstance(values[0], int | float):
+        values = values[0]  # of a single joint
+    matrix = finite_array(f"{name} ({what}, kg·m²)", values, ndim=2)
+    if matrix.shape != (n, n):
+        raise JointIdError(
+            f"{name} has shape {matrix.shape}: expected ({n}, {n}), since M has {counted(n, 'value')}."
+        )
+    scale = np.sqrt(np.outer(np.abs(np.diag(matrix)), np.abs(np.diag(matrix))))
+    if np.any(np.abs(matrix - matrix.T) > 1e-6 * scale):
+        i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
+        raise JointIdError(
+            f"{name} must be symmetric: J_{i + 1}{j + 1} = {matrix[i, j]:g} kg·m² but "
+            f"J_{j + 1}{i + 1} = {matrix[j, i]:g} kg·m². The coupling inertia is one number."
+        )
+    return frozen((matrix + matrix.T) / 2)
+
+
+def _require_positive_definite(name: str, matrix: Floats) -> None:
+    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    if smallest <= 0:
+        raise JointIdError(
+            f"{name} must be positive definite, but its smallest eigenvalue is {smallest:g} kg·m²: "
+            "a coupling inertia must stay below sqrt(J_ai · J_aj). Check units and gear ratios."
+        )
 
 
 def arm_inertias(n: int) -> list[tuple[str, int, int]]:

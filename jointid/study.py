@@ -39,7 +39,7 @@ def answer_state(levels: Iterable[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Sine records of one robot, with its known rigid-body inertias.
+    """Sine records of one robot, with its rigid-body inertias.
 
     Parameters
     ----------

@@ -26,7 +26,8 @@ st.latex(
 try:
     settings = ask()
     if settings is not None:
-        count = len(settings.frequencies_hz) * settings.inertia.n
+        sets = 2 if settings.added else 1
+        count = sets * len(settings.frequencies_hz) * settings.inertia.n
         bar = st.progress(0.0, "Preparing")
         st.button("Stop", help="Ends the simulation; nothing is kept of it.")
         study = simulated_study(

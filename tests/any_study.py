@@ -86,8 +86,8 @@ def random_study(seed: int, *, small: bool = False) -> Study:
     n = int(rng.choice([1, 1, 1, 2, 2, 3, 3] if small else [1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 4, 6]))
     inertia, elasticity = _robot(rng, n)
     poses = {}
-    if rng.random() < 0.15:
-        poses["stretched"] = Inertia(inertia.M, inertia.M2 * rng.uniform(0.5, 2.0))
+    if rng.random() < 0.2:
+        poses["stretched"] = _other_pose(rng, inertia)
     frequencies, torques, rate = _campaign(rng, inertia, elasticity)
     if small:
         frequencies, torques, rate = frequencies[:4], torques[:4], min(rate, 20.0)
@@ -129,7 +129,18 @@ def random_study(seed: int, *, small: bool = False) -> Study:
         nominal=nominal if rng.random() < 0.5 else None,
         name=f"seed {seed}",
         poses=poses,
+        inertia_std=float(rng.choice([0.0, 0.01, 0.05, 0.3, np.inf])),
+        torque_std=float(rng.choice([0.0, 0.05, 0.3, np.inf])) if rng.random() < 0.8 else None,
     )
+
+
+def _other_pose(rng: np.random.Generator, inertia: Inertia) -> Inertia:
+    """The same robot in another pose, or with a known payload."""
+    if rng.random() < 0.5:
+        return Inertia(inertia.M, inertia.M2 * rng.uniform(0.5, 2.0))
+    own = np.sqrt(np.diag(inertia.M2))
+    shape = rng.standard_normal((inertia.n, inertia.n))
+    return inertia.with_added(10 ** rng.uniform(-3, 1) * shape @ shape.T * np.outer(own, own))
 
 
 def _robot(rng: np.random.Generator, n: int) -> tuple[Inertia, Elasticity]:

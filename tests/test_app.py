@@ -277,6 +277,22 @@ class TestSimulating:
         assert metric(at, "K1")[0] == pytest.approx(30, rel=0.02)
         assert metric(at, "K2")[0] == pytest.approx(12, rel=0.02)
 
+    def test_wrong_inertias_and_torque_scale_are_corrected_by_a_known_payload(
+        self, form: AppTest
+    ) -> None:
+        form.number_input(key="sim_wrong").set_value(10.0)
+        form.text_input(key="sim_gain").set_value("1.07, 0.95")
+        form.text_input(key="sim_added").set_value("0.0012, 0.0005; 0.0005, 0.0009")
+        for what in ("inertia", "torque"):
+            form.selectbox(key=f"sim_{what}_std").set_value("unknown")
+        at = shown(form.button[0].click().run())
+        assert not at.error
+        assert metric(at, "K1")[0] == pytest.approx(43, rel=0.02)
+        assert metric(at, "K2")[0] == pytest.approx(7.5, rel=0.02)
+        text = " ".join(m.value for m in [*at.markdown, *at.caption])
+        assert "Given inertias wrong by 10 %. Logged torque / true torque = 1.07, 0.95." in text
+        assert "16 records" in text
+
     def test_one_joint(self, form: AppTest) -> None:
         for key, value in {"K": "43", "D": "0.1", "M": "0.0025", "M2": "0.0041", "viscous": "0"}.items():
             form.text_input(key=f"sim_{key}").set_value(value)
@@ -292,6 +308,9 @@ class TestSimulating:
             ("M2", "0.004, 0.0004; 0.0004", "rows have 2, 1 values"),
             ("M2", "0.001, 0.01; 0.01, 0.001", "positive definite"),
             ("coulomb", "1, 2, 3", "3 values for 2 joints"),
+            ("gain", "1, 0", "torque_gain is 0: must be positive"),
+            ("added", "0.001, 0; 0.001", "rows have 2, 1 values"),
+            ("added", "0.001, 0.002; 0, 0.001", "added must be symmetric"),
         ],
     )
     def test_what_is_no_robot_is_said_and_the_entries_stay(

@@ -198,7 +198,34 @@ def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -
     assert "Internal error, ZeroDivisionError: somewhere deep" in message
 
 
+def test_identify_takes_other_uncertainties_than_the_studys(study: Path) -> None:
+    def errors(*options: str) -> np.ndarray:
+        return np.array(json.loads(ok("identify", study, "--json", *options))["standard_error"])
+
+    as_stated, exact = errors(), errors("--inertia-std", "0", "--torque-std", "0")
+    assert np.all(exact <= as_stated)
+    assert errors("--inertia-std", "0.05") == pytest.approx(as_stated)  # what the study assumes
+    loose = errors("--inertia-std", "0.05", "--torque-std", "0.1")
+    assert np.all(loose > 2 * as_stated)
+    assert "inertia_std = nan: expected" in refused(1, "identify", study, "--inertia-std", "nan")
+
+
 # --- simulate, cut, plan
+
+
+def test_a_simulated_study_has_the_errors_that_were_asked_for(here: Path) -> None:
+    made = ["simulate", "s.zip", "--count", "4", "--periods", "6", "--inertia-error", "0.1"]
+    made += ["--torque-gain", "1.07,0.95", "--added", "0.0012,0.0005;0.0005,0.0009"]
+    ok(*made, "--inertia-std", "inf", "--torque-std", "inf")
+    study = load_study(here / "s.zip")
+    assert (study.inertia_std, study.torque_std) == (np.inf, np.inf)
+    assert study.poses["loaded"].added.tolist() == [[0.0012, 0.0005], [0.0005, 0.0009]]
+    assert len(study.records) == 16
+    found = json.loads(ok("identify", "s.zip", "--json"))
+    np.testing.assert_allclose(found["K"], [43, 7.5], rtol=0.02)
+    assert found["standard_error"][0] < 1
+    assert "0 to below 1" in refused(1, *made, "--overwrite", "--inertia-error", "5")
+    assert "expected numbers" in refused(2, *made, "--overwrite", "--added", "heavy")
 
 
 def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
@@ -348,6 +375,18 @@ def test_a_log_is_converted_by_its_mapping(studies: dict[int, Study], here: Path
     np.testing.assert_allclose(found, long, rtol=1e-4)
     K = json.loads(ok("identify", "new.zip", "--json"))["K"]
     np.testing.assert_allclose(K, analyse(known).fit.K, rtol=2e-3)
+    (here / "again.toml").write_text((here / "robot.toml").read_text("utf-8"), "utf-8")
+    with (here / "robot.toml").open("a", encoding="utf-8") as toml:
+        toml.write("std = 0.1\n[torque]\nstd = 0.04\n")
+    stated = ["convert", "log.csv", *given, "--overwrite", "--json"]
+    assert "--torque-std" not in run.invoke(app, stated).stderr
+    study = load_study(here / "new.zip")
+    assert (study.inertia_std, study.torque_std) == (0.1, 0.04)
+    ok(*stated, "--inertia-std", "inf", "--torque-std", "0")
+    study = load_study(here / "new.zip")
+    assert (study.inertia_std, study.torque_std) == (np.inf, 0.0)
+    assert "--torque-std" in run.invoke(app, [*stated, "--inertia", "again.toml"]).stderr
+    assert "torque_std = -1.0: expected" in refused(1, *stated[:-1], "--torque-std", "-1")
 
 
 def test_a_log_without_a_sine_is_told_from_one_that_has(studies: dict[int, Study], here: Path) -> None:

@@ -78,6 +78,7 @@ def same(one: Identification, other: Identification) -> bool:
 
 # --- JSON and TOML
 
+deviations = st.sampled_from([0.0, 0.05, np.inf]) | st.floats(0, 1e30)
 finite = st.floats(-1e30, 1e30, allow_subnormal=True)
 texts = st.text(max_size=30).filter(lambda t: not any("\ud800" <= c <= "\udfff" for c in t))
 
@@ -88,7 +89,8 @@ def identifications(draw: st.DrawFn) -> Identification:
     values = lambda *shape: draw(arrays(float, shape, elements=finite))  # noqa: E731
     positive = lambda *shape: np.abs(values(*shape)) + 1e-3  # noqa: E731
     friction = Friction(values(n), values(n), values(2 * n)) if draw(st.booleans()) else None
-    inertia = Inertia(M=positive(n), M2=np.diag(positive(n)))
+    arm = np.diag(positive(n))
+    inertia = Inertia(M=positive(n), M2=arm, added=draw(st.sampled_from([None, 0.5 * arm])))
     return Identification(
         K=values(n),
         D=values(n),
@@ -110,6 +112,8 @@ def identifications(draw: st.DrawFn) -> Identification:
             records=draw(st.integers(0, 10**6)),
             frequencies_hz=tuple(draw(st.lists(finite, min_size=1, max_size=4))),
             misfit=draw(finite),
+            inertia_std=draw(deviations),
+            torque_std=draw(st.none() | deviations),
         ),
     )
 

@@ -11,11 +11,12 @@ from hypothesis import strategies as some
 from streamlit.testing.v1 import AppTest
 from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
 
-from jointid import Inertia, JointIdError, PlanarArm
+from jointid import Inertia, JointIdError, PlanarArm, Study
 from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
 from jointid.ui.shared import workspace
+from jointid.ui.shared.deviations import deviation_in, deviation_text
 
 TOML = """
 name = "Cell 7"
@@ -67,6 +68,18 @@ class TestToml:
     def test_plain_values_are_read(self) -> None:
         assert robot_from_toml("M = 0.001\nM2 = 0.002").inertia.n == 1
 
+    def test_uncertainties_and_payloads_are_read(self) -> None:
+        robot = robot_from_toml(
+            "[inertia]\nM = 0.001\nM2 = 0.002\nstd = 0.03\n[torque]\nstd = inf\n"
+            "[poses.loaded]\nadded = 0.0005\n"
+        )
+        assert (robot.inertia_std, robot.torque_std) == (0.03, np.inf)
+        assert pytest.approx(np.array([[0.0025]])) == robot.poses["loaded"].M2
+        assert robot.poses["loaded"].added == pytest.approx(np.array([[0.0005]]))
+        assert robot_from_toml("M = 0.001\nM2 = 0.002\nstd = 0").inertia_std == 0.0
+        plain = robot_from_toml("M = 0.001\nM2 = 0.002")
+        assert (plain.inertia_std, plain.torque_std) == (None, None)
+
     @pytest.mark.parametrize(
         ("text", "said"),
         [
@@ -77,6 +90,8 @@ class TestToml:
             ("[inertia]\nM3 = [0.1]", 'unknown key "M3"'),
             ("[inertias]\nM = [0.1]", 'unknown key "inertias"'),
             ("M = 0,1", "not valid TOML"),
+            ("M = 0.1\nM2 = 0.1\nstd = 'good'", "std must be a relative standard deviation"),
+            ("M = 0.1\nM2 = 0.1\n[torque]\nstd = -1", "[torque]: std must be"),
         ],
     )
     def test_what_is_wrong_is_named(self, text: str, said: str) -> None:
@@ -160,6 +175,75 @@ def test_a_toml_file_fills_the_text_that_can_be_corrected(page: AppTest, taken: 
     at = shown(at.run())
     assert "not valid TOML" in at.error[0].value
     assert at.text_area(key="import toml").value.startswith("M = 0.002")
+
+
+def opened(at: AppTest, tmp_path: Path) -> Study:
+    """Open the import as a study, and return what is kept of it."""
+    widget(at, "button", "Open as study").click()
+    shown(at.run())
+    (file,) = [f for f in tmp_path.rglob("*.data") if f.read_bytes()[:2] == b"PK"]
+    return load_study(file.read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("chosen", "expected"),
+    [
+        ((), (0.05, None)),
+        (("exact", "exact"), (0.0, 0.0)),
+        (("± 3 %", "unknown"), (0.03, np.inf)),
+        (("unknown", "± 2 %"), (np.inf, 0.02)),
+    ],
+)
+def test_the_page_asks_how_well_inertias_and_torque_scale_are_known(
+    page: AppTest, tmp_path: Path, chosen: tuple[str, ...], expected: tuple[float, float | None]
+) -> None:
+    at = drop(page, ("one.csv", long_log()))
+    for what, value in zip(("inertia", "torque"), chosen, strict=False):
+        at.selectbox(key=f"import {what} std").set_value(value)
+    at.text_input(key="import M").set_value("0.001")
+    at.text_input(key="import M2").set_value("0.003")
+    study = opened(at, tmp_path)
+    assert (study.inertia_std, study.torque_std) == expected
+
+
+def test_what_the_toml_states_is_not_asked(page: AppTest, tmp_path: Path) -> None:
+    at = source(drop(page, ("one.csv", long_log())), "TOML")
+    toml = "M = 0.001\nM2 = 0.003\nstd = 0.02\n[torque]\nstd = 0.04\n[poses.loaded]\nadded = 0.001"
+    at.text_area(key="import toml").set_value(toml)
+    at = shown(at.run())
+    assert not [box for box in at.selectbox if box.label.startswith("How well")]
+    assert any("M and M2: ± 2 %. Torque scale: ± 4 %." in note.value for note in at.caption)
+    study = opened(at, tmp_path)
+    assert (study.inertia_std, study.torque_std) == (0.02, 0.04)
+    assert study.poses["loaded"].added.tolist() == [[0.001]]
+
+
+@pytest.mark.parametrize(
+    ("text", "std"),
+    [
+        ("exact", 0.0), ("unknown", np.inf), ("± 7 %", 0.07), ("7", 0.07), ("2,5%", 0.025),
+        ("0.5 %", 0.005), ("0", 0.0), (" ±10 % ", 0.1),
+    ],
+)  # fmt: skip
+def test_a_percentage_may_be_typed(text: str, std: float) -> None:
+    assert deviation_in("M and M2", text) == pytest.approx(std)
+    assert deviation_in("M and M2", deviation_text(std)) == pytest.approx(std)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("-3 %", "give a percentage such as 5 %"),
+        ("nan", "give a percentage such as 5 %"),
+        ("0.03", "write 3 % or 0.03 %"),
+        ("good", '"good" is not a number'),
+        ("", "is not a number"),
+        ("1 2", "2 values"),
+    ],
+)
+def test_what_is_no_percentage_is_said(text: str, said: str) -> None:
+    with pytest.raises(JointIdError, match=f"M and M2.*{said}"):
+        deviation_in("M and M2", text)
 
 
 def test_links_give_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia]) -> None:

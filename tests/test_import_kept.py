@@ -64,6 +64,8 @@ def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     widget(at, "checkbox", "Torque held").set_value(True)
     at.text_input(key="import M").set_value("0.001")
     at.text_input(key="import name").set_value("Cell 7")
+    at.selectbox(key="import inertia std").set_value("unknown")
+    at.selectbox(key="import torque std").set_value("± 2 %")
     at = corrected(shown(at.run()))
     again = begun(place_of(at))
     assert not again.error
@@ -73,6 +75,8 @@ def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     assert widget(again, "checkbox", "Torque held").value is True
     assert again.text_input(key="import M").value == "0.001"
     assert again.text_input(key="import name").value == "Cell 7"
+    assert again.selectbox(key="import inertia std").value == "unknown"
+    assert again.selectbox(key="import torque std").value == "± 2 %"
     assert rows(again) == rows(at)
     assert [row.use for row in rows(again)].count(False) == 1
     assert {row.start_s for row in rows(again)} >= {7.0, 0.6}

@@ -8,7 +8,9 @@ import os
 import pickle
 import stat
 import struct
+import tomllib
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +58,7 @@ pose = "stretched"
 label = "elbow leads"
 torque_hold = false
 """
+POSE = "M2 = [[0.0081, 0.0021], [0.0021, 0.0019]]"
 HEADER = "time_s,theta_m1_rad,theta_m2_rad,tau_m1_Nm,tau_m2_Nm"
 
 
@@ -126,6 +129,8 @@ def assert_same_study(a: Study, b: Study) -> None:
     for x, y in [(a.inertia, b.inertia), *zip(a.poses.values(), b.poses.values(), strict=True)]:
         assert bits(x.M) == bits(y.M)
         assert bits(x.M2) == bits(y.M2)
+        assert bits(x.added) == bits(y.added)
+    assert (a.inertia_std, a.torque_std) == (b.inertia_std, b.torque_std)
     assert len(a.records) == len(b.records)
     for r, s in zip(a.records, b.records, strict=True):
         for name in ("frequency_hz", "torque_hold", "torque_delay_s", "start_s", "pose", "label"):
@@ -243,13 +248,22 @@ def inertias(draw: st.DrawFn, n: int) -> Inertia:
     for i in range(n):
         for j in range(i):
             M2[i, j] = M2[j, i] = draw(st.floats(-0.3, 0.3)) * np.sqrt(diagonal[i] * diagonal[j])
-    return Inertia(M=draw(st.lists(sensible, min_size=n, max_size=n)), M2=M2)
+    known = draw(st.sampled_from([None, None, 0.5 * M2, 1e-3 * M2, -M2]))
+    return Inertia(M=draw(st.lists(sensible, min_size=n, max_size=n)), M2=M2, added=known)
+
+
+deviations = st.one_of(st.sampled_from([0.0, 0.03, 0.05, np.inf]), st.floats(0, 1e300))
 
 
 @st.composite
 def studies(draw: st.DrawFn) -> Study:
     n = draw(st.integers(1, 3))
     poses = draw(st.dictionaries(text.filter(str.strip), inertias(n), max_size=2))
+    inertia = draw(inertias(n))
+    for base in draw(st.lists(st.sampled_from([inertia, *poses.values()]), max_size=2)):
+        name = draw(text.filter(lambda name: name.strip() and name not in poses))
+        payload = draw(st.floats(1e-3, 1)) * base.M2[0, 0]
+        poses[name] = base.with_added(payload * np.ones((n, n)))
     records = []
     for _ in range(draw(st.integers(1, 3))):
         samples = draw(st.integers(4, 12))
@@ -274,7 +288,10 @@ def studies(draw: st.DrawFn) -> Study:
     some = st.lists(sensible, min_size=n, max_size=n)
     nominal = Elasticity(K=draw(some), D=draw(some)) if draw(st.booleans()) else None
     origin = draw(st.sampled_from(["", "simulated", "measured"]))
-    return Study(tuple(records), draw(inertias(n)), nominal, draw(text), origin, draw(text), poses)
+    return Study(
+        tuple(records), inertia, nominal, draw(text), origin, draw(text), poses,
+        inertia_std=draw(deviations), torque_std=draw(st.one_of(st.none(), deviations)),
+    )  # fmt: skip
 
 
 @examples(60, derandomize=True)
@@ -295,6 +312,48 @@ def a_study(scale: float = 1.0) -> Study:
     inertia = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
     records = [SineRecord(5.0, t, q, 3 * q, torque_hold=True), SineRecord(7.0, t, q[:, ::-1], q)]
     return Study(tuple(records), inertia, name="Cell", origin="simulated")
+
+
+def test_uncertainties_and_a_payload_are_read() -> None:
+    toml = edited("[inertia]\n", "[inertia]\nstd = inf\n")
+    toml = edited("[nominal]", "[torque]\nstd = 0.02\n[nominal]", toml)
+    loaded = (
+        "[poses.loaded]\nadded = [[0.0012, 0.0005], [0.0005, 0.0009]]\n"
+        "[poses.further]\nbase = 'stretched'\nM = [0.003, 0.001]\nadded = [[0.002, 0], [0, 0]]\n"
+        "[poses.both]\nM2 = [[0.009, 0], [0, 0.004]]\nadded = [[0.001, 0], [0, 0]]\n"
+    )
+    study = load_study(zipped(files(toml=edited("[[records]]", loaded + "[[records]]", toml))))
+    assert (study.inertia_std, study.torque_std) == (np.inf, 0.02)
+    payload = np.array([[0.0012, 0.0005], [0.0005, 0.0009]])
+    pose = study.poses["loaded"]
+    assert pose.added.tolist() == payload.tolist()
+    assert pose.M2.tolist() == (study.inertia.M2 + payload).tolist()
+    assert pose.M.tolist() == study.inertia.M.tolist()
+    further = study.poses["further"]
+    assert further.M.tolist() == [0.003, 0.001]
+    assert further.M2.tolist() == (study.poses["stretched"].M2 + np.diag([0.002, 0])).tolist()
+    assert study.poses["both"].M2.tolist() == [[0.009, 0], [0, 0.004]]  # the total
+    assert study.poses["both"].added.tolist() == [[0.001, 0], [0, 0]]
+    assert_same_study(load_study(pack_study(study)), study)
+
+
+def test_additions_are_written_as_such(tmp_path: Path) -> None:
+    study = a_study()
+    inertia = study.inertia
+    other = Inertia([0.003, 0.001], 1.5 * inertia.M2)
+    poses = {
+        "loaded": inertia.with_added([[1e-3, 0], [0, 1e-4]]),
+        "far": other,
+        "far and loaded": other.with_added([[1e-3, 0], [0, 1e-4]]),
+        "other": Inertia(inertia.M, 2 * inertia.M2, added=[[1e-4, 0], [0, 0]]),
+    }
+    save_study(replace(study, poses=poses, torque_std=0.0), tmp_path / "cell")
+    written = tomllib.loads((tmp_path / "cell/study.toml").read_text(encoding="utf-8"))
+    assert written["poses"]["loaded"] == {"added": [[1e-3, 0], [0, 1e-4]]}
+    assert written["poses"]["far and loaded"] == {"base": "far", "added": [[1e-3, 0], [0, 1e-4]]}
+    assert written["poses"]["other"].keys() == {"M2", "added"}
+    assert written["torque"] == {"std": 0.0}
+    assert "std" not in written["inertia"]  # 0.05 is what the reader assumes
 
 
 def test_timing_that_differs_stands_with_each_record(tmp_path: Path) -> None:
@@ -394,6 +453,35 @@ def test_save_refuses_what_load_would_refuse(tmp_path: Path, monkeypatch) -> Non
         ("[[0.004104, 0.000395], [0.000395, 0.001889]]", "[[1, 0], [1, 2]]", ["[inertia]", "symmetric"]),
         ("K = [20.0, 3.5]", "K = [20.0]", ["[nominal]", "1 value"]),
         ("K = [20.0, 3.5]\nD = [0.10, 0.015]", "K = [20.0]\nD = [1]", ["nominal has 1 joint"]),
+        ("[inertia]\n", "[inertia]\nstd = -0.1\n", ["study.toml, [inertia]", "std", "-0.1", "5 %"]),
+        ("[inertia]\n", "[inertia]\nstd = nan\n", ["[inertia]", "std", "nan", "0.05 for 5 %"]),
+        ("[inertia]\n", '[inertia]\nstd = "3 %"\n', ["[inertia]", "'3 %'", "inf for unknown"]),
+        ("[inertia]\n", "[inertia]\nstd = true\n", ["[inertia]", "True", "standard deviation"]),
+        ("[nominal]", "[torque]\n[nominal]", ["[torque]", "std is missing", "std = 0.02"]),
+        ("[nominal]", "[torque]\nscale = 1\n[nominal]", ["[torque]", '"scale"', "Valid keys: std"]),
+        ("[nominal]", "[torque]\nstd = -inf\n[nominal]", ["[torque]", "std", "-inf", "0 for exact"]),
+        ("[nominal]", "torque = 3\n[nominal]", ["[inertia]", '"torque"']),
+        ("[poses.stretched]", "[poses.stretched]\nstd = 0.1", ["[poses.stretched]", '"std"']),
+        ("[poses.stretched]", "[poses.stretched]\nbase = 'a'", ["base", "give added, and no M2"]),
+        (POSE, "added = [[1, 0], [2, 1]]", ["[poses.stretched]", "added must be symmetric"]),
+        (POSE, "added = [[1]]", ["[poses.stretched]", "added has shape (1, 1)"]),
+        (POSE, "added = [[-1, 0], [0, 0]]", ["[poses.stretched]", "M2 must be positive definite"]),
+        (
+            POSE,
+            f"{POSE}\nadded = [[1, 0], [0, 1]]",
+            ["M2 − added (M2 is the total) must be positive definite"],
+        ),
+        (POSE, "added = [[1, 0], [0, 1]]\nbase = 'no'", ['base = "no"', "Poses with M2: none"]),
+        (
+            POSE,
+            "added = [[1, 0], [0, 1]]\nbase = 'ber'\n[poses.bar]\nM2 = 1",
+            ["[poses.bar]", "M2 has shape"],
+        ),
+        (
+            POSE,
+            f"added = [[1, 0], [0, 1]]\nbase = 'ber'\n[poses.bar]\n{POSE}",
+            ['base = "ber"', 'Did you mean "bar"'],
+        ),
         ("torque_hold = true", 'torque_hold = "yes"', ["[timing]", "true or false", "'yes'"]),
         ("torque_hold = true", "torque_hold = 1", ["[timing]", "true or false"]),
         ("torque_delay_s", "torque_delay", ["[timing]", 'Did you mean "torque_delay_s"']),
@@ -853,6 +941,9 @@ def survives(archive: bytes) -> None:
             read(archive)
 
 
+UNCERTAIN = edited("[inertia]\n", "[inertia]\nstd = 0.03\n")
+UNCERTAIN = edited("[nominal]", "[torque]\nstd = inf\n[nominal]", UNCERTAIN)
+UNCERTAIN = edited("[timing]", "[poses.loaded]\nadded = [[1, 0], [0, 1]]\n[timing]", UNCERTAIN)
 SMALL = files(first=csv_text(5.0, rows=310), second=csv_text(10.0, rows=120))
 PARQUET = pd.read_csv(io.StringIO(csv_text(rows=310))).to_parquet(None)
 
@@ -863,7 +954,7 @@ def test_what_is_mutated_is_a_valid_study() -> None:
 
 
 @examples(150, derandomize=True)
-@given(mutations(SMALL["study.toml"]))
+@given(mutations(SMALL["study.toml"]) | mutations(UNCERTAIN.encode()))
 def test_mutated_toml(data: bytes) -> None:
     survives(zipped(SMALL | {"study.toml": data}))
 

@@ -11,7 +11,17 @@ from typing import Annotated, Any
 import typer
 
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, nominal, require_ending
+from jointid.cli.options import (
+    INERTIA_STD,
+    JSON,
+    NOMINAL_D,
+    NOMINAL_K,
+    OVERWRITE,
+    TORQUE_STD,
+    named,
+    nominal,
+    require_ending,
+)
 from jointid.cli.output import made, print_json, print_table, progress, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -19,6 +29,11 @@ from jointid.files.atomic_write import write_file
 from jointid.rounding import significant
 from jointid.study import Study
 from jointid.wording import counted
+
+_NOT_STATED = (
+    "The torque scale is not stated: K and D hold if the torque constants are exact. State how well "
+    "they are known with --torque-std, or as std under [torque] in the inertia file."
+)
 
 
 @reported
@@ -41,7 +56,7 @@ def convert(
         Path | None,
         typer.Option(
             parser=named,
-            help="TOML with M and M2 (motor side, kg·m²), of poses too; or a study.",
+            help="TOML with M and M2 (motor side, kg·m²) and std, of poses too; or a study.",
         ),
     ] = None,
     pose: Annotated[
@@ -52,6 +67,8 @@ def convert(
         bool,
         typer.Option("--separate", help="Runs of one joint, also where it looks like many at once."),
     ] = False,
+    inertia_std: Annotated[float | None, INERTIA_STD] = None,
+    torque_std: Annotated[float | None, TORQUE_STD] = None,
     nominal_K: Annotated[str, NOMINAL_K] = "",
     nominal_D: Annotated[str, NOMINAL_D] = "",
     name: Annotated[
@@ -103,7 +120,11 @@ def convert(
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
     robot = robot_from(inertia)
     robot = replace(
-        robot, nominal=nominal(nominal_K, nominal_D) or robot.nominal, name=name or robot.name
+        robot,
+        nominal=nominal(nominal_K, nominal_D) or robot.nominal,
+        name=name or robot.name,
+        inertia_std=robot.inertia_std if inertia_std is None else inertia_std,
+        torque_std=robot.torque_std if torque_std is None else torque_std,
     )
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
@@ -117,7 +138,7 @@ def convert(
     study = replace(study, robot=which.strip(), date=measured_on)
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json, notes=list(notes))
-    for note in notes:
+    for note in (*notes, *([] if study.torque_std is not None else [_NOT_STATED])):
         typer.echo(note, err=True)
 
 
@@ -164,6 +185,8 @@ def mapped_study(
         poses=robot.poses,
         pose_of=list(poses) * len(logs) if len(poses) == 1 else poses,
         name=robot.name,
+        inertia_std=robot.inertia_std,
+        torque_std=robot.torque_std,
     )
     of_logs = (f"{log.name}: {note}" for log in logs for note in log.notes)
     return study, (*without, *of_logs, *unused)

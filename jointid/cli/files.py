@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,24 +37,37 @@ def _sample(name: str) -> Path:
         ) from None
 
 
-def analysed(path: Path, method: str, *, quiet: bool) -> Analysis:
-    """Read a study and run the whole method on it."""
+def analysed(
+    path: Path,
+    method: str,
+    *,
+    quiet: bool,
+    inertia_std: float | None = None,
+    torque_std: float | None = None,
+) -> Analysis:
+    """Read a study and run the whole method on it; given deviations replace the study's."""
     from jointid.study import analyse
 
     study = loaded(path)
+    study = replace(
+        study,
+        inertia_std=study.inertia_std if inertia_std is None else inertia_std,
+        torque_std=study.torque_std if torque_std is None else torque_std,
+    )
     with status("Analysing", quiet=quiet):
         return analyse(study, method=method)
 
 
 def robot_from(path: Path) -> KnownRobot:
-    """Read inertias, of poses too, from a study or from a TOML file with M and M2."""
+    """Read inertias, of poses too, and their deviations from a study or a TOML file with M and M2."""
     from jointid.importing.robot_inertia import KnownRobot, robot_from_toml
 
     if path.suffix.lower() == ".toml":
         with path.open("rb") as file:
             return robot_from_toml(file.read(1 << 21), path.name)
     study = loaded(path)
-    return KnownRobot(study.inertia, study.poses, study.nominal, study.name)
+    deviations = study.inertia_std, study.torque_std
+    return KnownRobot(study.inertia, study.poses, study.nominal, study.name, *deviations)
 
 
 def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ()) -> None:

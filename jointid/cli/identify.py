@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from jointid.cli.files import analysed
-from jointid.cli.options import JSON, METHOD, STUDY
+from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
 from jointid.study import Analysis
@@ -16,10 +16,13 @@ from jointid.study import Analysis
 def identify(
     study: Annotated[Path, STUDY],
     method: Annotated[str, METHOD] = "auto",
+    inertia_std: Annotated[float | None, INERTIA_STD] = None,
+    torque_std: Annotated[float | None, TORQUE_STD] = None,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify stiffness and damping of every joint."""
-    analysis = analysed(study, method, quiet=as_json)
+    deviations = {"inertia_std": inertia_std, "torque_std": torque_std}
+    analysis = analysed(study, method, quiet=as_json, **deviations)
     if as_json:
         print_json(identify_document(analysis))
         return

@@ -57,5 +57,9 @@ STUDY = typer.Argument(
 METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHODS)}.")
 JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
+INERTIA_STD = typer.Option(
+    help="How well M and M2 are known: relative standard deviation, 0.03 for 3 %, 0 exact, inf unknown.",
+)
+TORQUE_STD = typer.Option(help="The same for the torque constant of each joint.")
 NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")
 NOMINAL_D = typer.Option("--nominal-D", help="The controller's damping, N·m·s/rad.")

@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from jointid.cli.files import require_free, robot_from
-from jointid.cli.options import JSON, NOMINAL_D, NOMINAL_K, OVERWRITE, named, nominal, numbers
+from jointid.cli.options import (
+    INERTIA_STD,
+    JSON,
+    NOMINAL_D,
+    NOMINAL_K,
+    OVERWRITE,
+    TORQUE_STD,
+    named,
+    nominal,
+    numbers,
+)
 from jointid.cli.output import made, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
@@ -44,6 +54,20 @@ def simulate(
     torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
     delay_ms: Annotated[float, typer.Option(help="Torque delay, ms.")] = 0.0,
     sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
+    inertia_error: Annotated[
+        float,
+        typer.Option(help="Share by which the study's M and M2 differ from the robot's: 0.05 for 5 %."),
+    ] = 0.0,
+    torque_gain: Annotated[str, typer.Option(help="Logged torque over true torque.")] = "1",
+    added: Annotated[
+        str,
+        typer.Option(
+            help="Second set of records with a payload: its exactly known addition to M2, rows "
+            "separated by ;"
+        ),
+    ] = "",
+    inertia_std: Annotated[float | None, INERTIA_STD] = None,
+    torque_std: Annotated[float | None, TORQUE_STD] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     name: Annotated[str, typer.Option(help="Name of the study.")] = "Simulated robot",
     overwrite: Annotated[bool, OVERWRITE] = False,
@@ -61,8 +85,10 @@ def simulate(
         PlanarArm,
         Study,
         save_study,
-        simulate_records,
     )
+    from jointid.importing.robot_inertia import KnownRobot
+    from jointid.simulation.campaign import simulate_campaign
+    from jointid.study import INERTIA_STD as DEFAULT_STD
 
     true = Elasticity(K=numbers(stiffness), D=numbers(damping))
     friction = MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
@@ -70,24 +96,38 @@ def simulate(
     assumed = nominal(nominal_K, nominal_D)
     if inertia is None:
         arm = PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
-        known = arm.inertia(arm.inverse((1.15, 0.0)))
+        robot = KnownRobot(arm.inertia(arm.inverse((1.15, 0.0))))
     else:
-        known = robot_from(inertia).inertia
+        robot = robot_from(inertia)
     require_free(output, overwrite, [inertia])
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
     with progress("Simulating", quiet=as_json) as tell:
-        records = simulate_records(
-            known,
+        campaign = simulate_campaign(
+            robot.inertia,
             true,
             np.unique(np.geomspace(from_hz, to_hz, count).round(6)),
             excitation=Excitation(periods=periods),
             controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
             friction=friction,
-            measurement=Measurement(encoder_counts=encoder_counts or None, torque_noise_Nm=noise),
+            measurement=Measurement(
+                encoder_counts=encoder_counts or None,
+                torque_noise_Nm=noise,
+                torque_gain=numbers(torque_gain),
+            ),
+            inertia_error=inertia_error,
+            added=[numbers(row) for row in added.split(";")] if added.strip() else None,
             seed=seed,
             progress=tell,
         )
-    study = Study(records=records, inertia=known, nominal=assumed, name=name, origin="simulated")
+    stated = robot.inertia_std if inertia_std is None else inertia_std
+    study = Study(
+        **campaign._asdict(),
+        nominal=assumed,
+        name=name,
+        origin="simulated",
+        inertia_std=DEFAULT_STD if stated is None else stated,
+        torque_std=robot.torque_std if torque_std is None else torque_std,
+    )
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json)

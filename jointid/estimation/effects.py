@@ -31,6 +31,15 @@ EFFECTS = {
     "loss_factor": Effect("structural damping", {"loss_factor": ("loss factor", "")}, positive=True),
     "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
+    "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
+    "motor_presliding": Effect(
+        "presliding friction",
+        {
+            "motor_presliding": ("presliding friction", "N·m"),
+            "bristle": ("presliding angle", "rad"),
+        },
+        positive=True,
+    ),
     "link": Effect("link flexibility", {"link": ("link flexibility", "kg·m²·s²")}, positive=True),
     "gravity": Effect("gravity stiffness", {"gravity": ("gravity stiffness", "N·m/rad")}),
     "cubic": Effect("a hardening gear", {"cubic": ("cubic stiffness", "N·m/rad³")}),
@@ -46,11 +55,15 @@ EFFECTS = {
 }
 """By key. With s = iω, ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
 ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²), ``loss_factor`` η adds
-iηK to the gear's, ``lag`` d multiplies a joint's torque by e^{-sd}, and ``position_filter`` T its position
-by 1 + sT. The others are laws in time (``joint_laws``)."""
+iηK and the stiffness that comes with it to the gear's, ``lag`` d multiplies a joint's torque by e^{-sd}, and ``position_filter`` T its position
+by 1 + sT, and ``torque_filter`` T
+its torque by 1/(1 + sT), or by 1 − sT where T is negative. The others are laws in time (``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
 
 GEAR_LAWS = ("cubic", "backlash", "hysteresis")
 """Nonlinear laws of the gear."""
+
+LAWS = (*GEAR_LAWS, "arm_coulomb", "motor_presliding")
+"""All nonlinear laws."""

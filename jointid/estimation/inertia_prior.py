@@ -25,7 +25,8 @@ _ROUNDING = 1e-9
 class InertiaPrior:
     """Rotor inertias M, arm inertias M2 of each pose, and torque scales, with standard deviations.
 
-    Records with equal arrays share them: usually one M, and one M2 per pose.
+    Records with equal arrays share them: usually one M, and one M2 per pose. Of M2, the part
+    ``Inertia.added`` is exact and the rest is uncertain; poses that differ by it alone share the rest.
     """
 
     given: Inertia | tuple[Inertia, ...]
@@ -34,10 +35,16 @@ class InertiaPrior:
     """Distinct rotor inertias, shape (m, n), kg·m²."""
     M2: Floats
     """Distinct arm inertias, shape (p, n, n), kg·m²."""
+    added: Floats
+    """Exactly known part of each M2, shape (p, n, n), kg·m²."""
+    rest: Floats
+    """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray
     """Row of M of each record, shape (r,)."""
     pose: np.ndarray
     """Matrix of M2 of each record, shape (r,)."""
+    part: np.ndarray
+    """Uncertain part of each M2, shape (p,)."""
     inertia_std: float = 0.0
     """Relative standard deviation of M and M2; 0: exact, inf: unknown."""
     torque_std: float = 0.0
@@ -83,13 +90,17 @@ class InertiaPrior:
                     f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
                 )
         M, rotor = _distinct([one.M for one in each])
-        M2, pose = _distinct([one.M2 for one in each])
+        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added]) for one in each])
+        rest, part = _distinct(list(parts[:, 0]))
         return cls(
             given=inertia if isinstance(inertia, Inertia) else tuple(each),
             M=M,
-            M2=M2,
+            M2=parts.sum(axis=1),
+            added=parts[:, 1],
+            rest=rest,
             rotor=rotor,
             pose=pose,
+            part=part,
             inertia_std=checked_std("inertia_std", inertia_std),
             torque_std=checked_std("torque_std", torque_std),
         )
@@ -105,20 +116,20 @@ class InertiaPrior:
 
     @property
     def elements(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of M2's distinct elements, the lower triangle, each shape (t,)."""
+        """Rows and columns of a matrix's distinct elements, the lower triangle, each shape (t,)."""
         return np.tril_indices(self.n)
 
     @property
     def lower(self) -> Floats:
-        """Distinct elements of each M2, shape (p, t), kg·m²."""
+        """Distinct elements of each uncertain part of M2, shape (u, t), kg·m²."""
         rows, columns = self.elements
-        return np.asarray(self.M2[:, rows, columns])
+        return np.asarray(self.rest[:, rows, columns])
 
     @property
     def units(self) -> dict[str, Floats]:
         """Standard deviation of each block for a relative one of 1, shaped like the block."""
         rows, columns = self.elements
-        size = np.sqrt(self.M2[:, rows, rows] * self.M2[:, columns, columns])
+        size = np.sqrt(self.rest[:, rows, rows] * self.rest[:, columns, columns])
         coupled = np.maximum(np.abs(self.lower), _LEAST_COUPLING * size)
         return {"M": self.M, "M2": coupled, "torque_scale": np.ones(self.n)}
 
@@ -138,17 +149,21 @@ class InertiaPrior:
         return blocks
 
     def symmetric(self, lower: Floats) -> Floats:
-        """Matrices, shape (p, n, n), of lower triangles, shape (p, t)."""
+        """Matrices, shape (u, n, n), of lower triangles, shape (u, t)."""
         rows, columns = self.elements
-        M2 = np.empty((len(lower), self.n, self.n))
-        M2[:, rows, columns] = lower
-        M2[:, columns, rows] = lower
-        return M2
+        matrices = np.empty((len(lower), self.n, self.n))
+        matrices[:, rows, columns] = lower
+        matrices[:, columns, rows] = lower
+        return matrices
+
+    def totals(self, lower: Floats) -> Floats:
+        """M2 of each pose, shape (p, n, n), of lower triangles of its uncertain part, shape (u, t)."""
+        return np.asarray(self.symmetric(lower)[self.part] + self.added)
 
     def inertias(self, M: Floats, M2: Floats) -> list[Inertia]:
         """Inertia of each record from distinct M, shape (m, n), and M2, shape (p, n, n)."""
         pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
-        distinct = {(m, p): Inertia(M[m], M2[p]) for m, p in set(pairs)}
+        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p]) for m, p in set(pairs)}
         return [distinct[pair] for pair in pairs]
 
 

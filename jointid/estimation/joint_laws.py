@@ -4,9 +4,9 @@ The torque through a gear is known from the balance at its motor, f = τ − Mθ
 
     f = K e + c e³ + F z(δ) + D δ̇,   δ = e + (b/2) sign f
 
-(cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by δ = f/(K + sD) + w;
-w is what the law adds to the linear deflection. Coulomb friction at the arm is F_a sign θ̇_a. Both enter
-the residual as phasors.
+(cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by
+δ = f/(K + sD) + w; w is what the law adds to the linear deflection. Coulomb friction at the arm is
+F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the residual as phasors.
 """
 
 from __future__ import annotations
@@ -49,13 +49,26 @@ class JointLaws:
     """Harmonics of the torque above the noise, shape (r, H, n)."""
     peak: Floats
     """Largest torque of each joint, shape (n,), N·m."""
+    angle: Floats
+    """Motor angles over a period, shape (r, n, t), rad."""
 
     @classmethod
-    def of(cls, s: Complexes, torque: Complexes, variance: Floats) -> JointLaws:
-        """Collect the signals from the torque through the gears and its variance, both (r, H, n)."""
-        clear = np.abs(torque) ** 2 > _CLEAR**2 * variance
+    def of(cls, s: Complexes, angle: Complexes, torque: Complexes, variance: Floats) -> JointLaws:
+        """Collect the signals.
+
+        Parameters
+        ----------
+        s : ndarray, shape (r, H)
+        angle, torque : ndarray, shape (r, H, n)
+            Of the motors, and through the gears.
+        variance : ndarray, shape (r, H, 2n)
+            Of both.
+        """
+        n, H = angle.shape[2], angle.shape[1]
+        clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
         clear[:, 0] = True
-        return cls(s, clear, np.asarray(np.abs(torque[:, 0]).max(axis=0)))
+        samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
+        return cls(s, clear[..., n:], np.asarray(np.abs(torque[:, 0]).max(axis=0)), samples)
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
@@ -68,6 +81,7 @@ class JointLaws:
             "hysteresis": self.peak,
             "presliding": wind_up,
             "arm_coulomb": self.peak,
+            "bristle": np.abs(self.angle).max(axis=(0, 2)),
         }
 
     def deflection(self, torque: Complexes, p: Parameters) -> Complexes:
@@ -127,7 +141,10 @@ class JointLaws:
         f = np.where(self.clear, torque, 0).swapaxes(2, 3)
         samples = np.moveaxis(samples_of(f, _points(H)), -1, 0)
         gear = _Gear.of(values, 2 * np.pi / (np.abs(self.s[:, :1]) * _points(H)))
-        delta = phasors_of(np.moveaxis(gear.wound_up(samples), 0, -1), H)
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # parameters far off are refused by their cost
+            delta = phasors_of(np.moveaxis(gear.wound_up(samples), 0, -1), H)
         return np.asarray((delta - gear.linear_compliance(H, _points(H)) * f).swapaxes(2, 3))
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
@@ -136,6 +153,10 @@ class JointLaws:
         velocity = self.s[..., None] * (arm @ f[..., None])[..., 0]
         signs = _sign(samples_of(velocity.swapaxes(1, 2), _points(H)))
         return phasors_of(signs, H).swapaxes(1, 2)
+
+    def presliding(self, bristle: Floats, H: int) -> Complexes:
+        """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
+        return phasors_of(_dahl(self.angle, bristle[:, None]), H).swapaxes(1, 2)
 
 
 def _points(H: int) -> int:

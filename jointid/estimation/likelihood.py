@@ -228,8 +228,8 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
-                new = quadratic(problem, trial, scale)
-                if new[0] <= cost * (1 + 1e-12):
+                new = _attempt(problem, trial, scale)
+                if new is not None and new[0] <= cost * (1 + 1e-12):
                     break
             if damping > 1e8:
                 return p, normal
@@ -240,6 +240,16 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             break
         damping = max(damping / 10, _LEAST_DAMPING)
     return p, normal
+
+
+def _attempt(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats] | None:
+    """The same as ``quadratic``; None where parameters far off overflow."""
+    with np.errstate(all="ignore"):
+        try:
+            cost, gradient, normal = quadratic(problem, p, scale)
+        except np.linalg.LinAlgError:
+            return None
+    return (cost, gradient, normal) if np.isfinite(cost) and np.isfinite(normal).all() else None
 
 
 def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:

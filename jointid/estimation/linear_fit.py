@@ -120,7 +120,7 @@ def _changed(
     if name == "M":
         M = M + change
     elif name == "M2":
-        M2 = M2 + prior.symmetric(change)
+        M2 = M2 + prior.symmetric(change)[prior.part]
     else:
         phasors = phasors.scaled(np.concatenate([np.ones(prior.n), 1 + change]))
     return spring_equations(phasors, prior.inertias(M, M2), noise=noise)

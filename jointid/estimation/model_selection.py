@@ -16,12 +16,12 @@ from scipy.stats import chi2
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice, Model
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.parameters import Block, ParameterLayout, Parameters
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 
@@ -38,20 +38,25 @@ _EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
 _SIGNIFICANT = 5.0
 """Standard errors by which an optional part must differ from zero."""
+_FREE_PENALTY = 2.0
+"""Factor on its square beside free friction, whose approximations other parts absorb."""
 _NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
-_UNEXPLAINED = 10.0
-"""Misfit of the best model from which none is right: a part must then lower the cost by ``_WORTH``, since
-every wrong part explains something."""
-_WORTH = 3.0
+_WORTH = 0.2
+"""Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
+wrong part explains something."""
 _CHANCE = 1e-3
 """Probability that the score of any part leads to a fit on an ideal robot."""
-_TRIED = 2
-"""Parts of the highest scores that are fitted for each one added: similar ones differ by cost only."""
+_SIMILAR = 0.3
+"""Score over the highest from which a part is fitted: similar parts differ by the cost only."""
+_DECISIVE = 0.3
+"""Score over the cost from which a part is fitted before richer friction."""
+_TRIED, _TRIED_LAWS = 5, 2
+"""The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _MOST_EFFECTS = 3
 _MOST_FITS = 24
 """Fits of one search; wrong data would take many more."""
@@ -88,6 +93,8 @@ def choose_model(
     optional: list[str] = []
     if not exactly:
         effects = [name for name in EFFECTS if gear == "auto" or name not in GEAR_LAWS]
+        if np.any(phasors.drift):  # a superposed motion that does not reverse
+            effects.remove("motor_presliding")
         optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
     base = Model(0.0 if friction else None, delay)
     return _searched(_Search(phasors, prior, linear, noise, base, tuple(optional)))
@@ -128,6 +135,15 @@ def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
     return starts
 
 
+def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
+    """The parameters, with the mean of the lags as the delay where there are lags."""
+    p = estimate.named
+    if "lag" not in p.layout or "delay" in p.layout:
+        return p
+    delayed = ParameterLayout((*p.layout.blocks, Block("delay", (), ("delay",))))
+    return delayed.named(np.append(p.vector, p["lag"].mean()))
+
+
 @dataclass
 class _Search:
     """Models fitted so far, with their estimates."""
@@ -153,10 +169,13 @@ class _Search:
         while len(self.tried) < _MOST_FITS:
             found = [best]
             for wider in self._extensions(best):
+                explained = self.misfit(self._least(found)) < _EXPLAINED < self.misfit(best)
+                if explained and not {*wider.effects}.difference(best.effects).isdisjoint(LAWS):
+                    continue
+                if self._least(found).reversal != best.reversal and wider.reversal == best.reversal:
+                    continue  # richer friction first: other parts absorb some of it
                 self._fit_wider(wider, best)
                 found.append(self._pruned(wider))
-                if self.misfit(found[-1]) < _EXPLAINED < self.misfit(best):
-                    break
             better = self._least(found)
             if better == best:
                 break
@@ -188,7 +207,7 @@ class _Search:
             return
         found = self.tried[narrow]
         near = isinstance(found, LikelihoodEstimate)
-        if not near or (self.misfit(narrow) >= _LOST and wider.reversal != narrow.reversal):
+        if not near or self.misfit(narrow) >= _LOST:
             self.fit(wider, self.start)
         if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
             self.fit(wider, found.named)
@@ -198,16 +217,22 @@ class _Search:
         found = self.tried[model]
         if isinstance(found, JointIdError):
             return []
-        wider = []
         scored = self.scores(model)
-        for part in sorted(scored, key=lambda part: scored[part].penalised(self.rows), reverse=True):
-            least = chi2.isf(_CHANCE / max(len(self.optional), 1), scored[part].count)
-            if 2 * scored[part].gain / max(1.0, found.misfit) > least:
-                wider.append(model.with_part(part))
-        wider = wider[:_TRIED]
+        order = sorted(scored, key=lambda part: scored[part].penalised(self.rows), reverse=True)
+        chance = _CHANCE / max(len(self.optional), 1)
+        clear = [
+            part
+            for part in order
+            if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
+            and scored[part].gain > _SIMILAR * scored[order[0]].gain
+        ]
+        laws = [part for part in clear if part in LAWS][:_TRIED_LAWS]
+        wider = [model.with_part(part) for part in clear if part in laws or part not in LAWS][:_TRIED]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
-            wider += [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+            sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+            decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
+            wider = [*wider, *sharper] if decisive else [*sharper, *wider]
         return [each for each in wider if each not in self.tried]
 
     def scores(self, model: Model) -> dict[str, Score]:
@@ -229,11 +254,15 @@ class _Search:
             return model
         models = [model]
         for part in model.parts:
-            if part in self.optional and not self._is_certain(found, part):
-                narrow = model.without(part)
+            if part not in self.optional:
+                continue
+            narrower = [] if self._is_certain(found, part) else [model.without(part)]
+            if part == "lag" and "delay" in self.optional:
+                narrower.append(model.without(part).with_part("delay"))
+            for narrow in narrower:
                 models.append(narrow)
                 if self.misfit(narrow) > _NEEDED * max(1.0, found.misfit):
-                    self.fit(narrow, found.named)  # from other starts it may have diverged
+                    self.fit(narrow, _with_delay(found))  # from other starts it may have diverged
         best = self._least(models)
         return best if best == model else self._pruned(best)
 
@@ -270,7 +299,7 @@ class _Search:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. Where no model is right, the logarithm of the cost with a penalty for each part.
+        friction.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
@@ -281,39 +310,41 @@ class _Search:
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
             criterion[model] = 2 * estimate.cost / misfit + penalty
-            if misfit > _UNEXPLAINED:
-                cost = np.log(estimate.cost) + len(model.effects) * np.log(_WORTH)
-                criterion[model] += self.rows * float(cost)
         return criterion
 
     def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
-        """Whether every optional part is needed, or differs from zero significantly and physically.
+        """Whether every optional part is needed, or significant and physical."""
+        return all(
+            self._part_is_significant(model, estimate, part)
+            for part in model.parts
+            if part in self.optional
+        )
+
+    def _part_is_significant(self, model: Model, estimate: LikelihoodEstimate, part: str) -> bool:
+        """By its standard error and, for effects, by the likelihood ratio.
 
         Free friction absorbs many small effects that are not friction; this rejects them.
         """
-        layout, own = estimate.layout, max(1.0, estimate.misfit)
-        error = np.sqrt(np.diag(estimate.covariance) * own)
-        for part in model.parts:
-            if part not in self.optional:
-                continue
-            size, sigma = estimate.p[layout.of_part(part)], error[layout.of_part(part)]
-            clear = np.abs(size) > _SIGNIFICANT * sigma
-            if part in EFFECTS and EFFECTS[part].positive:
-                if np.any(size < -_SIGNIFICANT * sigma):
-                    return False
-                clear &= size > 0
-            elif part == "friction" and not model.curve:
-                clear &= size > 0
-            other = self.tried.get(model.without(part))
-            if isinstance(other, LikelihoodEstimate):
-                needed = other.misfit > _NEEDED * own
-                if part in EFFECTS:  # unlike free friction, they absorb nothing else
-                    needed |= 2 * (other.cost - estimate.cost) / own > _SIGNIFICANT**2 + size.size
-            else:
-                needed = False
-            if not clear.any() and not needed:
+        own = max(1.0, estimate.misfit)
+        place = estimate.layout.of_part(part)
+        size = estimate.p[place]
+        sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
+        clear = np.abs(size) > _SIGNIFICANT * sigma
+        other = self.tried.get(model.without(part))
+        simpler = other if isinstance(other, LikelihoodEstimate) else None
+        if simpler and part != "friction" and own > _EXPLAINED:
+            if simpler.misfit - own < _WORTH * (simpler.misfit - 1):
                 return False
-        return True
+        if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
+            least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            clear[:] = 2 * (simpler.cost - estimate.cost) / own > least
+        if part in EFFECTS and EFFECTS[part].positive:
+            if np.any(size < -_SIGNIFICANT * sigma):
+                return False
+            clear &= size > 0
+        elif part == "friction" and not model.curve:
+            clear &= size > 0  # it dissipates energy
+        return bool(clear.any()) or (simpler is not None and simpler.misfit > _NEEDED * own)
 
     def choice(self, best: Model) -> Choice:
         """The best model with the candidates, and how far others that explain the data differ."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import ARM_EFFECTS, GEAR_LAWS
+from jointid.estimation.effects import ARM_EFFECTS, LAWS
 from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
@@ -30,9 +30,12 @@ from jointid.small_matrices import inverse, lifted
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
-_PRESLIDING, _PRESLIDING_START = (1e-3, 2.0), 0.03
-"""Range and start of the presliding deflection, over the largest deflection: beyond the range a sharper
-hysteresis, or one that is a spring, looks the same."""
+_PRESLIDING, _PRESLIDING_START = ("presliding", "bristle"), 0.03
+"""Presliding deflections and angles, and their start value over the largest deflection or angle."""
+_STEP = 1e-3
+"""Relative change of a presliding angle for its derivative."""
+_SHARPEST, _SLOWEST = 1e-4, 2.0
+"""Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,19 +80,23 @@ class Problem:
 
     def arm_inertia(self, p: Parameters) -> Floats:
         """Distinct M2, shape (p, n, n), kg·m²."""
-        return self.prior.symmetric(p["M2"]) if "M2" in self.layout else self.prior.M2
+        return self.prior.totals(p["M2"]) if "M2" in self.layout else self.prior.M2
 
     def feasible(self, vector: Floats) -> bool:
-        """Whether K, M and the torque scales are positive and every M2 is positive definite."""
+        """Whether K, M and the torque scales are positive, and M2 and M2 − added positive definite."""
         p = self.layout.named(vector)
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
-        if "presliding" in self.layout and self.laws is not None:
-            share = p["presliding"] / self.laws.units(p)["presliding"]
-            if np.any((share < _PRESLIDING[0]) | (share > _PRESLIDING[1])):
-                return False
-        return "M2" not in self.layout or bool(np.all(np.linalg.eigvalsh(self.arm_inertia(p)) > 0))
+        for name in _PRESLIDING:
+            if name in self.layout and self.laws is not None:
+                share = p[name] / self.laws.units(p)[name]
+                if np.any((share < _SHARPEST) | (share > _SLOWEST)):
+                    return False
+        if "M2" not in self.layout:
+            return True
+        matrices = self.prior.symmetric(p["M2"]), self.arm_inertia(p)
+        return bool(np.all(np.linalg.eigvalsh(np.concatenate(matrices)) > 0))
 
     def start(self, values: Parameters) -> Floats:
         """Start vector, shape (P,): the given values, means of the prior, zero for the rest."""
@@ -97,8 +104,9 @@ class Problem:
         shapes = {block.name: block.shape for block in self.layout.blocks}
         given = {block.name: values[block.name] for block in values.layout.blocks}
         same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
-        if "presliding" in self.layout and self.laws is not None:
-            means["presliding"] = _PRESLIDING_START * self.laws.units(values)["presliding"]
+        for name in _PRESLIDING:
+            if name in self.layout and self.laws is not None:
+                means[name] = _PRESLIDING_START * self.laws.units(values)[name]
         return self.layout.pack(**(means | same))
 
     def pull(self, vector: Floats) -> tuple[Floats, Floats]:
@@ -128,7 +136,7 @@ def fitted_layout(
         delay=delay,
         effects=effects,
         rotors=len(prior.M) if "M" in free else 0,
-        arms=len(prior.M2) if "M2" in free else 0,
+        arms=len(prior.rest) if "M2" in free else 0,
         torque_scale="torque_scale" in free,
     )
 
@@ -161,11 +169,11 @@ def make_problem(
     n, z = prior.n, phasors.harmonics
     s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, z.shape[1] + 1))
     laws = None
-    if any(name in layout for name in (*GEAR_LAWS, "arm_coulomb")):
+    if any(name in layout for name in LAWS):
         inertial = (s * s)[..., None] * prior.M[prior.rotor, None]
-        variance = np.einsum("rhjj->rhj", noise.covariance).real
-        by_noise = np.abs(inertial) ** 2 * variance[..., :n] + variance[..., n:]
-        laws = JointLaws.of(s, z[..., n:] - inertial * z[..., :n], by_noise)
+        variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
+        variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
+        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance)
     return Problem(
         s=s,
         z=z,
@@ -211,13 +219,13 @@ class Residual:
         """Evaluate the residual at a parameter vector, shape (P,)."""
         n, p = problem.n, problem.layout.named(vector)
         s = problem.s[..., None]
-        gear = p.K * (1 + 1j * np.asarray(p.effect("loss_factor"))) + s * p.D
+        gear = p.K * (1 + p.effect("loss_factor") * _loss(problem.s)) + s * p.D
         arm = _arm_compliance(problem, p)
         compliance = arm.copy()
         for j in range(n):
             compliance[..., j, j] += 1 / gear[..., j]
         X = inverse(compliance)
-        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n))
+        lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * _filtered(s, p)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
         own = _motor_stiffness(problem, p)
         E = np.zeros((*X.shape[:3], 2 * n), complex)
@@ -231,6 +239,8 @@ class Residual:
         torque = lag * p.torque_scale * problem.z[..., n:] - own * q
         if problem.friction is not None:
             torque -= sliding_friction(problem.friction, p, s.shape[1])
+        if "motor_presliding" in problem.layout and problem.laws is not None:
+            torque -= p["motor_presliding"] * problem.laws.presliding(p["bristle"], s.shape[1])
         law = np.zeros_like(q), np.zeros_like(q)
         if problem.laws is not None:
             law = problem.laws.deflection(torque, p), np.zeros_like(q)
@@ -271,10 +281,10 @@ class Residual:
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        J[..., layout["K"]] = by_gear * (1 + 1j * np.asarray(p.effect("loss_factor")))
+        J[..., layout["K"]] = by_gear * (1 + p.effect("loss_factor") * _loss(problem.s))[..., None, :]
         J[..., layout["D"]] = by_gear * s[..., None]
         if "loss_factor" in layout:
-            J[..., layout["loss_factor"]] = by_gear * (1j * p.K)
+            J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem.s))[..., None, :]
         self._differentiate_arm(J, f - self.law[1])
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.torque, self.arm)
@@ -312,6 +322,7 @@ class Residual:
             "viscous": -s * q,
             "delay": lag,
             "lag": lag,
+            "torque_filter": lag / (1 + s * np.abs(p.effect("torque_filter"))),
             "torque_scale": tau,
             "position_filter": -_motor_stiffness(problem, p) * s * smooth[..., :n],
             "M": -s * s * q,
@@ -320,6 +331,12 @@ class Residual:
             columns["coulomb"] = -problem.friction.coulomb
             for c in range(problem.friction.curve.shape[3]):
                 columns[f"curve {c}"] = -problem.friction.curve[..., c]
+        if "motor_presliding" in layout and problem.laws is not None:
+            level, bristle, H = p["motor_presliding"], p["bristle"], s.shape[1]
+            shape = problem.laws.presliding(bristle, H)
+            columns["motor_presliding"] = -shape
+            changed = problem.laws.presliding((1 + _STEP) * bristle, H)
+            columns["bristle"] = -level * (changed - shape) / (_STEP * bristle)
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
     def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
@@ -343,10 +360,27 @@ class Residual:
             by_element = share[..., rows] * angle[..., None, columns]
             coupling = rows != columns
             by_element[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
-            for pose in range(len(problem.prior.M2)):
-                first = layout["M2"].start + pose * rows.size
-                uses = problem.prior.pose == pose
+            for part in range(len(problem.prior.rest)):
+                first = layout["M2"].start + part * rows.size
+                uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
+
+
+def _loss(s: Complexes) -> Complexes:
+    """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
+
+    A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or it
+    would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the stiffness
+    at the mean frequency of the records, on a logarithmic scale.
+    """
+    reference = np.exp(np.log(np.abs(s[:, 0])).mean())
+    return (1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
+
+
+def _filtered(s: Complexes, p: Parameters) -> Complexes | float:
+    """Factor of a torque filter, 1/(1 + sT), or 1 − sT where T is negative."""
+    T = p.effect("torque_filter")
+    return np.where(np.asarray(T) < 0, 1 - s * T, 1 / (1 + s * np.abs(T)))
 
 
 def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]) -> Complexes:

@@ -43,6 +43,10 @@ class Obtained:
     """Distinct frequencies, ascending, Hz."""
     misfit: float
     """Residual over the noise level (variances); about 1 when the model holds."""
+    inertia_std: float = 0.0
+    """Relative standard deviation of the given inertias; inf: unknown."""
+    torque_std: float | None = None
+    """The same of the torque constants; None: not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +188,8 @@ def identification(analysis: Analysis) -> Identification:
             records=len(study.records),
             frequencies_hz=tuple(sorted({record.frequency_hz for record in study.records})),
             misfit=fit.misfit,
+            inertia_std=study.inertia_std,
+            torque_std=study.torque_std,
         ),
     )
 

@@ -12,10 +12,10 @@ Both hold the same document, motor side, SI units:
     [error_parts] noise, prior, unseen, choice: parts of the standard errors
     [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
     [effects.NAME] values, standard_error
-    [inertia] M, M2     [poses.NAME] M, M2, as fitted together with K and D     [nominal] K, D
+    [inertia] M, M2, added     [poses.NAME] likewise, as fitted together with K and D     [nominal] K, D
     [priors] name, unit, given, given_std, fitted, fitted_std, is_fitted, disagreement: every inertia and
              torque scale; the disagreement in standard deviations of the given value
-    [obtained] version, digest, study, origin, method, model, ...
+    [obtained] version, digest, study, origin, method, model, inertia_std, ...
 
 ``standard_error``, ``undetermined`` and ``units`` at the top are for people; readers ignore them. An
 infinite error, of what the records do not determine, is null in JSON and "not determined" in TOML; the
@@ -27,7 +27,6 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +40,7 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
-from jointid.joints import Inertia
+from jointid.files.study_saving import inertia_table
 from jointid.rounding import UNDETERMINED
 from jointid.uncertainty.prior_rows import PriorRow
 from jointid.version import __version__
@@ -61,7 +60,12 @@ _UNKNOWN = "unknown"
 _NONE = "none"
 _INFINITE = (None, UNDETERMINED, _UNKNOWN)
 """In place of an infinite number."""
-_TOML_WORDS = {"given_std": _UNKNOWN, "disagreement": _NONE}
+_TOML_WORDS = {
+    "disagreement": _NONE,
+    "given_std": _UNKNOWN,
+    "inertia_std": _UNKNOWN,
+    "torque_std": _UNKNOWN,
+}
 """In place of null in TOML, where that is not "not determined"."""
 _FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
 _ERROR_PARTS = {name: f"{name} = […]" for name in ("noise", "prior", "unseen", "choice")}
@@ -89,6 +93,7 @@ _OBTAINED = {
     "frequencies_hz": "frequencies_hz = [3.0, 5.0]",
     "misfit": "misfit = 1.1",
 }
+_DEVIATIONS = {"inertia_std": "inertia_std = 0.05", "torque_std": "torque_std = 0.02"}
 _TOP = {
     "format": "format = 1",
     "kind": f'kind = "{KIND}"',
@@ -144,15 +149,17 @@ def to_document(identification: Identification) -> dict[str, Any]:
             name: {"values": values.tolist(), "standard_error": errors.tolist()}
             for name, (values, errors) in i.effects.items()
         }
-    document["inertia"] = _inertia_table(i.inertia)
+    document["inertia"] = inertia_table(i.inertia)
     if i.poses:
-        document["poses"] = {name: _inertia_table(pose) for name, pose in i.poses.items()}
+        document["poses"] = {name: inertia_table(pose) for name, pose in i.poses.items()}
     if i.priors:
         document["priors"] = {name: [getattr(row, name) for row in i.priors] for name in _PRIORS}
     if i.nominal is not None:
         document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
     document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
     document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
+    stated = {name: getattr(i.obtained, name) for name in _DEVIATIONS}
+    document["obtained"] |= {name: std for name, std in stated.items() if std is not None}
     finite: dict[str, Any] = _with_infinite_as(None, document)
     return finite
 
@@ -268,8 +275,12 @@ def _identification(top: CheckedTable) -> Identification:
             known["delay_error"] = table.number("standard_error")
     known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
     known["poses"] = read_poses(top)
-    how = top.table("obtained", _OBTAINED)
-    texts = {k: how.text(k) for k in ("version", "digest", "study", "origin", "method", "model")}
+    how = top.table("obtained", _OBTAINED | _DEVIATIONS)
+    names = ("version", "digest", "study", "origin", "method", "model")
+    texts: dict[str, Any] = {name: how.text(name) for name in names}
+    stated: dict[str, Any] = {
+        name: how.deviation(name, words=_INFINITE) for name in _DEVIATIONS if name in how
+    }
     known["nominal"] = read_nominal(top)
     known |= {name: top.numbers(name) for name in "KD"}
     known["covariance"] = top.matrix("covariance", words=_INFINITE)
@@ -291,6 +302,7 @@ def _identification(top: CheckedTable) -> Identification:
         records=how.integer("records"),
         frequencies_hz=tuple(how.numbers("frequencies_hz")),
         misfit=how.number("misfit"),
+        **stated,
     )
     with in_place(top.where, top.file):
         return Identification(**known)
@@ -305,10 +317,6 @@ def _prior_rows(table: CheckedTable) -> tuple[PriorRow, ...]:
         return tuple(PriorRow(*row) for row in zip(*columns, strict=True))
     except ValueError:
         raise table.error("all lists must have the same length.") from None
-
-
-def _inertia_table(inertia: Inertia) -> Mapping[str, Any]:
-    return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()}
 
 
 def _no_constant(name: str) -> float:

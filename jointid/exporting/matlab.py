@@ -94,6 +94,8 @@ def _prepared(value: Any) -> Any:
         array = np.array(value, dtype=np.float64)
         array[np.isnan(array)] = np.inf  # None
         return _column(array) if array.ndim == 1 else array
+    if value is None:
+        return np.inf
     return float(value) if isinstance(value, int) else value
 
 

@@ -17,6 +17,9 @@ T = TypeVar("T")
 MAX_TOML_BYTES = 1 << 20
 """Largest TOML file that is parsed, bytes."""
 
+_LARGEST = 1e300
+"""Above it, an integer may exceed what a float can hold."""
+
 # The parser's memory grows with the square of a dotted key's length: one line of 200 kB fills gigabytes.
 _KEY = r"""(?:"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+'|[\w-]{1,200}+)"""
 _LONG_DOTTED_KEY = re.compile(rf"(?<![\w-]){_KEY}(?:[ \t]*+\.[ \t]*+{_KEY}){{32}}")
@@ -84,6 +87,16 @@ class CheckedTable:
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""
         return self._number(key, self._get(key, default))
+
+    def deviation(self, key: str, *, words: Collection[object] = ()) -> float:
+        """Return a relative standard deviation: zero, positive or infinite (``words``)."""
+        if key in self and self._values[key] in words:
+            return math.inf
+        value = self._get(key)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+            expected = "a relative standard deviation: 0.05 for 5 %, 0 for exact, inf for unknown values"
+            raise self._wrong_type(key, value, expected)
+        return math.inf if value > _LARGEST else float(value)
 
     def date(self, key: str) -> datetime.date | datetime.datetime:
         """Return a date, or a date with its time of day."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.phasors.long_records import LongRecord
-from jointid.study import Study
+from jointid.study import INERTIA_STD, Study
 
 
 class _Hash(Protocol):
@@ -21,8 +21,8 @@ class _Hash(Protocol):
 def study_digest(study: Study) -> str:
     """Return a key for caching the results of a study.
 
-    It depends on every bit of samples, frequencies, timing, inertias, nominal values, names, robot and
-    date.
+    It depends on every bit of samples, frequencies, timing, inertias with their uncertainty, nominal
+    values, names, robot and date.
 
     Parameters
     ----------
@@ -39,6 +39,10 @@ def study_digest(study: Study) -> str:
         _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
     inertias = [study.inertia, *study.poses.values()]
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
+    if any(inertia.added.any() for inertia in inertias):
+        _arrays(state, [inertia.added for inertia in inertias])
+    if (study.inertia_std, study.torque_std) != (INERTIA_STD, None):
+        _texts(state, ("deviations", repr(study.inertia_std), repr(study.torque_std)))
     _texts(state, study.poses)
     _arrays(state, [] if study.nominal is None else [study.nominal.K, study.nominal.D])
     for record in study.records:

@@ -5,6 +5,11 @@ name = "Waterjet cell, axes 1 and 2"
 [inertia]
 M  = [0.0025, 0.0010]
 M2 = [[0.004104, 0.000395], [0.000395, 0.001889]]
+std = 0.03                     # optional: known to 3 %
+[torque]                       # optional
+std = 0.02
+[poses.loaded]                 # optional
+added = [[0.0012, 0.0005], [0.0005, 0.0009]]
 [[records]]
 file = "records/01.csv"
 frequency_hz = 3.0
@@ -34,6 +39,7 @@ from jointid.files.study_keys import (
     TIMING_KEYS,
     in_file,
     in_place,
+    read_deviations,
     read_inertia,
     read_nominal,
     read_poses,
@@ -42,7 +48,7 @@ from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.files.table_preview import peek_table
 from jointid.records import SineRecord
-from jointid.study import Study
+from jointid.study import INERTIA_STD, Study
 from jointid.wording import listed, nearest, shown
 
 __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
@@ -98,7 +104,8 @@ def load_study(path_or_file: Source) -> Study:
             top.text(key, "") for key in ("name", "origin", "description", "robot")
         )
         date = top.date("date") if "date" in top else None
-        inertia = read_inertia(top.table("inertia", INERTIA_KEYS))
+        table = top.table("inertia", INERTIA_KEYS)
+        inertia, (inertia_std, torque_std) = read_inertia(table), read_deviations(top, table)
         poses, nominal = read_poses(top, inertia), read_nominal(top)
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
@@ -108,7 +115,19 @@ def load_study(path_or_file: Source) -> Study:
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
-        return Study(tuple(records), inertia, nominal, name, origin, description, poses, robot, date)
+        return Study(
+            records=tuple(records),
+            inertia=inertia,
+            nominal=nominal,
+            name=name,
+            origin=origin,
+            description=description,
+            poses=poses,
+            robot=robot,
+            date=date,
+            inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
+            torque_std=torque_std,
+        )
 
 
 def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from jointid.errors import JointIdError
 from jointid.files.checked_toml import CheckedTable
 from jointid.joints import Elasticity, Inertia
+from jointid.wording import listed, nearest
 
 INERTIA_KEYS = {
     "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
     "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
+    "added": "added = [[0.0012, 0.0005], [0.0005, 0.0009]]  # exactly known part of M2, kg·m²",
+    "std": "std = 0.03  # M and M2 are known to 3 %",
 }
+POSE_KEYS = {
+    **{key: INERTIA_KEYS[key] for key in ("M", "M2", "added")},
+    "base": 'base = "stretched"  # pose to which the added inertia is added',
+}
+TORQUE_KEYS = {"std": "std = 0.02  # the torque constants are known to 2 %"}
 NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
 TIMING_KEYS = {"torque_hold": "torque_hold = true", "torque_delay_s": "torque_delay_s = 0.0005"}
 RECORD_KEYS = {
@@ -32,6 +40,7 @@ STUDY_KEYS = {
     "date": "date = 2026-11-20",
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
+    "torque": f"[torque], {TORQUE_KEYS['std']}",
     "timing": "[timing], torque_hold = true",
     "poses": f"[poses.stretched], {INERTIA_KEYS['M2']}",
     "records": '[[records]], file = "records/01.csv", frequency_hz = 3.0',
@@ -48,20 +57,73 @@ def read_inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia
     """
     M = default.M if default is not None and "M" not in table else table.numbers("M")
     M2 = table.matrix("M2")
+    added = table.matrix("added") if "added" in table else None
     with in_place(table.where, table.file):
-        return Inertia(M=M, M2=M2)
+        return Inertia(M=M, M2=M2, added=added)
+
+
+def read_deviations(
+    top: CheckedTable, inertia: CheckedTable | None = None
+) -> tuple[float | None, float | None]:
+    """Return the relative standard deviations of inertias and torque scales; None where not stated.
+
+    Parameters
+    ----------
+    top : CheckedTable
+    inertia : CheckedTable, optional
+        Table of the inertias, by default ``top`` itself.
+
+    Raises
+    ------
+    JointIdError
+        When one of them is no number, or negative.
+    """
+    inertia = inertia or top
+    torque = top.table("torque", TORQUE_KEYS).deviation("std") if "torque" in top else None
+    return inertia.deviation("std") if "std" in inertia else None, torque
 
 
 def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, Inertia]:
     """Return the inertia of each named pose, none when there is no [poses.NAME].
 
+    Parameters
+    ----------
+    top : CheckedTable
+    default : Inertia, optional
+        Inertia of records without a pose: gives the rotors of a pose without M, and M2 of a pose that
+        adds to it.
+
     Raises
     ------
     JointIdError
-        When one of them is no inertia.
+        When one of them is no inertia, or adds to a pose that is not there.
     """
-    tables = top.named_tables("poses", INERTIA_KEYS)
-    return {name: read_inertia(table, default) for name, table in tables.items()}
+    tables = top.named_tables("poses", POSE_KEYS)
+    additions = {name for name, table in tables.items() if "M2" not in table and "added" in table}
+    for name, table in tables.items():
+        if "base" in table and name not in additions:
+            raise table.error("base is the pose to which added is added: give added, and no M2.")
+    poses = {
+        name: read_inertia(table, default) for name, table in tables.items() if name not in additions
+    }
+    sums = {name: _sum(tables[name], default, poses) for name in additions}
+    return {name: (poses | sums)[name] for name in tables}
+
+
+def _sum(table: CheckedTable, default: Inertia | None, poses: Mapping[str, Inertia]) -> Inertia:
+    """Inertia of a pose that is given as an addition to another one."""
+    base = poses.get(table.text("base")) if "base" in table else default
+    if base is None:
+        if default is None:
+            raise table.error(f"M2 is missing. Example: {POSE_KEYS['M2']}.")
+        name = table.text("base")
+        raise table.error(
+            f'base = "{name:.60}": no pose of this name has an M2.{nearest(name, poses)} '
+            f"Poses with M2: {listed(poses) or 'none'}. Without base, added is added to [inertia]."
+        )
+    with in_place(table.where, table.file):
+        loaded = base.with_added(table.matrix("added"))
+        return Inertia(table.numbers("M"), loaded.M2, loaded.added) if "M" in table else loaded
 
 
 def read_nominal(top: CheckedTable) -> Elasticity | None:

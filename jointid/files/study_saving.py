@@ -19,9 +19,10 @@ from jointid.files.atomic_write import new_file, write_error
 from jointid.files.checked_toml import MAX_TOML_BYTES
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
+from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
-from jointid.study import Study
+from jointid.study import INERTIA_STD, Study
 
 STUDY_FILE = "study.toml"
 
@@ -104,16 +105,17 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     head: dict[str, Any] = {"format": 1, "name": study.name}
     optional = ("origin", "description", "robot", "date")
     head |= {key: value for key in optional if (value := getattr(study, key))}
-    head["inertia"] = {"M": study.inertia.M.tolist(), "M2": study.inertia.M2.tolist()}
+    head["inertia"] = inertia_table(study.inertia)
+    # Only what the reader would not assume: other studies stay readable by version 0.1, byte for byte.
+    if study.inertia_std != INERTIA_STD:
+        head["inertia"]["std"] = study.inertia_std
+    if study.torque_std is not None:
+        head["torque"] = {"std": study.torque_std}
     if study.nominal is not None:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}
     if len(timings) == 1:
         head["timing"] = _timing(study.records[0])
-    head["poses"] = {
-        name: ({} if np.array_equal(pose.M, study.inertia.M) else {"M": pose.M.tolist()})
-        | {"M2": pose.M2.tolist()}
-        for name, pose in study.poses.items()
-    }
+    head["poses"] = {name: _pose(study, pose) for name, pose in study.poses.items()}
     text = tomli_w.dumps(head)
     for file, record in zip(files, study.records, strict=True):
         row: dict[str, Any] = {"file": file, "frequency_hz": record.frequency_hz}
@@ -132,6 +134,26 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         raise JointIdError(
             f"The study's texts hold {text[error.start]!r}, which is not a character: remove it."
         ) from error
+
+
+def inertia_table(inertia: Inertia) -> dict[str, Any]:
+    """Return M, M2 and, if there is one, the known part of M2 as lists."""
+    known = {"added": inertia.added.tolist()} if inertia.added.any() else {}
+    return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
+
+
+def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
+    """Table of a pose: an addition to another pose, where this is exact, else its own M2."""
+    table = inertia_table(pose)
+    own = {"M": table.pop("M")}
+    bases = {"": study.inertia} | {n: p for n, p in study.poses.items() if not p.added.any()}
+    for name, base in bases.items():
+        pairs = (base.M2, pose.M2), (base.added, pose.added)
+        same = all((of + pose.added).tobytes() == total.tobytes() for of, total in pairs)
+        if pose.added.any() and not base.added.any() and same:
+            table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}
+            return ({} if np.array_equal(pose.M, base.M) else own) | table
+    return ({} if np.array_equal(pose.M, study.inertia.M) else own) | table
 
 
 def _timing(record: SineRecord) -> dict[str, Any]:

@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.files.checked_toml import parse_toml
-from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_inertia, read_nominal, read_poses
+from jointid.files.study_keys import (
+    INERTIA_KEYS,
+    STUDY_KEYS,
+    read_deviations,
+    read_inertia,
+    read_nominal,
+    read_poses,
+)
 from jointid.joints import Elasticity, Inertia
 from jointid.wording import counted
 
@@ -40,15 +47,19 @@ class KnownRobot:
     nominal: Elasticity | None = None
     """Values that the controller assumes, if given."""
     name: str = ""
+    inertia_std: float | None = None
+    """Relative standard deviation of the inertias, if given."""
+    torque_std: float | None = None
+    """The same of the torque constants."""
 
 
 def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
-    """Read inertias, and optional poses, nominal values and name.
+    """Read inertias, and optional standard deviations, poses, nominal values and name.
 
     Parameters
     ----------
     text : str or bytes
-        ``M`` and ``M2`` at the top or under ``[inertia]``; a whole study.toml will do.
+        ``M``, ``M2`` and ``std`` at the top or under ``[inertia]``; a whole study.toml will do.
     file : str, optional
         For messages.
 
@@ -61,8 +72,10 @@ def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:
         raise JointIdError(f"{file}: [inertia] is missing. Example: {_TOP['inertia']}.")
-    inertia = read_inertia(top.table("inertia", INERTIA_KEYS) if "inertia" in top else top)
-    return KnownRobot(inertia, read_poses(top, inertia), read_nominal(top), top.text("name", ""))
+    table = top.table("inertia", INERTIA_KEYS) if "inertia" in top else top
+    inertia, deviations = read_inertia(table), read_deviations(top, table)
+    poses, nominal = read_poses(top, inertia), read_nominal(top)
+    return KnownRobot(inertia, poses, nominal, top.text("name", ""), *deviations)
 
 
 def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:

@@ -18,7 +18,7 @@ from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Elasticity, Inertia
 from jointid.records import SineRecord
 from jointid.rounding import significant
-from jointid.study import Study
+from jointid.study import INERTIA_STD, Study
 from jointid.wording import counted, shown
 
 
@@ -86,6 +86,8 @@ def study_from_logs(
     description: str = "",
     robot: str = "",
     date: datetime.date | None = None,
+    inertia_std: float | None = None,
+    torque_std: float | None = None,
 ) -> Study:
     """Make a study of the segments of one or many logs.
 
@@ -107,6 +109,10 @@ def study_from_logs(
         Identifier of the robot.
     date : datetime.date, optional
         Date of the measurement; a fleet's drift is over this date.
+    inertia_std : float, optional
+        Relative standard deviation of the inertias; by default that of ``Study``.
+    torque_std : float, optional
+        The same of the torque constants; None: not stated.
 
     Raises
     ------
@@ -155,6 +161,8 @@ def study_from_logs(
         poses=poses or {},
         robot=robot,
         date=date,
+        inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
+        torque_std=torque_std,
     )
 
 

@@ -213,6 +213,9 @@ class Measurement:
         Standard deviation of white noise on the position, ahead of the encoder's rounding, rad.
     torque_noise_Nm : float or (n,)
         Standard deviation of white noise on the logged torque, not on the motor's, N·m.
+    torque_gain : float or (n,)
+        Logged torque over the motor's: 1.05 when the controller's torque constant is 5 % too large.
+        The noise comes on top.
 
     Raises
     ------
@@ -223,11 +226,13 @@ class Measurement:
     encoder_counts: int | None = None
     position_noise_rad: PerJoint = 0.0
     torque_noise_Nm: PerJoint = 0.0
+    torque_gain: PerJoint = 1.0
 
     def __post_init__(self) -> None:
         _store(self, "encoder_counts", "per revolution", positive=True, single=True)
         _store(self, "position_noise_rad", "rad")
         _store(self, "torque_noise_Nm", "N·m")
+        _store(self, "torque_gain", "", positive=True)
 
 
 def _store(

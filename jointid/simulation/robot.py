@@ -91,6 +91,7 @@ class Robot:
         position_source, torque_source = sources
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
         torque_noise = per_joint("torque_noise_Nm", measurement.torque_noise_Nm, n)
+        torque_gain = per_joint("torque_gain", measurement.torque_gain, n)[:, None]
         count = 2 * np.pi / measurement.encoder_counts if measurement.encoder_counts else 0.0
         proportional, difference = (self.kp + self.kv / self.T)[:, None], (self.kv / self.T)[:, None]
         has_friction = bool(np.any(self.coulomb > 0))
@@ -112,6 +113,7 @@ class Robot:
                         step_with_friction(Z, step, self.coulomb)
                     else:
                         Z[: 4 * n] = step.EG @ Z
+            tau[first:last] *= torque_gain
             tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:
                 progress(float(last / shape[0]))

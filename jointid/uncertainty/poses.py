@@ -98,6 +98,9 @@ def fits_by_pose(
         except JointIdError as error:
             problems.append(f"{pose or 'Records without a pose'}: {error}")
             continue
+        if not np.isfinite(one.elasticity_covariance).all():
+            problems.append(f"{pose or 'Records without a pose'}: alone, they do not determine K and D.")
+            continue
         names.append(pose or "")
         estimates.append(one.elasticity)
         covariances.append(one.elasticity_covariance * max(1.0, one.misfit))

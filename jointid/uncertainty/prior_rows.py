@@ -19,7 +19,10 @@ class PriorRow:
     """One inertia or torque scale."""
 
     name: str
-    """J_m1 (rotor), J_a1 (arm), J_12 (coupling) or torque scale 1; with the pose if it has its own."""
+    """J_m1 (rotor), J_a1 (arm), J_12 (coupling) or torque scale 1; with the pose if it has its own.
+
+    "J_a1 without addition" is the uncertain rest of an inertia with an exactly known part.
+    """
     unit: str
     given: float
     given_std: float
@@ -55,7 +58,7 @@ PRIOR_HEADER = ["", "given", "fitted", "unit", "fitted − given"]
 
 
 def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow, ...]:
-    """Return every inertia M and M2 of each pose, and the torque scales unless they are exact.
+    """Return the uncertain inertias M and M2 of each pose, and the torque scales unless they are exact.
 
     Parameters
     ----------
@@ -89,10 +92,15 @@ def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow,
 
 
 def _suffix(prior: InertiaPrior, block: str, index: int, poses: Sequence[str]) -> str:
-    """Poses with a distinct inertia; empty if there is only one."""
-    count, of_record = (len(prior.M), prior.rotor) if block == "M" else (len(prior.M2), prior.pose)
-    if count == 1 or block == "torque_scale":
+    """Whether the inertia has a known part, and its poses unless it is that of all."""
+    if block == "torque_scale":
         return ""
+    part = prior.part[prior.pose]
+    count, of_record = (len(prior.M), prior.rotor) if block == "M" else (len(prior.rest), part)
+    loaded = block == "M2" and prior.added[prior.part == index].any()
+    rest = " without addition" if loaded else ""
+    if count == 1:
+        return rest
     used = np.flatnonzero(of_record == index).tolist()
     names = dict.fromkeys(poses[r] for r in used) if poses else {f"{index + 1}": None}
-    return ", pose " + enumerated([name or "of [inertia]" for name in names])
+    return f"{rest}, pose " + enumerated([name or "of [inertia]" for name in names])

@@ -15,6 +15,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia, arm_inertias
 from jointid.phasors.extract import Phasors
@@ -81,23 +82,27 @@ def inertia_sensitivity(
         When there is no estimate after a small change of an inertia.
     """
     each = inertia_of_each(phasors, inertia)
-    poses = {_key(i): i for i in each}
+    prior = InertiaPrior.of(each, *phasors.q.shape)
+    parts = prior.part[prior.pose].tolist()
     n = fit.n
     elements: list[_Element] = []
     for j in range(n):
-        mean = float(np.mean([i.M[j] for i in poses.values()]))
+        mean = float(prior.M[:, j].mean())
         elements.append(_Element(f"J_m{j + 1}", mean, mean, None, j, j))
-    for number, (key, pose) in enumerate(poses.items(), start=1):
-        suffix = f", pose {number}" if len(poses) > 1 else ""
+    for part, rest in enumerate(prior.rest):
+        suffix = f", pose {part + 1}" if len(prior.rest) > 1 else ""
         for name, i, j in arm_inertias(n):
-            scale = float(np.sqrt(pose.M2[i, i] * pose.M2[j, j]))
-            elements.append(_Element(name + suffix, float(pose.M2[i, j]), scale, key, i, j))
+            scale = float(np.sqrt(rest[i, i] * rest[j, j]))
+            elements.append(_Element(name + suffix, float(rest[i, j]), scale, part, i, j))
     slope = np.empty((2 * n, len(elements)))
     with one_thread():
         difference = difference_by_inertia(phasors, each, fit)
         for column, element in enumerate(elements):
             change = _STEP * element.scale
-            plus, minus = ([_changed(pose, element, by) for pose in each] for by in (change, -change))
+            plus, minus = (
+                [_changed(one, part, element, by) for one, part in zip(each, parts, strict=True)]
+                for by in (change, -change)
+            )
             slope[:, column] = difference(plus, minus) / (2 * change)
             if progress is not None:
                 progress((column + 1) / len(elements))
@@ -109,29 +114,25 @@ def inertia_sensitivity(
     )
 
 
-def _key(inertia: Inertia) -> bytes:
-    return bytes(inertia.M.tobytes() + inertia.M2.tobytes())
-
-
 class _Element(NamedTuple):
     name: str
     value: float
     scale: float  # reference of the step, since a coupling may be zero
-    pose: bytes | None  # key of its pose; None for a rotor, whose inertia is that of all poses
+    part: int | None  # uncertain part of M2, see InertiaPrior; None for a rotor
     i: int
     j: int
 
 
-def _changed(pose: Inertia, element: _Element, by: float) -> Inertia:
-    """The inertia of a pose after the change of one element."""
-    if element.pose is None:
-        return Inertia(pose.M + by * (np.arange(pose.n) == element.j), pose.M2)
-    if element.pose != _key(pose):
-        return pose
-    M2 = pose.M2.copy()
+def _changed(inertia: Inertia, part: int, element: _Element, by: float) -> Inertia:
+    """The inertia of a record with this uncertain part of M2 after the change of one element."""
+    if element.part is None:
+        return Inertia(inertia.M + by * (np.arange(inertia.n) == element.j), inertia.M2, inertia.added)
+    if element.part != part:
+        return inertia
+    M2 = inertia.M2.copy()
     M2[element.i, element.j] += by
     M2[element.j, element.i] = M2[element.i, element.j]
-    return Inertia(pose.M, M2)
+    return Inertia(inertia.M, M2, inertia.added)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
+from jointid.ui.shared.deviations import deviation_text
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
@@ -29,9 +30,9 @@ _MOTOR, _JOINT = "motor side", "joint side"
 _UPLOADS = "import_toml_uploads"
 _GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
-    "The method takes the rigid-body inertias as known, seen from the motors: divided by both gear "
-    "ratios. K and D are as right as they are. What is given on the joint side is divided by the gear "
-    "ratios of the mapping."
+    "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
+    "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
+    "the mapping."
 )
 
 
@@ -91,10 +92,14 @@ def ask_nominal(joints: int) -> Elasticity | None:
 
 
 def show_inertia(robot: KnownRobot) -> None:
-    """Show the inertias as the method takes them."""
+    """Show the inertias, motor side, with their uncertainty."""
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
-    text = f"M = {_matrix(rotor)},\\quad M_2 = {_matrix(arm)}\\ \\mathrm{{kg\\,m^2}}"
+    text = f"{{M = {_matrix(rotor)}}},\\quad {{M_2 = {_matrix(arm)}}}\\ \\mathrm{{kg\\,m^2}}"
     st.markdown(f"As the method takes them, motor side: ${text}$")
+    show_note(
+        f"M and M2: {deviation_text(robot.inertia_std)}. "
+        f"Torque scale: {deviation_text(robot.torque_std)}."
+    )
     if (nominal := robot.nominal) is not None:
         st.caption(
             f"Nominal K = {numbers_out(nominal.K.tolist())} N·m/rad, "

@@ -135,6 +135,8 @@ def open_as_study(log: Log, mapping: Mapping, runs: Runs, not_confirmed: str) ->
                 name=robot.name,
                 robot=robot.robot,
                 date=robot.date,
+                inertia_std=robot.known.inertia_std,
+                torque_std=robot.known.torque_std,
             )
             keep(study, robot.name)
             keep_mapping(log.table, mapping)

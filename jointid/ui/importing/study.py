@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import streamlit as st
@@ -14,8 +15,10 @@ from jointid.importing import Segment
 from jointid.importing.robot_inertia import KnownRobot
 from jointid.importing.study import parse_date, study_name
 from jointid.rounding import plain
+from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
 from jointid.ui.shared.charts import NO_POSE
+from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.wording import counted
@@ -83,10 +86,13 @@ def ask_robot(
             f"The inertias are those of {counted(known.inertia.n, 'joint')}, the mapping has {joints}: "
             "make them agree."
         )
+    inertia_std, torque_std = _ask_deviations(problems, known)
     with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
         nominal = _answer(problems, lambda: ask_nominal(joints))
         robot, date = _ask_which()
     day = _answer(problems, lambda: parse_date(date))
+    if known is not None:
+        known = replace(known, inertia_std=inertia_std, torque_std=torque_std)
     if nominal is not None and known is not None:
         known = replace(known, nominal=nominal)
     problem = " ".join(problems)
@@ -125,6 +131,18 @@ def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
     except JointIdError as error:
         problems.append(str(error))
         return None
+
+
+def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[float | None, float | None]:
+    """How well inertias and torque scale are known, unless the TOML states it."""
+    left, right = st.columns(2)
+    inertia_std, torque_std = (None, None) if known is None else (known.inertia_std, known.torque_std)
+    if inertia_std is None:
+        ask = partial(ask_inertia_std, left, "import inertia std", INERTIA_STD)
+        inertia_std = _answer(problems, ask)
+    if torque_std is None:
+        torque_std = _answer(problems, partial(ask_torque_std, right, "import torque std"))
+    return inertia_std, torque_std
 
 
 def _ask_which() -> tuple[str, str]:

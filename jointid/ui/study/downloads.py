@@ -70,7 +70,10 @@ def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, 
 def show_identification_files(results: Results, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
     st.subheader("K, D and how they were obtained", anchor=False)
-    st.write("With covariance, friction, delay and inertias. SI units, seen from the motors.")
+    st.write(
+        "With the state of the answer, covariance, friction, delay, and the inertias as given and as "
+        "fitted. SI units, seen from the motors."
+    )
     with st.container(horizontal=True):
         download("JSON", results.json, f"{stem}.json", "application/json")
         download("TOML", results.toml, f"{stem}.toml", "application/toml")

@@ -19,10 +19,12 @@ from jointid import (
     Measurement,
     MotorFriction,
     Study,
-    simulate_records,
 )
 from jointid.rounding import plain
+from jointid.simulation.campaign import simulate_campaign
+from jointid.study import INERTIA_STD
 from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
 Number = TypeVar("Number", int, float)
@@ -34,6 +36,17 @@ _M2 = "0.004104, 0.000395; 0.000395, 0.001889"
 _M2_HELP = (
     "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
     "needs because the other accelerates. Motor side: divided by both gear ratios."
+)
+_WRONG_HELP = (
+    "The study's inertias differ from the robot's by this much, each up or down at random; the fit must "
+    "correct them."
+)
+_GAIN_HELP = (
+    "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
+)
+_ADDED_HELP = (
+    "All experiments are made again with a payload of known mass at a known place. Its inertia, motor "
+    "side, is exact; it fixes the absolute torque scale."
 )
 
 
@@ -52,6 +65,14 @@ class Settings:
     encoder_counts: int | None
     torque_noise_Nm: float
     seed: int
+    inertia_error: float
+    """Share by which the study's inertias differ from the robot's."""
+    torque_gain: tuple[float, ...]
+    """Logged over true torque, by joint."""
+    added: tuple[tuple[float, ...], ...]
+    """Addition to M2 by the known payload of a second set of records; empty without one."""
+    inertia_std: float
+    torque_std: float | None
 
 
 def ask() -> Settings | None:
@@ -93,6 +114,22 @@ def ask() -> Settings | None:
             one, two = st.columns(2)
             bandwidth = _number(one, "Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0), "bandwidth")
             seed = _number(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
+        st.markdown("**What the study is given**")
+        left, right = st.columns(2)
+        wrong = _number(left, "Inertias wrong by (%)", 0.0, (0.0, 90.0), "wrong", _WRONG_HELP)
+        inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
+        left, right = st.columns(2)
+        gain = left.text_input(
+            "Logged torque / true torque", "1", key="sim_gain", persist_state="session", help=_GAIN_HELP
+        )
+        torque_std = ask_torque_std(right, "sim_torque_std")
+        added = st.text_input(
+            "Second set of records with a payload: its addition to M2 (kg·m²), optional",
+            key="sim_added",
+            placeholder="0.0012, 0.0005; 0.0005, 0.0009",
+            persist_state="session",
+            help=_ADDED_HELP,
+        )
         if not st.form_submit_button("Simulate", type="primary"):
             return None
     if last < first:
@@ -113,6 +150,11 @@ def ask() -> Settings | None:
         encoder_counts=int(counts) or None,
         torque_noise_Nm=float(noise),
         seed=int(seed),
+        inertia_error=float(wrong) / 100,
+        torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
+        added=tuple(matrix_in("Addition to M2", added)) if added.strip() else (),
+        inertia_std=inertia_std,
+        torque_std=torque_std,
     )
 
 
@@ -124,8 +166,8 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
-    records = run_in_background(
-        simulate_records,
+    campaign = run_in_background(
+        simulate_campaign,
         settings.inertia,
         settings.elasticity,
         settings.frequencies_hz,
@@ -133,22 +175,39 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
         controller=Controller(bandwidth_hz=settings.bandwidth_hz),
         friction=MotorFriction(coulomb=settings.coulomb_Nm, viscous=settings.viscous_Nms),
         measurement=Measurement(
-            encoder_counts=settings.encoder_counts, torque_noise_Nm=settings.torque_noise_Nm
+            encoder_counts=settings.encoder_counts,
+            torque_noise_Nm=settings.torque_noise_Nm,
+            torque_gain=settings.torque_gain,
         ),
+        inertia_error=settings.inertia_error,
+        added=settings.added or None,
         seed=settings.seed,
         progress=progress,
     )
     truth = settings.elasticity
     return Study(
-        records=records,
-        inertia=settings.inertia,
+        **campaign._asdict(),
+        inertia_std=settings.inertia_std,
+        torque_std=settings.torque_std,
         name=f"Simulated robot, K = {numbers_out(truth.K)} N·m/rad",
         origin="simulated",
         description=f"True values: K = {numbers_out(truth.K)} N·m/rad, "
         f"D = {numbers_out(truth.D)} N·m·s/rad; "
         f"Coulomb friction {numbers_out(settings.coulomb_Nm)} N·m; torque noise "
-        f"{plain(settings.torque_noise_Nm)} N·m; seed {settings.seed}.",
+        f"{plain(settings.torque_noise_Nm)} N·m; seed {settings.seed}.{_errors(settings)}",
     )
+
+
+def _errors(settings: Settings) -> str:
+    """Describe what the study is given: its errors, and a payload."""
+    text = ""
+    if settings.inertia_error:
+        text += f" Given inertias wrong by {plain(100 * settings.inertia_error)} %."
+    if any(gain != 1 for gain in settings.torque_gain):
+        text += f" Logged torque / true torque = {numbers_out(settings.torque_gain)}."
+    if settings.added:
+        text += " All experiments without and with a known payload."
+    return text
 
 
 def _text(label: str, value: str, key: str, help_text: str | None = None) -> str:
@@ -156,6 +215,13 @@ def _text(label: str, value: str, key: str, help_text: str | None = None) -> str
 
 
 def _number(
-    place: DeltaGenerator, label: str, value: Number, limits: tuple[Number, Number], key: str
+    place: DeltaGenerator,
+    label: str,
+    value: Number,
+    limits: tuple[Number, Number],
+    key: str,
+    help_text: str | None = None,
 ) -> Number:
-    return place.number_input(label, *limits, value, key=f"sim_{key}", persist_state="session")
+    return place.number_input(
+        label, *limits, value, key=f"sim_{key}", persist_state="session", help=help_text
+    )

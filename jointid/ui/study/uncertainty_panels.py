@@ -11,7 +11,7 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
-from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, Quantity, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import UNDETERMINED, significant
@@ -92,15 +92,18 @@ def errors_table(analysis: Analysis) -> Table:
     """One row per parameter, with the paper's answer."""
     found = elasticity_quantities(analysis.fit)
     paper = elasticity_quantities(analysis.fits["least-squares"])
-    same = analysis.fit.method == "least-squares"
+
+    def apart(one: Quantity, other: Quantity) -> str:
+        if analysis.fit.method == "least-squares":
+            return "the same"
+        known = np.isfinite([one.error, other.error]).all()
+        return difference(other.value, one.value) if known else "–"
+
     return {
         "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
         "Estimate": [quantity.shown[0] for quantity in found],
         "Paper's least squares": [quantity.shown[0] for quantity in paper],
-        "Difference": [
-            "the same" if same else difference(other.value, one.value)
-            for one, other in zip(found, paper, strict=True)
-        ],
+        "Difference": [apart(one, other) for one, other in zip(found, paper, strict=True)],
     }
 
 

@@ -1,0 +1,100 @@
+"""Records of a robot whose inertias are given wrongly, without and with a known payload."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import whole_number
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.records import SineRecord
+from jointid.simulation.closed_loop import simulate_records
+
+LOADED = "loaded"
+"""Pose of the records with the payload."""
+
+
+class Campaign(NamedTuple):
+    """Records, and the inertias that a study of them is given."""
+
+    records: tuple[SineRecord, ...]
+    inertia: Inertia
+    poses: dict[str, Inertia]
+
+
+def simulate_campaign(
+    inertia: Inertia,
+    elasticity: Elasticity,
+    frequencies_hz: ArrayLike,
+    *,
+    inertia_error: float = 0.0,
+    added: ArrayLike | None = None,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+    **settings: Any,
+) -> Campaign:
+    """Simulate the records of a study, with the errors that given inertias have.
+
+    Parameters
+    ----------
+    inertia, elasticity, frequencies_hz
+        The robot and its experiment, see ``simulate_records``.
+    inertia_error : float
+        Share by which the given inertias differ from the robot's, see ``wrongly_given``.
+    added : array_like, shape (n, n), optional
+        Addition to M2 by a payload, kg·m²: all experiments are made a second time with it, as records of
+        the pose "loaded", and it is given exactly.
+    seed : int
+        Seed of the noise and of the signs of ``inertia_error``.
+    progress : callable, optional
+        Called with the fraction done, up to 1.0.
+    **settings
+        Further settings of ``simulate_records``.
+
+    Raises
+    ------
+    JointIdError
+        When the settings do not fit the robot.
+    """
+    seed = whole_number("seed", seed, 0)
+    given = wrongly_given(inertia, inertia_error, seed)
+    robots = {None: inertia} | ({} if added is None else {LOADED: inertia.with_added(added)})
+    records: list[SineRecord] = []
+    for k, (pose, robot) in enumerate(robots.items()):
+
+        def report(done: float, before: int = k) -> None:
+            if progress is not None:
+                progress((before + done) / len(robots))
+
+        settings |= {"pose": pose, "seed": seed if pose is None else _other(seed), "progress": report}
+        records += simulate_records(robot, elasticity, frequencies_hz, **settings)
+    poses = {} if added is None else {LOADED: given.with_added(added)}
+    return Campaign(tuple(records), given, poses)
+
+
+def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
+    """Return the inertia with every rotor and arm inertia off by a share, up or down at random.
+
+    A coupling inertia is off by the geometric mean of the factors of its two joints, so that M2 stays
+    positive definite; ``inertia.added`` stays exact.
+
+    Raises
+    ------
+    JointIdError
+        When the share is not in 0 to 1.
+    """
+    if not 0 <= error < 1:
+        raise JointIdError(f"inertia_error = {error!r:.40}: expected a share from 0 to below 1.")
+    signs = np.random.default_rng([seed, inertia.n]).choice([-1.0, 1.0], (2, inertia.n))
+    factor = 1 + error * signs
+    rest = (inertia.M2 - inertia.added) * np.sqrt(np.outer(factor[1], factor[1]))
+    return Inertia(inertia.M * factor[0], rest + inertia.added, inertia.added)
+
+
+def _other(seed: int) -> int:
+    """Seed of the second set of records."""
+    return int(np.random.SeedSequence(seed).generate_state(1)[0])
