@@ -46,7 +46,7 @@ KINDS = {
 RUNS = share(40) // 10
 """Of each kind of study."""
 FREQUENCIES, LOWEST = 8, 0.5
-"""At most so many, and not the longest records of wide bands; the benchmark has up to 18, from 0.3 on."""
+"""At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on."""
 
 
 def shorter(case: Case) -> Case:
