@@ -4,13 +4,13 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.figures.plan import worst_error
-from jointid.rounding import significant
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.plan_form import (
     ask,
     edit_plan,
+    percent,
     predicted,
     predicted_table,
     suggested_columns,
@@ -35,13 +35,13 @@ except JointIdError as error:
     show_error(error)
     st.stop()
 count = settings.count
-before, after = (significant(100 * float(found.worst[k]), 2) for k in (0, -1))
-st.subheader(f"{counted(count, 'record')} more: worst error {before} % → {after} %", anchor=False)
+before, after = (percent(float(found.worst[k])) for k in (0, -1))
+st.subheader(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 st.caption(
     "Torques are amplitude ∠ phase against the first driven joint, as they move inertias and springs"
     + ("; the motors' friction comes on top." if analysis.fit.friction is not None else ".")
-    + " Errors are those of noise; errors of the inertias do not fall with more records."
+    + " The errors contain noise, inertias and torque scale, which are fitted as in the study."
 )
 download(
     "Save these records (.csv)",

@@ -60,7 +60,7 @@ from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import confidence_ellipse, inertia_sensitivity
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.uncertainty.validation import (
     amplitude_dependence,
     compensated_phasors,
@@ -485,8 +485,8 @@ def _pictures(analysis: Analysis) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def _inertias(analysis: Analysis) -> None:
-    found = inertia_sensitivity(analysis.phasors, analysis.study.inertias, analysis.fit)
-    assert found.relative.shape[0] == 2 * analysis.fit.n
+    found = prior_influence(analysis.fit)
+    assert found.shift.shape == (2 * analysis.fit.n, len(found.names))
     errors_table(analysis)
 
 

@@ -19,6 +19,7 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
+from jointid.figures.plan import worst_error
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.plan import (
     PlannedRecords,
@@ -139,6 +140,52 @@ def test_prediction_against_campaigns() -> None:
     assert np.all((ratio > 0.7) & (ratio < 1.4)), ratio
 
 
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("std", [0.05, 0.3, np.inf])
+def test_uncertain_inertias_are_part_of_the_prediction(n: int, std: float) -> None:
+    """A plan unlike the records it is predicted from, against what fits to it state."""
+    inertia, springs = ROBOTS[n]
+    phasors, _ = base(n)
+    uncertain = {"inertia_std": std, "torque_std": 0.02, "method": "maximum-likelihood"}
+    fit = identify_elasticity(phasors, inertia, **uncertain)
+    frequencies, torques = campaign([6.1, 9.4, 17.3, 24.1], n, amplitude=1.7)
+    plan = planned_records(inertia, springs, frequencies, torque_Nm=torques, duration_s=2.0)
+    predicted = predict_standard_errors(plan, phasors, inertia, fit)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.02)
+    stated = [
+        identify_elasticity(
+            run(inertia, frequencies, torques, 2.0, seed), inertia, **uncertain
+        ).standard_error
+        for seed in range(200, 204)
+    ]
+    assert np.allclose(predicted.planned / np.mean(stated, axis=0), 1, atol=0.15)
+    exact = predict_standard_errors(plan, phasors, inertia, base(n)[1])
+    assert np.all(exact.planned < predicted.planned)
+
+
+def test_a_linear_estimator_plans_with_its_own_error() -> None:
+    phasors, _ = base()
+    fit = identify_elasticity(phasors, SERIAL, method="weighted", inertia_std=0.05)
+    frequencies, torques = campaign(BAND_HZ, 2)
+    plan = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=30.0)
+    predicted = predict_standard_errors(plan, phasors, SERIAL, fit)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.1)
+    assert np.allclose(predicted.together, fit.standard_error, rtol=0.1)  # more records do not help
+
+
+def test_another_pose_has_inertias_of_its_own() -> None:
+    """Records at a new pose cannot be better than those at the same one: M2 there is unknown."""
+    phasors, _ = base()
+    fit = identify_elasticity(phasors, SERIAL, method="maximum-likelihood", inertia_std=0.05)
+    frequencies, torques = campaign([9.0], 2)
+    stretched = Inertia(SERIAL.M, (1 + 1e-6) * SERIAL.M2)
+    plan = planned_records(SERIAL, fit.elasticity, frequencies, torque_Nm=torques, duration_s=3.0)
+    same = predict_standard_errors(plan, phasors, SERIAL, fit)
+    other = predict_standard_errors(plan, phasors, SERIAL, fit, planned_inertia=stretched)
+    assert np.all(other.together > same.together)
+    assert np.all(other.together < other.today)
+
+
 def test_friction_is_part_of_the_prediction() -> None:
     phasors, fit = rubbing()
     plan = planned_records(
@@ -149,7 +196,9 @@ def test_friction_is_part_of_the_prediction() -> None:
         duration_s=2.0,
     )
     predicted = predict_standard_errors(plan, phasors, PARALLELOGRAM, fit)
-    assert np.allclose(predicted.today, fit.noise_error, rtol=0.3)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.05)
+    noise = np.sqrt(predicted.today**2 - np.square(fit.unseen_error))
+    assert np.allclose(noise, fit.noise_error, rtol=0.05)
     assert np.allclose(predicted.planned, predicted.today, rtol=0.1)
     # A joint that stands sticks: that record tells nothing of its own.
     still = planned_records(PARALLELOGRAM, fit.elasticity, [9.0], angle_rad=[0.05, 0])
@@ -215,6 +264,35 @@ def test_suggested_records_do_what_was_promised() -> None:
         errors.append(np.r_[made.K, made.D] - np.r_[PAPER.K, PAPER.D])
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / promised
     assert np.all((ratio > 0.65) & (ratio < 1.5)), ratio
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_suggestion_finds_the_record_that_is_missing(n: int) -> None:
+    """Unknown inertias at one frequency: nothing is determined until another one is added."""
+    inertia, _ = ROBOTS[n]
+    phasors = run(inertia, *campaign([6.0], n), 3.0, 1)
+    phasors = replace(
+        phasors,
+        harmonics=phasors.harmonics[:, :1],
+        harmonic_covariance=phasors.harmonic_covariance[:, :1],
+    )
+    fit = identify_elasticity(phasors, inertia, method="maximum-likelihood", inertia_std=np.inf)
+    assert np.all(np.isinf(fit.standard_error))
+    suggestion = suggest_records(phasors, inertia, fit, count=2, duration_s=3.0)
+    assert np.all(np.isinf(suggestion.relative_error[0]))
+    assert np.all(suggestion.relative_error[-1] < 0.01)
+    assert np.all(np.abs(suggestion.records.frequency_hz / 6.0 - 1) > 0.2)
+    worst_error(suggestion)
+
+
+def test_harmonics_within_their_noise_determine_nothing() -> None:
+    inertia, _ = ROBOTS[1]
+    phasors = run(inertia, *campaign([6.0], 1), 3.0, 1)
+    fit = identify_elasticity(phasors, inertia, method="maximum-likelihood", inertia_std=np.inf)
+    plan = planned_records(inertia, fit.elasticity, [9.0, 15.0], torque_Nm=[1.0])
+    predicted = predict_standard_errors(plan, phasors, inertia, fit)
+    assert np.all(np.isinf(predicted.today))
+    assert np.all(np.isfinite(predicted.together))
 
 
 def velocities(records: PlannedRecords, inertia: Inertia) -> np.ndarray:

@@ -46,3 +46,28 @@ def test_the_error_of_a_coarse_encoder_is_claimed(
         off.append(abs(phasors.q[0, 0] - y) ** 2)
         claimed.append(phasors.covariance[0, 0, 0].real)
     assert 0.2 < np.sqrt(np.mean(off) / np.mean(claimed)) < 2.2
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.3])
+@pytest.mark.parametrize("amplitude", [1.5, 10.0, 300.0])
+@pytest.mark.parametrize("samples", [401.37, 67.0])
+def test_rounding_of_slow_and_sticking_motion_is_claimed(
+    samples: float, amplitude: float, rest: float
+) -> None:
+    """The joint rests at both ends for a share of the period; the error repeats in all ten periods."""
+    rng = np.random.default_rng(1)
+    time = np.arange(int(10.5 * samples)) / (5.0 * samples)
+    off, claimed = [], []
+    for _ in range(40):
+        phase = 2 * np.pi * (5.0 * time + rng.random())
+        motion = np.clip(np.sin(phase) / (1 - rest), -1, 1)[:, None]
+        motion = amplitude * rng.uniform(0.9, 1.1) * motion + rng.uniform(-0.5, 0.5)
+        rounded, exact = (
+            extract_phasors([SineRecord(5.0, time, signal, np.cos(phase)[:, None])], harmonics=31)
+            for signal in (np.round(motion), motion)
+        )
+        off.append(np.abs(rounded.harmonics - exact.harmonics)[0, :, 0] ** 2)
+        claimed.append(np.abs(rounded.harmonic_covariance[0, :, 0, 0]))
+    of_first = np.sqrt(np.mean(off, axis=0)[0] / np.mean(claimed, axis=0)[0])
+    assert 0.3 < of_first < 1.7
+    assert 0.4 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.6

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -31,14 +30,10 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.simulation.experiment import Controller, Excitation, Measurement
-from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.resampling import bootstrap, jackknife
-from jointid.uncertainty.sensitivity import (
-    InertiaSensitivity,
-    confidence_ellipse,
-    inertia_sensitivity,
-)
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
 
@@ -70,110 +65,73 @@ def rubbing() -> Phasors:
     )
 
 
-def fitted(phasors: Phasors, inertia: Inertia, method: str, **model: bool) -> ElasticityFit:
+def fitted(phasors: Phasors, inertia: Inertia, method: str, **model: float) -> ElasticityFit:
     return identify_elasticity(phasors, inertia, method=method, **model)
 
 
-# ---------------------------------------------------------------------------- sensitivity to inertias
+# ------------------------------------------------------------------------- influence of given values
+
+
+def changed(prior: InertiaPrior, place: int, by: float) -> Inertia:
+    """The given inertia with one of its values changed, in the order of ``PriorInfluence``."""
+    values = np.concatenate([prior.M[0], prior.lower[0]])
+    values[place] += by
+    return Inertia(values[: prior.n], prior.symmetric(values[None, prior.n :])[0])
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
 @pytest.mark.parametrize("method", METHODS)
-def test_sensitivity_predicts_what_other_inertias_give(n: int, method: str) -> None:
-    """A change of all inertias at once, small against curvature, against the sum of the slopes."""
-    inertia, _ = ROBOTS[n]
-    phasors = measured(n)
-    fit = fitted(phasors, inertia, method)
-    sensitivity = inertia_sensitivity(phasors, inertia, fit)
-    assert len(sensitivity.names) == n + n * (n + 1) // 2
-    change = 1e-3 * np.cos(np.arange(sensitivity.value.size))
-    values = sensitivity.value * (1 + change)
-    M2 = np.zeros((n, n))
-    M2[np.triu_indices(n)] = values[n:]
-    other = fitted(phasors, Inertia(values[:n], M2 + np.triu(M2, 1).T), method)
-    expected = sensitivity.slope @ (sensitivity.value * change)
-    actual = np.concatenate([other.K - fit.K, other.D - fit.D])
-    scale = np.abs(sensitivity.slope) @ (sensitivity.value * 1e-3)
-    assert np.allclose(actual, expected, atol=0.02 * scale.max() * (scale / scale.max()), rtol=0)
+def test_influence_predicts_what_other_given_inertias_do(n: int, method: str) -> None:
+    """Few records, so that the prior matters, against fits to other given inertias."""
+    inertia, elasticity = ROBOTS[n]
+    phasors = extract_phasors(
+        steady_records(inertia, elasticity, *campaign([4.0, 11.0], n), noise=(1e-5, 3e-3), seed=3)
+    )
+    fit = fitted(phasors, inertia, method, inertia_std=0.01)
+    found = prior_influence(fit)
+    assert len(found.names) == found.std.size == n + n * (n + 1) // 2
+    for place, std in enumerate(found.std):
+        up, down = (
+            fitted(phasors, changed(fit.prior, place, by), method, inertia_std=0.01).estimate
+            for by in (std, -std)
+        )
+        assert np.allclose((up - down) / 2, found.shift[:, place], atol=0.05 * found.error, rtol=0.05)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_scaling_law_of_the_sensitivities(method: str) -> None:
+def test_influences_make_the_prior_part_of_the_error(method: str) -> None:
+    fit = fitted(measured(), SERIAL, method, inertia_std=0.05, torque_std=0.02)
+    found = prior_influence(fit)
+    assert found.names[-2:] == ("torque scale 1", "torque scale 2")
+    assert np.allclose(found.error, fit.prior_error, rtol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_scaling_law_of_the_influences(method: str) -> None:
     """K and D scale with torques and inertias together, so slopes by both sum to one."""
     phasors = measured()
-    fit = fitted(phasors, SERIAL, method)
-    total = inertia_sensitivity(phasors, SERIAL, fit).relative.sum(axis=1)
+    fit = fitted(phasors, SERIAL, method, inertia_std=0.02)
+    found = prior_influence(fit)
+    mean = np.concatenate([values.ravel() for values, _ in fit.prior.blocks().values()])
+    total = found.shift @ (mean / found.std) / fit.estimate
     up = 1e-3
-    scale = np.array([1, 1, 1 + up, 1 + up])
-    both = np.outer(scale, scale)
-    stronger = Phasors(
-        **{
-            **{name: getattr(phasors, name) for name in phasors.__dataclass_fields__},
-            "tau": phasors.tau * (1 + up),
-            "covariance": phasors.covariance * both,
-            "harmonics": phasors.harmonics * scale,
-            "harmonic_covariance": phasors.harmonic_covariance * both,
-        }
-    )
-    other = fitted(stronger, SERIAL, method)
-    by_torque = np.log(np.r_[other.K / fit.K, other.D / fit.D]) / np.log(1 + up)
+    stronger = phasors.scaled(np.array([1, 1, 1 + up, 1 + up]))
+    other = fitted(stronger, SERIAL, method, inertia_std=0.02)
+    by_torque = np.log(other.estimate / fit.estimate) / np.log(1 + up)
     assert np.allclose(total + by_torque, 1, atol=0.02)
 
 
-def test_sensitivity_goes_through_friction_and_delay() -> None:
-    phasors = rubbing()
-    fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True, delay=True)
-    sensitivity = inertia_sensitivity(phasors, PARALLELOGRAM, fit)
-    more = Inertia(PARALLELOGRAM.M, PARALLELOGRAM.M2 * [[1.002, 1], [1, 1]])
-    other = fitted(phasors, more, "maximum-likelihood", friction=True, delay=True)
-    expected = sensitivity.slope[:, 2] * 0.002 * PARALLELOGRAM.M2[0, 0]
-    assert sensitivity.names[2] == "J_a1"
-    assert np.allclose((other.K - fit.K)[0], expected[0], rtol=0.1)
+def test_exact_values_have_no_influence_and_unknown_ones_neither() -> None:
+    assert prior_influence(fitted(measured(), SERIAL, "maximum-likelihood")).names == ()
+    unknown = fitted(measured(), SERIAL, "maximum-likelihood", inertia_std=np.inf)
+    assert np.all(prior_influence(unknown).shift == 0)
+    assert np.all(
+        np.isinf(prior_influence(fitted(measured(), SERIAL, "weighted", inertia_std=np.inf)).error)
+    )
 
 
-def turned_inertia(sensitivity: InertiaSensitivity, column: int, share: float) -> Inertia:
-    """The inertia of two joints with one element changed by a share of itself."""
-    values = sensitivity.value.copy()
-    values[column] *= 1 + share
-    return Inertia(values[:2], [[values[2], values[3]], [values[3], values[4]]])
-
-
-@pytest.mark.parametrize(
-    ("model", "rtol"),
-    [({}, 0.01), ({"friction": True}, 0.03), ({"friction": True, "delay": True}, 0.03)],
-)
-def test_few_steps_agree_with_complete_refits(model: dict[str, bool], rtol: float) -> None:
-    """What is reported, against fits made anew with inertias that are off by one per cent."""
-    phasors, inertia = (rubbing(), PARALLELOGRAM) if model else (measured(), SERIAL)
-    fit = fitted(phasors, inertia, "maximum-likelihood", **model)
-    sensitivity = inertia_sensitivity(phasors, inertia, fit)
-    slope = np.empty_like(sensitivity.slope)
-    for column, value in enumerate(sensitivity.value):
-        up, down = (
-            refit(phasors, turned_inertia(sensitivity, column, share), fit).p[:4]
-            for share in (1e-2, -1e-2)
-        )
-        slope[:, column] = (up - down) / (2e-2 * value)
-    again = replace(sensitivity, slope=slope)
-    assert np.allclose(sensitivity.standard_error(), again.standard_error(), rtol=rtol)
-
-
-def test_second_error_bar() -> None:
-    phasors = measured()
-    fit = fitted(phasors, SERIAL, "weighted")
-    sensitivity = inertia_sensitivity(phasors, SERIAL, fit)
-    error = sensitivity.standard_error(0.03)
-    assert np.allclose(sensitivity.standard_error(0.06), 2 * error)
-    assert np.allclose(error**2, np.diag(sensitivity.covariance(0.03)))
-    by_hand = np.sqrt(((sensitivity.relative * 0.03) ** 2).sum(axis=1)) * sensitivity.estimate
-    assert np.allclose(error, by_hand)
-    assert np.all(error > 20 * fit.standard_error)  # here inertias matter far more than noise
-    with pytest.raises(JointIdError, match="such as"):
-        sensitivity.standard_error(-1.0)
-
-
-def test_sensitivity_tells_poses_apart() -> None:
-    """Rotors belong to all poses, arm inertias to one; a coupling of zero has a slope as well."""
+def test_influence_tells_poses_apart() -> None:
+    """Rotors belong to all poses, arm inertias to one; a coupling of zero has an influence as well."""
     uncoupled = Inertia(M=SERIAL.M, M2=np.diag(np.diag(SERIAL.M2)))
     frequencies, torques = campaign(BAND_HZ, 2)
     records = steady_records(SERIAL, PAPER, frequencies, torques, periods=9.3)
@@ -181,16 +139,14 @@ def test_sensitivity_tells_poses_apart() -> None:
     records += steady_records(uncoupled, PAPER, frequencies, uneven, periods=9.3)
     inertias = [SERIAL] * torques.shape[0] + [uncoupled] * torques.shape[0]
     phasors = extract_phasors(records)
-    fit = identify_elasticity(phasors, inertias, method="weighted")
-    sensitivity = inertia_sensitivity(phasors, inertias, fit)
-    assert sensitivity.names == (
+    found = prior_influence(identify_elasticity(phasors, inertias, method="weighted", inertia_std=0.05))
+    assert found.names == (
         "J_m1", "J_m2",
         "J_a1, pose 1", "J_12, pose 1", "J_a2, pose 1",
         "J_a1, pose 2", "J_12, pose 2", "J_a2, pose 2",
     )  # fmt: skip
-    assert sensitivity.value[6] == 0
-    assert np.all(np.abs(sensitivity.slope[:, 6]) > 1e-3)
-    assert np.all(sensitivity.relative[:, 6] == 0)
+    assert found.std[6] > 0
+    assert np.all(np.abs(found.shift[:, 6]) > 1e-6)
 
 
 # ------------------------------------------------------------------------------ jackknife, bootstrap
@@ -207,6 +163,34 @@ def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
     low, high = result.interval(0.68)
     assert np.allclose((high - low) / 2, result.standard_error, rtol=0.25)
     assert result.failed == 0
+
+
+@pytest.mark.parametrize("std", [0.01, 0.3])
+@pytest.mark.parametrize("method", ["least-squares", "weighted", "maximum-likelihood"])
+def test_bootstrap_draws_the_given_inertias_as_well(method: str, std: float) -> None:
+    """The prior makes most of the error here; the scatter of the draws is the whole one."""
+    phasors = extract_phasors(
+        steady_records(SERIAL, PAPER, *campaign([4.0, 11.0], 2), noise=(1e-5, 3e-3), seed=1)
+    )
+    fit = fitted(phasors, SERIAL, method, inertia_std=std, torque_std=0.05)
+    result = bootstrap(phasors, SERIAL, fit, draws=80, seed=4)
+    assert np.all(fit.prior_error > fit.noise_error)
+    assert np.allclose(result.standard_error / fit.standard_error, 1, atol=0.25)
+    assert np.all(np.abs(result.bias) < 0.5 * fit.standard_error)
+
+
+def test_undetermined_parameters_stay_undetermined() -> None:
+    """Draws of a parameter that nothing determines may scatter little; its error is infinite."""
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign([5.0, 6.0, 7.0], 1))
+    covariance = np.repeat(np.diag((1e-4 * np.abs(phasors.z[0])) ** 2)[None], 3, axis=0).astype(complex)
+    noise = circular(np.random.default_rng(0), covariance, 1)[0]
+    one = noisy(phasors, covariance, noise).select([1])
+    fit = fitted(one, inertia, "maximum-likelihood", inertia_std=np.inf)
+    assert np.all(np.isinf(fit.standard_error))
+    assert np.all(np.isinf(bootstrap(one, inertia, fit, draws=10).standard_error))
+    with pytest.raises(JointIdError, match="not determine K1"):
+        confidence_ellipse(fit, "K1", "D1")
 
 
 def test_bootstrap_sees_the_bias_of_least_squares() -> None:
@@ -246,9 +230,6 @@ def test_bootstrap_is_repeatable_reports_and_stops() -> None:
     assert np.array_equal(first.estimates, second.estimates)
     assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
 
-    seen.clear()
-    inertia_sensitivity(phasors, SERIAL, fit, progress=seen.append)
-    assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
     seen.clear()
     jackknife(phasors, SERIAL, fit, progress=seen.append)
     assert len(seen) == BAND_HZ.size

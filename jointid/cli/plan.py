@@ -48,7 +48,7 @@ def plan(
         )
         suggestion = suggest_records(
             phasors,
-            fit.inertias,
+            known.inertias,
             fit,
             count=count,
             duration_s=duration_s,
@@ -95,6 +95,6 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
 
 
 def _percent(error: float) -> str:
-    from jointid.rounding import significant
+    from jointid.rounding import UNDETERMINED, significant
 
-    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else "cannot tell"
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED

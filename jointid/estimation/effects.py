@@ -54,10 +54,10 @@ EFFECTS = {
     ),
 }
 """By key. With s = iω, ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
-``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²), ``loss_factor`` η adds
-iηK and the stiffness that comes with it to the gear's, ``lag`` d multiplies a joint's torque by e^{-sd}, and ``position_filter`` T its position
-by 1 + sT, and ``torque_filter`` T
-its torque by 1/(1 + sT), or by 1 − sT where T is negative. The others are laws in time (``joint_laws``)."""
+and ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²); ``loss_factor``
+η adds iηK, and the stiffness that comes with it, to the gear's. ``lag`` d multiplies a joint's torque
+by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and
+``position_filter`` T its position by 1 + sT. The others are laws in time (``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""

@@ -81,6 +81,8 @@ class ElasticityFit:
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
+    fundamental: tuple[float, float] = (1.0, 0.0)
+    """Misfit of the fundamentals and their degrees of freedom; 0 of them for linear estimators."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that does not come from noise: truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
@@ -315,6 +317,7 @@ def _likelihood_fit(
         _fit(method, estimate, equations, estimate.phasors, prior),
         candidates=choice.candidates,
         inertias=estimate.inertias,
+        fundamental=estimate.fundamental,
         torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
         prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
         choice_error=np.sqrt(np.diag(choice.spread)),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Real
 
 import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia
 from jointid.wording import counted
 
@@ -49,6 +50,8 @@ class InertiaPrior:
     """Relative standard deviation of M and M2; 0: exact, inf: unknown."""
     torque_std: float = 0.0
     """Relative standard deviation of each joint's torque scale; 0: exact, inf: unknown."""
+    offsets: Mapping[str, Floats] = field(default_factory=dict)
+    """Added to the mean of each block, see ``redrawn``."""
 
     @classmethod
     def of(
@@ -146,7 +149,19 @@ class InertiaPrior:
             blocks["M2"] = self.lower, self.inertia_std * self.units["M2"]
         if self.torque_std > 0:
             blocks["torque_scale"] = np.ones(self.n), self.torque_std * self.units["torque_scale"]
-        return blocks
+        return {name: (mean + self.offsets.get(name, 0.0), std) for name, (mean, std) in blocks.items()}
+
+    def redrawn(self, rng: np.random.Generator, true: Parameters) -> InertiaPrior:
+        """Prior with given values drawn around the true ones; unknown ones stay.
+
+        The offsets may make an inertia negative or M2 indefinite, which a mean may be.
+        """
+        offsets = {}
+        for name, (mean, std) in self.blocks().items():
+            known = np.isfinite(std)
+            error = np.where(known, std, 0.0) * rng.standard_normal(std.shape)
+            offsets[name] = np.where(known, true[name] + error - mean, 0.0)
+        return replace(self, offsets=offsets)
 
     def symmetric(self, lower: Floats) -> Floats:
         """Matrices, shape (u, n, n), of lower triangles, shape (u, t)."""

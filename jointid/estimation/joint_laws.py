@@ -34,7 +34,7 @@ _STABLE = 0.1
 _SLACK = 1e-3
 """Least stiffness inside the play, over K, where the damping is zero."""
 _SMALL = 1e-4
-"""Step of a parameter for its derivative, over the size at which the law is as large as the linear gear."""
+"""Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _GEAR = ("K", "D", "cubic", "backlash", "hysteresis", "presliding")
 """Parameters of a gear."""
 
@@ -120,7 +120,7 @@ class JointLaws:
         return {name: (w[k] - w[0]) / steps[k - 1] for k, name in enumerate(found, start=1)}
 
     def _first_order(self, torque: Complexes, p: Parameters) -> dict[str, Complexes]:
-        """Derivatives of w by the amplitudes of the laws where all are zero: −g/(K + sD) of each law g."""
+        """Derivatives of w by the laws' amplitudes where all are zero: −g/(K + sD) for a law g."""
         H = torque.shape[1]
         f = np.where(self.clear, torque, 0).swapaxes(1, 2)
         K = p.K[:, None]

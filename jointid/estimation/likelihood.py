@@ -24,10 +24,16 @@ from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import INSEPARABLE, NO_EFFECT, determined_covariance, unit_diagonal
+from jointid.small_matrices import (
+    INSEPARABLE,
+    NO_EFFECT,
+    determined_covariance,
+    positive_inverse,
+    unit_diagonal,
+)
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
@@ -36,7 +42,8 @@ _LEAST_DAMPING = 1e-12
 _RIDGE = 1e-12
 """The same for the score test."""
 _IDLE, _MOST_IDLE = 0.02, 3
-"""Decrease of the cost, over the misfit, that changes nothing; steps of that kind that end the iteration."""
+"""Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
+iteration."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -47,12 +54,20 @@ class LikelihoodEstimate(Estimate):
 
     phasors: Phasors
     """Phasors with friction and delay subtracted from the torque: what acts on springs and inertias."""
+    penalty: float
+    """Cost of the prior, beside ``cost`` of the data."""
+    fundamental: tuple[float, float]
+    """Misfit of the fundamentals, and their degrees of freedom."""
     inflation: float
     """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
     prior_covariance: Floats
     """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
     inertias: tuple[Inertia, ...]
     """Fitted inertia of each record; the given one where it is exact."""
+
+    def whole_cost(self, misfit: float) -> float:
+        """Cost of the data over a misfit, plus that of the prior."""
+        return self.cost / misfit + self.penalty
 
 
 def maximum_likelihood(
@@ -104,10 +119,10 @@ def maximum_likelihood(
         phasors, prior, fitted_layout(prior, friction, delay, effects), start.K, friction, noise
     )
     p = problem.start(start)
-    scale = np.ones(problem.s.shape[1])
+    scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
-    p, _ = _minimise(problem, p, scale)
-    rank, scale = harmonic_scale(problem, p)
+    p, normal = _minimise(problem, p, scale)
+    rank, scale, _ = harmonic_scale(problem, p, normal)
     p, normal = _minimise(problem, p, scale)
     fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
@@ -115,35 +130,68 @@ def maximum_likelihood(
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
+    normal = fitted.information() + 0.5 * np.diag(problem.pull(p)[1])
     covariance = 0.5 * determined_covariance(normal)
     for name in ("coulomb", "curve"):
         if name in problem.layout:  # a motor that never reverses shows none
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
-    determined = (problem.pull(p)[1] > 0).sum()  # by the prior
+    rank, _, fundamental = harmonic_scale(problem, p, normal)
+    seen = determined_by_data(problem, p, normal)
+    by_prior = _prior_part(problem, p, covariance)
+    covariance = widened_covariance(fitted, covariance, by_prior)
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
         covariance=covariance,
-        prior_covariance=_prior_part(problem, p, covariance),
-        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost + _penalty(problem, p),
-        expected_cost=float(max((problem.rows + determined - rank - p.size) / 2, 0.0)),
+        prior_covariance=by_prior,
+        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
+        penalty=_penalty(problem, p),
+        expected_cost=float(max((problem.rows - rank - seen) / 2, 0.0)),
         parameter_count=rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
+        fundamental=fundamental,
         inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
     )
 
 
-def harmonic_scale(problem: Problem, p: Floats) -> tuple[int, Floats]:
-    """Effective degrees of freedom of the free friction; factor (H,) on each harmonic's variance.
+def determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
+    """Number of parameters that the data determine: P − tr(C B), with the prior's information B."""
+    by_prior = problem.pull(p)[1] * np.diag(positive_inverse(normal)) / 2
+    return float(p.size - np.minimum(by_prior, 1.0).sum())
 
-    The factor is the harmonic's misfit, at least 1: a harmonic that the model does not explain gets less
-    weight.
+
+def harmonic_scale(
+    problem: Problem, p: Floats, normal: Floats
+) -> tuple[int, Floats, tuple[float, float]]:
+    """Misfit by harmonic.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (P, P)
+        Normal matrix at ``p``.
+
+    Returns
+    -------
+    rank : int
+        Effective degrees of freedom of the free friction.
+    scale : ndarray, shape (H,)
+        Factor on each harmonic's variance, its misfit, at least 1: a harmonic that the model does not
+        explain gets less weight.
+    fundamental : (float, float)
+        Misfit of the fundamentals, and their degrees of freedom: the fitted parameters are taken off
+        them.
     """
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     rank = residual.projection.rank()
-    return rank, np.maximum(1.0, residual.misfit_by_harmonic(rank))
+    misfit = residual.misfit_by_harmonic(rank)
+    measured = 2 * float(problem.used.sum(axis=1) @ problem.known[:, 0])
+    measured *= 1 - rank / max(problem.rows, 1)
+    left = max(measured - determined_by_data(problem, p, normal), 0.0)
+    fundamental = float(misfit[0] * measured / left) if left >= 1 else 1.0
+    misfit[0] = fundamental
+    return rank, np.maximum(1.0, misfit), (fundamental, left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +218,7 @@ def scores(
     noise: Noise,
     parts: Sequence[str],
 ) -> dict[str, Score]:
-    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``: one evaluation for all."""
+    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation."""
     fitted = estimate.layout
     effects = [name for name in EFFECTS if name in fitted or name in parts]
     delay = "delay" in fitted or "delay" in parts

@@ -89,12 +89,18 @@ LINEAR = {"weighted": weighted, "least-squares": least_squares, "explicit": expl
 """The linear estimators by the name of their method; none of them models friction."""
 
 
-def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
-    """Covariance of K and D, shape (2n, 2n), from the uncertain inertias and torque scales.
+def prior_slopes(
+    method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise
+) -> tuple[Floats, Floats]:
+    """Derivatives of K and D by each given inertia and torque scale, with its standard deviation.
 
-    A linear estimator takes them as given; its derivatives are central differences.
+    Returns
+    -------
+    slope : ndarray, shape (2n, E)
+        By central differences, in the order of ``prior.blocks()``.
+    std : ndarray, shape (E,)
     """
-    variance = np.zeros((2 * prior.n, 2 * prior.n))
+    slopes, stds = [np.zeros((0, 2 * prior.n))], [np.zeros(0)]
     for name, (mean, std) in prior.blocks().items():
         step = _STEP * prior.units[name]
         for place in np.ndindex(mean.shape):
@@ -103,13 +109,27 @@ def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: 
             plus, minus = (
                 LINEAR[method](_changed(phasors, prior, noise, name, by)).p for by in (change, -change)
             )
-            slope = (plus - minus) / (2 * step[place])
-            if np.isfinite(std[place]):
-                variance += np.outer(slope, slope) * std[place] ** 2
-            else:
-                moved = np.abs(slope * step[place]) > 0
-                variance[moved, moved] = np.inf
-    return variance
+            slopes.append((plus - minus)[None] / (2 * step[place]))
+        stds.append(std.ravel())
+    return np.concatenate(slopes).T, np.concatenate(stds)
+
+
+def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
+    """Covariance of K and D, shape (2n, 2n), from the uncertain inertias and torque scales.
+
+    A linear estimator takes them as given.
+    """
+    return carried_covariance(*prior_slopes(method, phasors, prior, noise))
+
+
+def carried_covariance(slope: Floats, std: Floats) -> Floats:
+    """Covariance (m, m) of quantities with slopes (m, E) by values of independent errors std (E,)."""
+    known = np.isfinite(std)
+    shift = slope[:, known] * std[known]
+    covariance = np.asarray(shift @ shift.T)
+    moved = np.any(slope[:, ~known] != 0, axis=1)
+    covariance[moved, moved] = np.inf
+    return covariance
 
 
 def _changed(

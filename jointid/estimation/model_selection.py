@@ -1,8 +1,8 @@
 """Model selection: which friction, delay and effects the records ask for.
 
-Models grow from the simplest. A score test (Rao) tells in one evaluation how much every absent part would
-lower the cost; the best few are fitted, and parts that they make superfluous are dropped. Models are
-compared by an information criterion with the cost over the best model's misfit.
+Models grow from the simplest. A score test (Rao) estimates in one evaluation how much every absent
+part would lower the cost; the best few are fitted, and parts that they make superfluous are dropped.
+Models are compared by an information criterion with the cost over the best model's misfit.
 """
 
 from __future__ import annotations
@@ -284,7 +284,8 @@ class _Search:
     @property
     def rows(self) -> int:
         """Real equations of all records, joints and harmonics."""
-        return max(2 * np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n]), 1)
+        measured = int(np.count_nonzero(self.phasors.harmonics[..., : self.phasors.n]))
+        return max(2 * measured, 1)
 
     def misfit(self, model: Model) -> float:
         """Misfit of a model that was tried; infinite where it could not be fitted."""
@@ -309,7 +310,7 @@ class _Search:
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
-            criterion[model] = 2 * estimate.cost / misfit + penalty
+            criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion
 
     def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
@@ -332,12 +333,12 @@ class _Search:
         clear = np.abs(size) > _SIGNIFICANT * sigma
         other = self.tried.get(model.without(part))
         simpler = other if isinstance(other, LikelihoodEstimate) else None
-        if simpler and part != "friction" and own > _EXPLAINED:
-            if simpler.misfit - own < _WORTH * (simpler.misfit - 1):
-                return False
+        beyond_noise = own > _EXPLAINED and simpler is not None and part != "friction"
+        if beyond_noise and simpler and simpler.misfit - own < _WORTH * (simpler.misfit - 1):
+            return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
-            clear[:] = 2 * (simpler.cost - estimate.cost) / own > least
+            clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False

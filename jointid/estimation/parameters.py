@@ -113,7 +113,7 @@ class ParameterLayout:
         return self._slices[name]
 
     def of_part(self, part: str) -> slice:
-        """Place of the parameters by which a part of a model is judged: "friction", or its first block."""
+        """Place of the parameters that a part of a model is judged by, such as "friction"."""
         return self._slices[part] if part != "friction" else self.span("coulomb", "curve")
 
     def span(self, first: str, last: str) -> slice:

@@ -1,11 +1,11 @@
 """Residual torque of the model at the motors at every harmonic, its covariance and its Jacobian.
 
 At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2, both with
-the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual is
-r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without effects
-s²M + X is the inverse of equation (16) times s². Nonlinear laws add w to the deflection of the gears and
-friction P at the arm (``joint_laws``); the torque through the gears is then X (q − w + A⁻¹P). Both τ and q
-carry noise of covariance C; r has the covariance V = E C Eᴴ with E = ∂r/∂[q; τ].
+the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual
+is r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without
+effects s²M + X is the inverse of equation (16) times s². Nonlinear laws add w to the deflection of the
+gears and friction P at the arm (``joint_laws``); the torque through the gears is then X (q − w +
+A⁻¹P). Both τ and q carry noise of covariance C; r has the covariance V = E C Eᴴ with E = ∂r/∂[q; τ].
 """
 
 from __future__ import annotations
@@ -263,20 +263,19 @@ class Residual:
         """Fundamental of the motor angle, freed of a filter, shape (r, n), rad."""
         return np.asarray((self.problem.z[..., : self.problem.n] * self.advance)[:, 0])
 
-    def jacobian(self, weighted_residual: Complexes) -> Complexes:
-        """∂r/∂p at the smoothed signals z − C Eᴴ V⁻¹r, shape (r, H, n, P).
+    def jacobian(self, smooth: Complexes) -> Complexes:
+        """∂r/∂p at other signals than those measured, shape (r, H, n, P).
 
         With the gear torque f, the arm angle A⁻¹f and the deflection κ⁻¹f, ∂f = Xκ⁻¹ ∂κ κ⁻¹f +
         XA⁻¹ ∂A A⁻¹f, and XA⁻¹ + Xκ⁻¹ = I.
 
         Parameters
         ----------
-        weighted_residual : ndarray, shape (r, H, n)
-            V⁻¹r without the part that free friction explains.
+        smooth : ndarray, shape (r, H, 2n)
+            Signals without noise.
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        smooth = problem.z - (self.CE @ weighted_residual[..., None])[..., 0]
         q = smooth[..., :n] * self.advance
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
@@ -303,7 +302,7 @@ class Residual:
             elif block == "M":
                 for m, row in enumerate(place.reshape(-1, n)):
                     uses = problem.prior.rotor == m
-                    J[np.ix_(uses, range(s.shape[1]), range(n), row)] += whole[uses]
+                    J[uses, :, :, row[0] : row[-1] + 1] += whole[uses]
             elif block == "delay":
                 J[..., place[0]] += whole.sum(axis=-1)
             else:
@@ -369,12 +368,12 @@ class Residual:
 def _loss(s: Complexes) -> Complexes:
     """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
 
-    A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or it
-    would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the stiffness
-    at the mean frequency of the records, on a logarithmic scale.
+    A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or
+    it would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the
+    stiffness at the mean frequency of the records, on a logarithmic scale.
     """
     reference = np.exp(np.log(np.abs(s[:, 0])).mean())
-    return (1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
+    return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
 
 
 def _filtered(s: Complexes, p: Parameters) -> Complexes | float:

@@ -5,11 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import Projection, real_rows
 from jointid.estimation.residual import Problem, Residual
 from jointid.small_matrices import whitener
+
+_CLEAR = 4.0
+"""Standard deviations from which a harmonic counts as a signal."""
+_CHANCE = 1e-3
+"""Probability that the scatter widens the errors of a right model."""
+_MOST_LEVERAGE = 0.999
+"""Largest share of a direction's information from one record; its residual there is rounding."""
+_LEAST_RECORDS = 4
+"""Fewest records that show a scatter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +52,33 @@ class WhitenedResidual:
         """Σ rᴴV⁻¹r."""
         return float((self.rows**2).sum())
 
-    def columns(self, *, smooth: bool = True) -> Floats:
-        """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at those measured."""
-        # Rows that free friction explains, or that are not in use, carry no information on the signals.
-        weighted = np.zeros_like(self.at.r)
-        if smooth:
-            half = self.rows.shape[1] // 2
-            left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
-            weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
-        return self.projection.rest(real_rows(self.W @ self.at.jacobian(weighted)))
+    def columns(self, signals: Complexes | None = None) -> Floats:
+        """Jacobian of the rows, shape (r, 2Hn, P), at the smoothed signals or at others (r, H, 2n)."""
+        J = self.at.jacobian(self.smoothed() if signals is None else signals)
+        return self.projection.rest(real_rows(self.W @ J))
+
+    def smoothed(self) -> Complexes:
+        """Signals nearest to those measured, in units of noise, without residual: z − C Eᴴ V⁻¹r.
+
+        Rows that free friction explains, or that are not in use, carry no information on the signals.
+        """
+        half = self.rows.shape[1] // 2
+        left = (self.rows[:, :half] + 1j * self.rows[:, half:]).reshape(self.at.r.shape)
+        weighted = (self.W.conj().swapaxes(2, 3) @ left[..., None])[..., 0] * self.weight[..., None]
+        return np.asarray(self.at.problem.z - (self.at.CE @ weighted[..., None])[..., 0])
+
+    def information(self) -> Floats:
+        """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P).
+
+        The noise of a harmonic that does not exist would add as much to it as a small signal, and make
+        finite what no signal determines.
+        """
+        problem, signals = self.at.problem, self.smoothed()
+        variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
+        within = np.abs(problem.z) ** 2 <= _CLEAR**2 * variance
+        within[:, 0] = False
+        rows = self.columns(np.where(within, 0.0, signals)).reshape(-1, problem.layout.size)
+        return np.asarray(rows.T @ rows)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""
@@ -77,3 +105,54 @@ def _whitener(problem: Problem, V: Complexes) -> Complexes:
     if not used.all():
         V = np.where(used & used.swapaxes(2, 3), V, np.eye(problem.n))
     return np.asarray(whitener(V) * (problem.known[..., None, None] & used))
+
+
+def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_part: Floats) -> Floats:
+    """Covariance of all parameters, widened where the records scatter more than their noise explains.
+
+    At the optimum every record pulls the parameters by its gradient g, and the pulls cancel. Their
+    scatter gives the sandwich covariance A⁻¹ (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and
+    McCaffrey, Survey Methodology 28, 2002). It holds whatever makes the residuals as long as that
+    differs by record, as sticking friction does. The scatter of few records is inaccurate: it counts
+    if that of K and D is significant, and then widens the noise of each parameter by the ratio of both
+    standard errors, if that is above 1.
+
+    Parameters
+    ----------
+    residual : WhitenedResidual
+        At the estimate.
+    covariance, prior_part : ndarray, shape (P, P)
+        Covariance of the estimate, and the part that the prior makes; noise makes the rest.
+    """
+    noise = np.where(np.isfinite(covariance), covariance - prior_part, 0.0)
+    records, own = len(residual.rows), 2 * residual.at.problem.n
+    if records < _LEAST_RECORDS or not np.all(np.diag(noise)[:own] > 0):
+        return covariance
+    shift, expected = _shifts(residual, np.where(np.isfinite(covariance), covariance, 0.0))
+    scatter = records / (records - 1) * ((shift - shift.mean(axis=0)) ** 2).sum(axis=0)
+    W = whitener(noise[:own, :own])
+    pulls, share = shift[:, :own] @ W.T, W @ expected[:, :own, :own] @ W.T
+    degrees_of_freedom = own**2 / (share**2).sum()
+    found = (pulls**2).sum() / own
+    if found * degrees_of_freedom < chdtri(degrees_of_freedom, _CHANCE):
+        return covariance
+    size = np.diag(noise)
+    ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)
+    factor = np.sqrt(np.maximum(ratio, 1.0))
+    return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
+
+
+def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
+    """Pull of each record on the parameters, shape (r, P), and its covariance from noise, (r, P, P)."""
+    size = np.sqrt(np.diag(covariance))
+    size = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    root = size[:, None] * vectors * np.sqrt(2 * np.maximum(values, 0.0))  # of the inverse normal matrix
+    columns = residual.columns() @ root
+    leverage, directions = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
+    gradient = (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
+    left = np.sqrt(1 - np.clip(leverage, 0.0, _MOST_LEVERAGE))
+    along = (directions.swapaxes(1, 2) @ gradient[..., None])[..., 0] / left
+    back = root @ directions
+    shift = (back @ along[..., None])[..., 0]
+    return shift, 0.5 * (back * np.maximum(leverage, 0.0)[:, None]) @ back.swapaxes(1, 2)

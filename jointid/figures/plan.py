@@ -18,7 +18,7 @@ def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
         "type": "scatter",
         "mode": "lines+markers",
         "x": count,
-        "y": 100 * suggestion.worst,
+        "y": np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan),
         "line": {"color": ink.identified, "width": 2, "dash": "dot"},
         "marker": {"color": ink.identified, "size": 8},
         "customdata": names,

@@ -1,9 +1,9 @@
 """Detection of quantisation, and the error that it adds to phasors.
 
 Rounding to steps of Δ has the variance Δ²/12. If the frequency divides the sample rate, or nearly so,
-the error repeats with the motion: it does not scatter, and averages only over the samples that differ,
-or over the steps that a slow signal passes. Other noise of σ per sample dithers it, by exp(−4π²σ²/Δ²)
-(Widrow and Kollár, Quantization Noise, 2008).
+the error repeats with the motion: it does not scatter, and averages only over the samples that differ.
+That of a slow signal always repeats, and averages over the steps that it passes in one period. Other
+noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _FINEST = 1e-6
 """Smallest step, over the range of the signal, that is distinguished from rounding."""
 _REPEATS = 0.02
 """Deviation of the period from whole samples, in samples, with which the error repeats."""
+_LASTING = 2.0
+"""Equal samples in a row from which the error is that of the position, whenever it is sampled."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
@@ -40,23 +42,44 @@ def may_have_steps(record: SineRecord) -> bool:
 
 
 def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
-    """Variance of the fundamental from quantisation in addition to its scatter, diagonal (2n, 2n)."""
+    """Variance from quantisation in addition to the scatter, diagonal for each harmonic, (H, 2n, 2n)."""
     period = 1 / (record.frequency_hz * record.interval_s)
     cycles = period * np.arange(1, int(record.periods) + 1)
     repeats = np.abs(cycles - np.round(cycles)) < _REPEATS
     different = round(cycles[np.argmax(repeats)]) if repeats.any() else record.samples
     scatter = np.abs(np.diag(fit.covariance[0])) * record.samples / 4
-    variance = np.zeros(scatter.size)
+    variance = np.zeros((len(fit.harmonics), scatter.size))
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
         step = quantum(used[:_EXAMINED])
         if step > _LEAST_STEP:
-            passed = 4 * np.abs(fit.fundamental[channel]) / step * different / period
+            length, share = _runs(used, period, len(variance))
             seen = float(scatter[channel]) / step**2
+            # Samples within a step share its error, which then repeats with the motion in every period.
+            lasting = length > _LASTING
             # An error that does not repeat exactly is in the scatter already.
-            undithered = _undithered(seen) if repeats.any() else max(0.0, 1 - 12 * seen)
-            variance[channel] = step**2 / 3 / max(min(different, passed), 1.0) * undithered
-    return np.diag(variance).astype(complex)
+            undithered = _undithered(seen) if repeats.any() or lasting else max(0.0, 1 - 12 * seen)
+            count = (period if lasting else different) / share
+            variance[:, channel] = step**2 / 3 / np.maximum(count, 1.0) * undithered
+    return (variance[:, :, None] * np.eye(scatter.size)).astype(complex)
+
+
+def _runs(signal: Floats, period: float, harmonics: int) -> tuple[float, Floats]:
+    """Mean number of equal samples in a row, by sample, and what counts of it at each harmonic (H,).
+
+    The error passes through zero in a step that the signal crosses; where it stands or turns, the error
+    is constant.
+    """
+    ends = np.flatnonzero(signal[1:] != signal[:-1])
+    lengths = np.diff(ends, prepend=-1, append=signal.size - 1)
+    rises = np.sign(signal[ends + 1] - signal[ends])
+    crosses = np.zeros(lengths.size, bool)
+    crosses[1:-1] = rises[1:] == rises[:-1]
+    sizes, counts = np.unique(lengths[~crosses | (lengths <= _LASTING)], return_counts=True)
+    orders = np.arange(1, harmonics + 1)[:, None]
+    standing = (counts * (sizes * np.sinc(orders * sizes / period)) ** 2).sum(axis=1)
+    crossed = lengths[crosses & (lengths > _LASTING)].sum()
+    return float((lengths**2).sum() / signal.size), (standing + crossed) / signal.size
 
 
 def _undithered(scatter: float) -> float:

@@ -2,95 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from jointid.arrays import Floats
+import numpy as np
+
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
+from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.likelihood import harmonic_scale, maximum_likelihood, quadratic
+from jointid.estimation.likelihood import maximum_likelihood
 from jointid.estimation.linear_fit import LINEAR, Estimate
-from jointid.estimation.residual import make_problem
+from jointid.estimation.noise import Noise
+from jointid.estimation.residual import Problem, make_problem
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import positive_inverse
-
-_GAUSS_NEWTON = 2
-"""Steps that follow the optimum when an inertia changes by a per cent."""
 
 
 def refit(
     phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
+    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
     fit: ElasticityFit,
     *,
     delay: bool | None = None,
+    friction: FrictionWaveforms | None = None,
+    noise: Noise | None = None,
 ) -> Estimate:
-    """Estimate again with the model of ``fit``: same method, same friction, same delay.
+    """Estimate again with the model of ``fit``: same method, friction, delay, effects and prior.
 
     Parameters
     ----------
     phasors : Phasors
         Other records, or the same records with other noise.
-    inertia : Inertia or sequence of Inertia
-        One for all records, or one per record.
+    inertia : Inertia, sequence of Inertia or InertiaPrior
+        One for all records, or one per record, as uncertain as in ``fit``; or a prior of its own.
     fit : ElasticityFit
         Gives the model and the start values.
     delay : bool, optional
         Fit a delay or not; by default as in ``fit``.
+    friction : FrictionWaveforms, optional
+        Waveforms of the friction, if ``fit`` has any; by default those of the phasors.
+    noise : Noise, optional
+        Noise of the phasors, where it is already known.
 
     Raises
     ------
     JointIdError
         When these phasors do not allow an estimate with that model.
     """
+    if not isinstance(inertia, InertiaPrior):
+        inertia = fit.prior.like(inertia, phasors.q.shape)
     if fit.method in LINEAR:
-        return LINEAR[fit.method](spring_equations(phasors, inertia))
+        each = inertia.inertias(inertia.M, inertia.M2)
+        return LINEAR[fit.method](spring_equations(phasors, each, noise=noise))
+    if friction is None and fit.friction is not None:
+        friction = chosen_friction(phasors, fit)
     return maximum_likelihood(
         phasors,
-        fit.prior.like(inertia, phasors.q.shape),
+        inertia,
         fit.parameters,
-        friction=None if fit.friction is None else chosen_friction(phasors, fit),
+        friction=friction,
         delay=fit.delay is not None if delay is None else delay,
         effects=[name for name in EFFECTS if name in fit.parameters.layout],
+        noise=noise,
     )
 
 
-def difference_by_inertia(
-    phasors: Phasors, inertia: Sequence[Inertia], fit: ElasticityFit
-) -> Callable[[Sequence[Inertia], Sequence[Inertia]], Floats]:
-    """Return a function that gives the difference of K and D between two sets of inertias.
+def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
+    """Return the residual that ``fit`` made small, for its ``parameters.vector``.
 
-    A linear estimator is evaluated twice. The optimum of the likelihood is followed from the fit by
-    Gauss-Newton steps with updated weights. Noise and friction waveforms depend on the records only.
-
-    Parameters
-    ----------
-    phasors, inertia
-        Data of ``fit``, one inertia per record.
-    fit : ElasticityFit
+    A linear estimator has that of the fundamentals alone.
     """
+    noise = fit.equations.noise
     if fit.method in LINEAR:
-        return lambda one, other: (
-            refit(phasors, one, fit).elasticity - refit(phasors, other, fit).elasticity
-        )
-    waveforms = None if fit.friction is None else chosen_friction(phasors, fit)
-    layout, p = fit.parameters.layout, fit.parameters.vector
-    shape = phasors.q.shape
-    prior = fit.prior.like(inertia, shape)
-    problem = make_problem(phasors, prior, layout, fit.K, waveforms, fit.equations.noise)
-
-    def optimum(inertias: Sequence[Inertia]) -> Floats:
-        changed, x = replace(problem, prior=fit.prior.like(inertias, shape)), p
-        for _ in range(_GAUSS_NEWTON):
-            _, scale = harmonic_scale(changed, x)
-            _, gradient, normal = quadratic(changed, x, scale)
-            x = x - positive_inverse(normal) @ gradient
-        return x[layout.span("K", "D")]
-
-    return lambda one, other: optimum(one) - optimum(other)
+        phasors = replace(phasors, harmonics=phasors.harmonics[:, :1])
+        noise = replace(noise, covariance=noise.covariance[:, :1])
+    friction = None if fit.friction is None else chosen_friction(phasors, fit)
+    start = np.full(fit.n, np.inf)
+    return make_problem(phasors, fit.prior, fit.parameters.layout, start, friction, noise)
 
 
 def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
@@ -99,11 +89,6 @@ def chosen_friction(phasors: Phasors, fit: ElasticityFit) -> FrictionWaveforms:
     if chosen is None:
         return friction_waveforms(phasors, 0.0)
     return friction_waveforms(phasors, chosen.reversal, curve=chosen.curve)
-
-
-def free_reversal(fit: ElasticityFit) -> float:
-    """Share of the largest velocity below which friction is free in the chosen model."""
-    return next((c.reversal for c in fit.candidates if c.chosen), 0.0)
 
 
 def inertia_of_each(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> list[Inertia]:

@@ -1,48 +1,62 @@
-"""Fisher information of single records on K, D, friction and delay.
+"""Fisher information of measured and planned records on all parameters of a fit.
 
-With the residual r = τ e^{-sδ} − F − Z q of covariance V = E C Eᴴ (``estimation.residual``), a record's
-information on the parameters is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction
-projected out. Records add up; the inverse of the sum is the Cramér–Rao bound.
+With the residual r of covariance V (``estimation.residual``), a record's information on the parameters
+is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction projected out. The information of
+records and of the prior of the inertias adds up; the inverse of the sum is the Cramér–Rao bound.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.friction import friction_waveforms
-from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.friction import FrictionWaveforms
+from jointid.estimation.likelihood import harmonic_scale, quadratic
+from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout
-from jointid.estimation.residual import Problem
+from jointid.estimation.residual import Problem, Residual, fitted_layout
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
-from jointid.phasors.extract import MANY_HARMONICS, Phasors
-from jointid.uncertainty.chosen_model import free_reversal
-from jointid.uncertainty.validation import compensated_phasors
+from jointid.phasors.extract import Phasors
+from jointid.small_matrices import determined_covariance
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each
 
 _EXACT = 1e12
 """Degrees of freedom of a given noise covariance."""
+_ITERATIONS = 5
+"""Of the torque of a nonlinear gear, which changes little by the law."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanningModel:
-    """Assumptions on planned records: the fit, and the noise by frequency."""
+    """The fit with the inertia of the planned records, and the noise by frequency."""
 
     fit: ElasticityFit
+    problem: Problem
+    """Measured records; the prior's last inertia is that of the planned ones."""
+    p: Floats
+    """All parameters, shape (P,); those that only the planned records have are as given."""
+    scale: Floats
+    """Factor on each harmonic's variance for the model's misfit, shape (H,)."""
+    pose: tuple[int, int]
+    """Row of M and matrix of M2 of the planned records."""
     omega: Floats
     """Frequencies at which the noise is known, ascending, shape (f,), rad/s."""
     density: Complexes
     """Covariance of z = [q; τ] times the length of the record there, shape (f, 2n, 2n), per second."""
 
     @property
-    def layout(self) -> ParameterLayout:
-        """Parameters of the fit, without those of a friction curve."""
-        fit = self.fit
-        return ParameterLayout.of(fit.n, friction=fit.friction is not None, delay=fit.delay is not None)
+    def inertia(self) -> Inertia:
+        """Inertia of the planned records, as fitted if measured records have it as well."""
+        p = self.problem.layout.named(self.p)
+        rotor, pose = self.pose
+        return Inertia(self.problem.rotor_inertia(p)[rotor], self.problem.arm_inertia(p)[pose])
 
     def noise(self, omega: Floats, duration_s: Floats) -> Complexes:
         """Covariance (..., 2n, 2n) of records of these frequencies and lengths, both shaped (...)."""
@@ -53,89 +67,143 @@ class PlanningModel:
         mixed = (1 - share) * self.density[low] + share * self.density[high]
         return np.asarray(mixed / duration_s[..., None, None])
 
+    @cached_property
+    def today(self) -> Floats:
+        """Information of all measured records, shape (P, P)."""
+        return 2 * WhitenedResidual.of(self.problem, self.p, self.scale).information()
 
-def planning_model(phasors: Phasors, fit: ElasticityFit) -> PlanningModel:
-    """Planning model of a fit, with the noise averaged over the records of each frequency."""
-    noise = fit.equations.noise  # weighted as in the estimator
-    length = (phasors.duration_s * noise.inverse_bias)[:, None, None]
-    covariance = noise.covariance[:, 0] * length
-    groups = phasors.by_frequency()
-    return PlanningModel(
-        fit=fit,
-        omega=np.array([omega for omega, _ in groups]),
-        density=np.array([covariance[group].mean(axis=0) for _, group in groups]),
-    )
+    def planned_information(self, omega: Floats, q: Complexes, duration_s: Floats) -> Floats:
+        """Information of each planned record, shape (r, P, P).
+
+        Parameters
+        ----------
+        omega, duration_s : ndarray, shape (r,)
+        q : ndarray, shape (r, n), complex
+            Motor angles; the torques follow from the model.
+        """
+        r, n = q.shape
+        has_friction = self.fit.friction is not None
+        laws = self.problem.laws
+        distorted = has_friction or laws is not None
+        orders = np.arange(1, (self.scale.size if distorted else 1) + 1)
+        s = np.asarray(1j * np.multiply.outer(omega, orders))
+        C = self.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
+        signals = np.zeros((*s.shape, 2 * n), complex)
+        signals[:, 0, :n] = q
+        rotor, pose = self.pose
+        problem = replace(
+            self.problem,
+            s=s,
+            z=signals,
+            noise=Noise(C, np.full(r, _EXACT)),
+            known=np.ones(s.shape, bool),
+            prior=replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose)),
+            friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
+            laws=laws and replace(laws, s=s, clear=np.ones((*s.shape, n), bool)),
+        )
+        scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
+        for _ in range(_ITERATIONS if laws else 1):  # the torque leaves no residual
+            left = Residual.at(problem, self.p)
+            signals[..., n:] -= left.r / (left.lag * scale)
+        residual = WhitenedResidual.of(problem, self.p, self.scale[: orders.size])
+        columns = residual.columns(signals)
+        return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
+
+    def standard_errors(self, information: Floats) -> Floats:
+        """Standard errors of K and D, shape (2n,), from the information of records and the prior.
+
+        What the fit states beyond the bound (choice of the model, scatter of the records, an estimator
+        without weights) falls with it; the part from truncated friction harmonics stays.
+        """
+        variance = np.diag(self.covariance(information)) * self._widening
+        return np.asarray(np.sqrt(variance + np.square(self.fit.unseen_error)))
+
+    @cached_property
+    def _widening(self) -> Floats:
+        """Stated variance over the bound with the measured records, at least 1, shape (2n,)."""
+        fit, today = self.fit, np.diag(self.covariance(self.today))
+        stated = np.diag(fit.covariance) - np.square(fit.unseen_error)
+        known = np.isfinite(stated) & np.isfinite(today) & (today > 0)
+        return np.maximum(np.divide(stated, today, out=np.ones_like(today), where=known), 1.0)
+
+    def covariance(self, information: Floats) -> Floats:
+        """Covariance of K and D, shape (2n, 2n), from the information of records and the prior.
+
+        A linear estimator keeps the given inertias; their errors are carried into K and D.
+        """
+        weight = self.problem.pull(self.p)[1]
+        own = 2 * self.fit.n
+        if self.fit.method not in LINEAR:
+            return determined_covariance(information + np.diag(weight))[:own, :own]
+        noise = determined_covariance(information[:own, :own])
+        slope = np.where(np.isfinite(noise), noise, 0.0) @ information[:own, own:]
+        with np.errstate(divide="ignore"):
+            return noise + carried_covariance(slope, weight[own:] ** -0.5)
+
+    def _waveforms(
+        self, omega: Floats, harmonics: Complexes, C: Complexes, duration_s: Floats
+    ) -> FrictionWaveforms:
+        """Friction waveforms of the chosen model for pure sines."""
+        r, _, channels = harmonics.shape
+        unknown = np.full((r, channels), np.nan)
+        sines = Phasors(
+            omega=omega,
+            q=harmonics[:, 0, : channels // 2],
+            tau=harmonics[:, 0, channels // 2 :],
+            covariance=C[:, 0],
+            degrees_of_freedom=np.full(r, _EXACT),
+            duration_s=duration_s,
+            harmonics=np.where(harmonics == 0, 1e-300, harmonics),  # known, but practically zero
+            harmonic_covariance=C,
+            drift=np.zeros((r, channels // 2)),
+            settling=unknown,
+            settling_noise=unknown,
+            frequency_found_hz=omega / (2 * np.pi),
+            labels=("",) * r,
+        )
+        return chosen_friction(sines, self.fit)
 
 
-def measured_information(phasors: Phasors, inertias: list[Inertia], now: PlanningModel) -> Floats:
-    """Information of existing records, shape (r, P, P)."""
-    free = compensated_phasors(phasors, now.fit)
-    return record_information(phasors.omega, free.q, free.tau, phasors.duration_s, inertias, now)
-
-
-def record_information(
-    omega: Floats,
-    q: Complexes,
-    tau: Complexes,
-    duration_s: Floats,
-    inertias: list[Inertia],
-    now: PlanningModel,
-) -> Floats:
-    """Information of each record, shape (r, P, P).
+def planning_model(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    fit: ElasticityFit,
+    planned_inertia: Inertia | None = None,
+) -> PlanningModel:
+    """Planning model of a fit, with the noise averaged over the records of each frequency.
 
     Parameters
     ----------
-    omega : ndarray, shape (r,)
-    q, tau : ndarray, shape (r, n), complex
-        Motor angles, and torques without friction.
-    duration_s : ndarray, shape (r,)
-    inertias : list of Inertia
-        One per record.
-    now : PlanningModel
+    phasors, inertia, fit
+        The analysis so far.
+    planned_inertia : Inertia, optional
+        Given inertia at the pose of the planned records; by default that of the first record.
     """
-    fit, n = now.fit, q.shape[1]
-    orders = np.arange(1, (MANY_HARMONICS if fit.friction is not None else 1) + 1)
-    s = np.asarray(1j * np.multiply.outer(omega, orders))
-    C = now.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
-    waves, motor = None, tau
-    if fit.friction is not None:
-        waves = friction_waveforms(_sines(omega, q, tau, C, duration_s), free_reversal(fit))
-        motor = tau + fit.friction.coulomb * waves.coulomb[:, 0]
-    signals = np.zeros((*s.shape, 2 * n), complex)
-    signals[:, 0] = np.hstack([q, motor])
-    problem = Problem(
-        s=s,
-        z=signals,
-        noise=Noise(C, np.full(omega.size, _EXACT)),
-        known=np.ones(s.shape, bool),
-        prior=InertiaPrior.of(inertias, *q.shape),
-        friction=waves,
-        layout=now.layout,
-        stiffest=np.full(n, np.inf),
-    )
-    p = now.layout.pack(K=fit.K, D=fit.D)
-    columns = WhitenedResidual.of(problem, p, np.ones(orders.size)).columns(smooth=False)
-    return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
-
-
-def _sines(omega: Floats, q: Complexes, tau: Complexes, C: Complexes, duration_s: Floats) -> Phasors:
-    """Phasors of pure sines, for the velocity waveform of the friction model."""
-    r, n = q.shape
-    harmonics = np.full((r, C.shape[1], 2 * n), 1e-300 + 0j)  # known, but practically zero
-    harmonics[:, 0] = np.hstack([q, tau])
-    unknown = np.full((r, 2 * n), np.nan)
-    return Phasors(
-        omega=omega,
-        q=q,
-        tau=tau,
-        covariance=C[:, 0],
-        degrees_of_freedom=np.full(r, 100.0),
-        duration_s=duration_s,
-        harmonics=harmonics,
-        harmonic_covariance=C,
-        drift=np.zeros((r, n)),
-        settling=unknown,
-        settling_noise=unknown,
-        frequency_found_hz=omega / (2 * np.pi),
-        labels=tuple(f"planned {i + 1}" for i in range(r)),
+    each = inertia_of_each(phasors, inertia)
+    measured = fitted_problem(phasors, fit)
+    prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))
+    effects = [name for name in EFFECTS if name in measured.layout]
+    layout = fitted_layout(prior, measured.friction, fit.delay is not None, effects)
+    p = replace(measured, prior=prior, layout=layout).start(fit.parameters)
+    for block in fit.parameters.layout.blocks:  # distinct inertias are in order of appearance
+        values, first = fit.parameters[block.name].ravel(), layout[block.name].start
+        p[first : first + values.size] = values
+    scale = np.full(1, fit.inflation)
+    if fit.method not in LINEAR:
+        vector = fit.parameters.vector
+        _, _, normal = quadratic(measured, vector, np.ones(measured.s.shape[1]))
+        _, scale, _ = harmonic_scale(measured, vector, normal)
+    noise = fit.equations.noise  # weighted as in the estimator
+    density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]
+    groups = phasors.by_frequency()
+    rotor, pose = int(prior.rotor[-1]), int(prior.pose[-1])
+    prior = replace(prior, rotor=prior.rotor[:-1], pose=prior.pose[:-1])
+    return PlanningModel(
+        fit=fit,
+        problem=replace(measured, prior=prior, layout=layout),
+        p=p,
+        scale=scale,
+        pose=(rotor, pose),
+        omega=np.array([omega for omega, _ in groups]),
+        density=np.array([density[group].mean(axis=0) for _, group in groups]),
     )

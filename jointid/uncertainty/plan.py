@@ -14,16 +14,8 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, resonances
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import determined_covariance
-from jointid.uncertainty.chosen_model import inertia_of_each
-from jointid.uncertainty.information import (
-    PlanningModel,
-    measured_information,
-    planning_model,
-    record_information,
-)
+from jointid.uncertainty.information import PlanningModel, planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
-from jointid.uncertainty.validation import compensated_phasors
 from jointid.wording import counted
 
 __all__ = [
@@ -41,11 +33,16 @@ _MOST_RECORDS = 50
 """Largest number of suggested records."""
 _LOWEST, _HIGHEST = 0.1, 10.0
 """Limits of the suggested frequencies, over the lowest and the highest frequency of the records."""
+_UNKNOWN = 1e-9
+"""Information on an undetermined direction, over that of all candidate records together."""
 
 
 @dataclass(frozen=True, eq=False)
 class PredictedErrors:
-    """Standard errors by the Cramér–Rao bound, times the root of the fit's inflation."""
+    """Standard errors by the Cramér–Rao bound, with the fit's prior and inflation.
+
+    They are infinite where nothing determines a parameter.
+    """
 
     names: tuple[str, ...]
     """K1 ... Kn, D1 ... Dn."""
@@ -54,7 +51,7 @@ class PredictedErrors:
     today: Floats
     """Standard errors with the existing records, shape (2n,); about those of the fit."""
     planned: Floats
-    """Standard errors with the planned records alone, shape (2n,); infinite where undetermined."""
+    """Standard errors with the planned records alone, shape (2n,)."""
     together: Floats
     """Standard errors with both, shape (2n,)."""
 
@@ -67,7 +64,7 @@ def predict_standard_errors(
     *,
     planned_inertia: Inertia | None = None,
 ) -> PredictedErrors:
-    """Predict the accuracy of K and D; friction and delay are fitted as in ``fit``.
+    """Predict the accuracy of K and D; everything is fitted as in ``fit``, uncertain inertias included.
 
     The noise is that of the existing records, by frequency, inversely proportional to the length.
 
@@ -77,17 +74,15 @@ def predict_standard_errors(
     phasors, inertia, fit
         The analysis so far.
     planned_inertia : Inertia, optional
-        Inertia at the pose of the planned records; by default that of the first record.
+        Given inertia at the pose of the planned records; by default that of the first record.
     """
-    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
-    pose = planned_inertia or each[0]
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
             f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the fit {fit.n}."
         )
-    old = measured_information(phasors, each, now).sum(axis=0)
-    new = _planned_information(planned, pose, now).sum(axis=0)
-    today, alone, both = (_standard_errors(matrix, fit) for matrix in (old, new, old + new))
+    now = planning_model(phasors, inertia, fit, planned_inertia)
+    old, new = now.today, _planned_information(planned, now).sum(axis=0)
+    today, alone, both = (now.standard_errors(matrix) for matrix in (old, new, old + new))
     return PredictedErrors(
         names=elasticity_labels(fit.n),
         estimate=fit.estimate,
@@ -155,10 +150,9 @@ def suggest_records(
         When no candidate stays within the limits, or a setting is out of range.
     """
     count = whole_number("count", count, 1, _MOST_RECORDS)
-    now, each = planning_model(phasors, fit), inertia_of_each(phasors, inertia)
-    pose = planned_inertia or each[0]
-    free = compensated_phasors(phasors, fit)
-    speed = _speed(phasors.omega, free.q, free.tau, each).max(axis=0)
+    now = planning_model(phasors, inertia, fit, planned_inertia)
+    pose = now.inertia
+    speed = _speed(phasors.omega, fit.phasors.q, fit.phasors.tau, fit.inertias).max(axis=0)
     torque = _limit("torque_limit_Nm", torque_limit_Nm, np.abs(phasors.tau).max(axis=0))
     velocity = _limit("velocity_limit_rad_s", velocity_limit_rad_s, speed)
     if fit.friction is not None:  # a square wave has a fundamental of 4/π
@@ -173,14 +167,14 @@ def suggest_records(
     else:
         frequency = finite_array("frequencies_hz", frequencies_hz, ndim=1)
     candidates = _candidates(pose, fit.elasticity, frequency, torque, velocity, duration_s)
-    information = _planned_information(candidates, pose, now)
-    total = measured_information(phasors, each, now).sum(axis=0)
+    information = _planned_information(candidates, now)
+    total = now.today
     known = np.where(np.isfinite(fit.standard_error), fit.standard_error, 0.0)
     size = np.maximum(np.abs(fit.estimate), known)  # for a damping near zero
-    chosen, path = [], [_standard_errors(total, fit) / size]
+    chosen, path = [], [now.standard_errors(total) / size]
     for _ in range(count):
-        trials = np.array([_standard_errors(total + one, fit) / size for one in information])
-        best = int(np.argmin(trials.max(axis=1)))
+        trials = np.array([now.standard_errors(total + one) / size for one in information])
+        best = _best_trial(trials, total + information)
         chosen.append(best)
         path.append(trials[best])
         total = total + information[best]
@@ -193,18 +187,26 @@ def suggest_records(
     return Suggestion(records, elasticity_labels(fit.n), np.array(path))
 
 
-def _planned_information(planned: PlannedRecords, pose: Inertia, now: PlanningModel) -> Floats:
+def _best_trial(errors: Floats, information: Floats) -> int:
+    """Index of the record with the smallest largest error, errors of shape (trials, 2n).
+
+    If every record leaves some errors infinite, the one that leaves the fewest and then adds most to the
+    information (trials, P, P) in all directions, those without any before included.
+    """
+    undetermined = np.isinf(errors).sum(axis=1)
+    fewest = np.flatnonzero(undetermined == undetermined.min())
+    if undetermined.min() == 0:
+        return int(fewest[errors[fewest].max(axis=1).argmin()])
+    size = np.sqrt(np.einsum("tpp->p", information))
+    size = np.where(size > 0, size, 1.0)
+    scaled = information[fewest] / np.outer(size, size) + _UNKNOWN * np.eye(size.size)
+    return int(fewest[np.linalg.slogdet(scaled)[1].argmax()])
+
+
+def _planned_information(planned: PlannedRecords, now: PlanningModel) -> Floats:
     """Information of each planned record, shape (r, P, P)."""
-    omega = 2 * np.pi * planned.frequency_hz
-    return record_information(
-        omega, planned.angle_rad, planned.torque_Nm, planned.duration_s, [pose] * omega.size, now
-    )
-
-
-def _standard_errors(information: Floats, fit: ElasticityFit) -> Floats:
-    """Standard errors of K and D, inflated as in the fit, shape (2n,)."""
-    return np.asarray(
-        np.sqrt(fit.inflation) * np.sqrt(np.diag(determined_covariance(information))[: 2 * fit.n])
+    return now.planned_information(
+        2 * np.pi * planned.frequency_hz, planned.angle_rad, planned.duration_s
     )
 
 

@@ -11,10 +11,14 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, whitener
 from jointid.uncertainty.chosen_model import inertia_of_each, refit
+from jointid.uncertainty.sensitivity import prior_shift
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +30,10 @@ class PoseFits:
     estimates: Floats
     """K1 ... Kn, D1 ... Dn by pose, shape (m, 2n)."""
     covariance: Floats
-    """Covariance of each pose's estimates, times its misfit if above 1, shape (m, 2n, 2n)."""
-    mean: Floats
-    """Mean over the poses, weighted by their covariances, shape (2n,)."""
+    """Covariance of each pose's estimates, as the fit states its own, shape (m, 2n, 2n)."""
+    shared: Floats
+    """Change of each pose's estimates by one standard deviation of every given value that all poses
+    share (rotor inertias, torque scales), shape (m, 2n, c)."""
     problems: tuple[str, ...]
     """Poses without an estimate of their own, each with the reason."""
 
@@ -36,6 +41,11 @@ class PoseFits:
     def standard_error(self) -> Floats:
         """Shape (m, 2n)."""
         return np.asarray(np.sqrt(np.einsum("mpp->mp", self.covariance)))
+
+    @property
+    def mean(self) -> Floats:
+        """Mean over the poses, weighted by their covariances, shape (2n,)."""
+        return self._common()[0]
 
     @property
     def spread(self) -> Floats:
@@ -48,8 +58,8 @@ class PoseFits:
 
         About 1 when the poses agree.
         """
-        variance = np.einsum("mpp->mp", self.covariance)
-        weight = 1 / variance
+        own = np.einsum("mpp->mp", self.covariance) - (self.shared**2).sum(axis=2)
+        weight = 1 / own
         mean = (weight * self.estimates).sum(axis=0) / weight.sum(axis=0)
         squares = (weight * (self.estimates - mean) ** 2).sum(axis=0)
         return np.asarray(np.sqrt(squares / max(len(self.names) - 1, 1)))
@@ -57,12 +67,20 @@ class PoseFits:
     @property
     def probability(self) -> float:
         """p-value of the poses' differences under agreement, by χ²; 1 for a single pose."""
-        degrees_of_freedom = (len(self.names) - 1) * self.mean.size
-        if degrees_of_freedom == 0:
-            return 1.0
-        deviation = (self.estimates - self.mean)[..., None]
-        squares = float(((whitener(self.covariance) @ deviation) ** 2).sum())
-        return float(chdtrc(degrees_of_freedom, squares))
+        _, squares, degrees_of_freedom = self._common()
+        return float(chdtrc(degrees_of_freedom, squares)) if degrees_of_freedom else 1.0
+
+    def _common(self) -> tuple[Floats, float, int]:
+        """Mean of all poses, χ² of the distances from it, and its degrees of freedom."""
+        m, own = self.estimates.shape
+        shift = self.shared.reshape(m * own, -1)
+        covariance = shift @ shift.T
+        for k, part in enumerate(self.covariance):
+            covariance[k * own : (k + 1) * own, k * own : (k + 1) * own] = part
+        W = whitener(covariance)
+        A, b = W @ np.tile(np.eye(own), (m, 1)), W @ self.estimates.ravel()
+        mean = positive_inverse(A.T @ A) @ A.T @ b
+        return mean, float(((b - A @ mean) ** 2).sum()), (m - 1) * own
 
 
 def fits_by_pose(
@@ -90,23 +108,37 @@ def fits_by_pose(
     if len(poses) != phasors.omega.size:
         raise JointIdError(f"{len(poses)} poses for {phasors.omega.size} records: give one per record.")
     each = inertia_of_each(phasors, inertia)
-    names, estimates, covariances, problems = [], [], [], []
+    names, estimates, covariances, shifts, problems = [], [], [], [], []
     for pose in dict.fromkeys(poses):
         records = [i for i, name in enumerate(poses) if name == pose]
+        part, given = phasors.select(records), [each[i] for i in records]
         try:
-            one = refit(phasors.select(records), [each[i] for i in records], fit)
+            one = refit(part, given, fit)
         except JointIdError as error:
             problems.append(f"{pose or 'Records without a pose'}: {error}")
             continue
-        if not np.isfinite(one.elasticity_covariance).all():
+        prior = fit.prior.like(given, part.q.shape)
+        noise = spring_equations(part, given).noise
+        std, shift = prior_shift(fit.method, part, prior, noise, one.covariance)
+        covariance = one.elasticity_covariance
+        if fit.method in LINEAR:
+            covariance = covariance * max(1.0, one.misfit) + carried_covariance(shift, np.ones(std.size))
+        if not np.isfinite(np.diag(covariance)).all():
             problems.append(f"{pose or 'Records without a pose'}: alone, they do not determine K and D.")
             continue
         names.append(pose or "")
         estimates.append(one.elasticity)
-        covariances.append(one.elasticity_covariance * max(1.0, one.misfit))
+        covariances.append(covariance)
+        shifts.append(shift[:, _is_shared(fit, prior)])
     if not names:
         raise JointIdError(f"No pose allows an estimate alone. {problems[0]}")
-    table, covariance = np.array(estimates), np.array(covariances)
-    information = np.array([positive_inverse(own) for own in covariance])
-    mean = positive_inverse(information.sum(axis=0)) @ (information @ table[..., None]).sum(axis=0)[:, 0]
-    return PoseFits(tuple(names), table, covariance, np.asarray(mean), tuple(problems))
+    return PoseFits(
+        tuple(names), np.array(estimates), np.array(covariances), np.array(shifts), tuple(problems)
+    )
+
+
+def _is_shared(fit: ElasticityFit, prior: InertiaPrior) -> np.ndarray:
+    """Whether all poses of a fit share each given value of one pose's prior, shape (E,)."""
+    shared = {"M": len(fit.prior.M) == 1, "M2": False, "torque_scale": True}
+    sizes = {name: mean.size for name, (mean, _) in prior.blocks().items()}
+    return np.repeat([shared[name] for name in sizes], list(sizes.values())).astype(bool)

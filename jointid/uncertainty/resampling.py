@@ -1,7 +1,11 @@
 """Jackknife and bootstrap: two checks of the error bars that do not use the fit's covariance.
 
-The jackknife derives the error from the scatter between frequencies, whatever its cause. The bootstrap
-repeats the estimate on simulated noise. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993.)
+The jackknife derives the error from the scatter between frequencies, whatever its cause; all records
+share the inertias, so that their error is not in it. The bootstrap repeats the estimate on simulated
+noise, with inertias and torque scales given anew each time as inaccurately as they were: uncertain
+values are data, and their error is part of the whole one. With the given values as they are, the draws
+would scatter by the noise alone, which is little where the prior decides.
+(Efron and Tibshirani, An Introduction to the Bootstrap, 1993.)
 """
 
 from __future__ import annotations
@@ -15,11 +19,14 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.joint_equations import pseudo_inverse, spring_equations
+from jointid.estimation.joint_equations import pseudo_inverse
+from jointid.estimation.linear_fit import LINEAR
+from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import whitener
-from jointid.uncertainty.chosen_model import inertia_of_each, refit
+from jointid.small_matrices import one_thread
+from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each, refit
+from jointid.uncertainty.sensitivity import prior_influence
 
 _EXACT = 200
 """Degrees of freedom from which a covariance is not drawn: it varies by less than a tenth."""
@@ -34,7 +41,8 @@ class Jackknife:
     estimates: Floats
     """K1 ... Kn, D1 ... Dn without it, shape (f, 2n)."""
     standard_error: Floats
-    """√((f − 1)/f Σ(p_i − p̄)²), shape (2n,)."""
+    """√((f − 1)/f Σ(p_i − p̄)²), shape (2n,), to compare with the fit's ``noise_error``; infinite where
+    all other frequencies do not determine a parameter."""
     influence: Floats
     """Change of the estimate without the frequency, in standard errors of the fit, shape (f, 2n)."""
 
@@ -66,10 +74,13 @@ def jackknife(
             f"The records have {len(groups)} frequencies: leaving one out in turn needs at least 3."
         )
     each = inertia_of_each(phasors, inertia)
-    estimates = []
+    estimates, determined = [], np.isfinite(fit.standard_error)
     for done, (_, group) in enumerate(groups, start=1):
         kept = np.setdiff1d(np.arange(phasors.omega.size), group)
-        estimates.append(refit(phasors.select(kept), [each[i] for i in kept], fit).elasticity)
+        with one_thread():
+            left = refit(phasors.select(kept), [each[i] for i in kept], fit)
+        estimates.append(left.elasticity)
+        determined &= np.isfinite(np.diag(left.elasticity_covariance))
         if progress is not None:
             progress(done / len(groups))
     table, f = np.array(estimates), len(groups)
@@ -78,7 +89,7 @@ def jackknife(
     return Jackknife(
         frequency_hz=np.array([omega for omega, _ in groups]) / (2 * np.pi),
         estimates=table,
-        standard_error=np.sqrt((f - 1) / f * scatter),
+        standard_error=np.where(determined, np.sqrt((f - 1) / f * scatter), np.inf),
         influence=(table - fit.estimate) / error,
     )
 
@@ -90,7 +101,7 @@ class Bootstrap:
     estimates: Floats
     """K1 ... Kn, D1 ... Dn of each draw, shape (draws, 2n)."""
     standard_error: Floats
-    """Their standard deviation, shape (2n,)."""
+    """Their standard deviation, shape (2n,), to compare with the fit's; infinite where that is."""
     bias: Floats
     """Their mean less the fit, shape (2n,)."""
     failed: int
@@ -112,10 +123,12 @@ def bootstrap(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Bootstrap:
-    """Parametric bootstrap: draw the noise of the phasors, estimate again, take the scatter.
+    """Parametric bootstrap: draw noise and given inertias, estimate again, take the scatter.
 
     The noise has the covariance of the phasors, times the fit's inflation. The covariance of a record of
-    few periods is drawn as well, so that the weights are as uncertain as in the fit.
+    few periods is drawn as well, so that the weights are as uncertain as in the fit. Given inertias and
+    torque scales are drawn around the fitted ones; a linear estimator carries their errors to first
+    order. The friction waveforms are those of the records.
 
     Parameters
     ----------
@@ -132,7 +145,7 @@ def bootstrap(
     """
     draws = whole_number("draws", draws, 2, 100_000)
     rng = np.random.default_rng(seed)
-    noise = spring_equations(phasors, inertia).noise
+    noise = fit.equations.noise
     root = _root(noise.covariance) * np.sqrt(fit.inflation)
     root *= np.any(phasors.harmonics != 0, axis=2)[..., None, None]
     centre = _explained(phasors, fit)
@@ -141,11 +154,14 @@ def bootstrap(
         if progress is not None:
             progress(1.0)
     else:
+        prior = fit.prior.like(inertia, phasors.q.shape)
+        friction = None if fit.friction is None else chosen_friction(phasors, fit)
         found = []
         for k in range(draws):
             drawn = _with_noise(centre, _circular(rng, root, 1)[0], rng)
-            with contextlib.suppress(JointIdError):
-                found.append(refit(drawn, inertia, fit).elasticity)
+            given = prior if fit.method in LINEAR else prior.redrawn(rng, fit.parameters)
+            with contextlib.suppress(JointIdError), one_thread():
+                found.append(refit(drawn, given, fit, friction=friction).elasticity)
             if progress is not None:
                 progress((k + 1) / draws)
         failed = draws - len(found)
@@ -155,9 +171,13 @@ def bootstrap(
                 "too noisy for error bars. Record longer, or move the joints more."
             )
         table = np.array(found)
+    if fit.method in LINEAR:
+        shift = prior_influence(fit).shift
+        shift = np.where(np.isfinite(shift), shift, 0.0)
+        table = table + rng.standard_normal((len(table), shift.shape[1])) @ shift.T
     return Bootstrap(
         estimates=table,
-        standard_error=table.std(axis=0, ddof=1),
+        standard_error=np.where(np.isfinite(fit.standard_error), table.std(axis=0, ddof=1), np.inf),
         bias=table.mean(axis=0) - fit.estimate,
         failed=failed,
     )
@@ -165,20 +185,12 @@ def bootstrap(
 
 def _explained(phasors: Phasors, fit: ElasticityFit) -> Phasors:
     """Phasors without residual: those nearest to the data, in units of noise, that fit the model."""
-    equations, n = fit.equations, fit.n
-    E = equations.residual_gain(fit.K, fit.D)
-    CE = equations.noise.covariance[:, 0] @ E.conj().swapaxes(1, 2)
-    e = equations.residual(fit.K, fit.D)[..., None]
-    W = whitener(E @ CE)
-    correction = -(CE @ W.conj().swapaxes(1, 2) @ W @ e)[..., 0]
+    problem, n = fitted_problem(phasors, fit), fit.n
+    H = problem.s.shape[1]
+    residual = WhitenedResidual.of(problem, fit.parameters.vector, np.ones(H))
     harmonics = phasors.harmonics.copy()
-    harmonics[:, 0] += correction
-    return replace(
-        phasors,
-        q=phasors.q + correction[:, :n],
-        tau=phasors.tau + correction[:, n:],
-        harmonics=harmonics,
-    )
+    harmonics[:, :H] = residual.smoothed()
+    return replace(phasors, q=harmonics[:, 0, :n], tau=harmonics[:, 0, n:], harmonics=harmonics)
 
 
 def _root(covariance: Complexes) -> Complexes:

@@ -61,7 +61,9 @@ class Prediction:
 def predict_left_out(
     phasors: Phasors, inertia: Inertia, fit: ElasticityFit, *, folds: int = 2
 ) -> Prediction:
-    """Cross-validation: fit K and D to some frequencies and predict H at the others.
+    """Cross-validation: fit to some frequencies and predict H at the others.
+
+    Uncertain inertias are fitted again as well; a linear estimator keeps the given ones.
 
     Parameters
     ----------
@@ -69,14 +71,15 @@ def predict_left_out(
         Of one pose, n or more records per frequency.
     inertia : Inertia
     fit : ElasticityFit
-        Fit to the same records. Its friction and delay are subtracted; K and D are fitted again.
+        Fit to the same records. Its friction, delay and effects are subtracted.
     folds : int, default 2
         Every ``folds``-th frequency is left out at a time, each frequency once.
 
     Raises
     ------
     JointIdError
-        With fewer frequencies than twice the folds, or without any measured H.
+        With fewer frequencies than twice the folds, without any measured H, or when the frequencies of a
+        fold do not determine all parameters.
     """
     free = compensated_phasors(phasors, fit)
     groups = free.by_frequency()
@@ -90,14 +93,22 @@ def predict_left_out(
     for fold in range(folds):
         out = np.concatenate([group for _, group in groups[fold::folds]])
         kept = np.setdiff1d(np.arange(free.omega.size), out)
-        part = identify_elasticity(free.select(kept), inertia, method=method)
+        part = identify_elasticity(
+            free.select(kept), inertia, method=method, inertia_std=fit.prior.inertia_std
+        )
+        if not np.isfinite(np.diag(part.parameter_covariance)).all():
+            raise JointIdError(
+                f"{len(groups) - len(groups[fold::folds])} of {len(groups)} frequencies do not "
+                "determine all parameters and therefore cannot predict the others."
+            )
         estimates.append(part.elasticity)
+        fitted, own = part.inertias[0], part.parameter_covariance
         matrix = estimate_transfer_matrix(free.select(out))
-        predicted = motor_response(matrix.omega, inertia, part.elasticity)
-        slope = _slope_of_response(matrix.omega, inertia, part.elasticity)
+        predicted = motor_response(matrix.omega, fitted, part.elasticity)
+        slope = _slope_of_response(matrix.omega, fitted, part.elasticity)[..., : len(own)]
         # The misfit of the model inflates both errors.
         covariance = matrix.covariance * fit.inflation
-        own = part.covariance * fit.inflation / part.inflation
+        own = own * fit.inflation / part.inflation
         covariance = covariance + slope @ own @ slope.conj().swapaxes(1, 2)
         deviation = (matrix.H - predicted).reshape(len(predicted), -1, 1)
         floor = 1e-12 * np.abs(predicted).max((1, 2)) ** 2
@@ -114,7 +125,7 @@ def predict_left_out(
 
 
 def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) -> Complexes:
-    """Derivative of the elements of H by K1 ... Kn, D1 ... Dn, shape (f, n², 2n)."""
+    """Derivative of the elements of H by K, D, M and the lower triangle of M2, shape (f, n², P)."""
     n, s = inertia.n, 1j * omega
     H = motor_response(omega, inertia, elasticity)
     # H⁻¹ = M + S⁻¹ with ∂S = −s² ∂spring/spring² gives ∂H = −s² (H S⁻¹) e eᵀ (S⁻¹ H) ∂spring/spring².
@@ -122,8 +133,15 @@ def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) 
     other = np.eye(n) - inertia.M[:, None] * H
     spring = elasticity.K + s[:, None] * elasticity.D
     by_K = -np.einsum("fij,fjk,fj->fikj", share, other, (s**2)[:, None] / spring**2)
-    slope = np.concatenate([by_K, s[:, None, None, None] * by_K], axis=3)
-    return np.asarray(slope.reshape(omega.size, n * n, 2 * n))
+    by_D, by_M = s[:, None, None, None] * by_K, -np.einsum("fij,fjk->fikj", H, H)
+    # S = M2⁻¹ + s²/spring gives ∂H = −(H S⁻¹ M2⁻¹) ∂M2 (M2⁻¹ S⁻¹ H).
+    rows, columns = np.tril_indices(n)
+    arm = np.linalg.inv(inertia.M2)
+    left, right = share @ arm, (arm @ other).swapaxes(1, 2)
+    by_M2 = -left[:, :, None, rows] * right[:, None, :, columns]
+    by_M2 -= np.where(rows == columns, 0, left[:, :, None, columns] * right[:, None, :, rows])
+    slope = np.concatenate([by_K, by_D, by_M, by_M2], axis=3)
+    return np.asarray(slope.reshape(omega.size, n * n, -1))
 
 
 @dataclass(frozen=True, eq=False)

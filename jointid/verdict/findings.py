@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
@@ -18,7 +19,8 @@ from jointid.verdict.rules_causes import (
     poses_disagree,
     torque_lags,
 )
-from jointid.verdict.rules_inertia import inertias_look_wrong
+from jointid.verdict.rules_effects import effects_found
+from jointid.verdict.rules_inertia import inertias_look_wrong, joints_mixed_up
 from jointid.verdict.rules_model import (
     hardly_known,
     model_limits,
@@ -39,6 +41,7 @@ from jointid.verdict.rules_records import (
     wrong_frequency,
 )
 from jointid.verdict.rules_response import foreign_peak, rejected
+from jointid.wording import enumerated
 
 __all__ = ["Evidence", "Finding", "findings"]
 
@@ -62,6 +65,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     not_physical,
     against_the_paper,
     torque_lags,
+    effects_found,
     foreign_peak,
     rejected,
 )
@@ -95,7 +99,8 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
-        causes = list(inertias_look_wrong(replace(evidence, fit=judge)))
+        judged = replace(evidence, fit=judge)
+        causes = list(joints_mixed_up(judged)) or list(inertias_look_wrong(judged))
         if not causes:  # wrong inertias would pass for both
             causes += poses_disagree(evidence)
             causes += depends_on_amplitude(evidence)
@@ -129,10 +134,10 @@ def _all_well(fit: ElasticityFit) -> Finding:
     )
     fitted = (("friction", fit.friction), ("delay", fit.delay))
     beyond = [name for name, part in fitted if part is not None]
-    parts = " with " + " and ".join(beyond) if beyond else ""
+    beyond += [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
+    parts = " with " + enumerated(beyond) if beyond else ""
     return good(
         "The model explains the data",
         f"The equations{parts} leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
-        f"One standard error from noise alone: {errors}. Inertias M and M2 that are off are not seen "
-        "here, and may move K and D by far more.",
+        f"One standard error, of noise, inertias and the choice of the model: {errors}.",
     )

@@ -8,7 +8,7 @@ equations must be satisfied far better than without. Data that are right cannot 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -72,6 +72,11 @@ def scale_findings(
     """
     if misfit is not None and misfit < GOOD:
         return ()
+    phasors = replace(  # the linear estimator uses the fundamentals only
+        phasors,
+        harmonics=phasors.harmonics[:, :1],
+        harmonic_covariance=phasors.harmonic_covariance[:, :1],
+    )
     as_is = _misfit(phasors, inertias)
     if as_is < GOOD:
         return ()

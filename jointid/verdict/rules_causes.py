@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.estimation.effects import GEAR_LAWS
 from jointid.estimation.linear_fit import LINEAR
 from jointid.estimation.parameters import elasticity_labels
 from jointid.rounding import significant, with_error
@@ -172,7 +173,8 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
 
 def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
     """The stiffness changes with the deflection."""
-    if np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
+    fitted = any(name in evidence.fit.parameters.layout for name in GEAR_LAWS)
+    if fitted or np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
         return
     found = amplitude_dependence(evidence.fit)
     clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)

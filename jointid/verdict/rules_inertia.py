@@ -1,55 +1,160 @@
-"""Rules of the verdict on wrong inertias, which the method takes as known."""
+"""Rules of the verdict on the given inertias: wrong, or of other joints."""
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import identify_elasticity
-from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
-from jointid.rounding import with_error
+from jointid.rounding import plain, with_error
 from jointid.uncertainty.chosen_model import refit
+from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
-from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, warning
-from jointid.verdict.inertia_check import InertiaCheck, check_inertia
+from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, some, warning
 from jointid.verdict.plausibility import low_frequency_inertia
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 
+_EXPLAINED = 3.0
+"""Misfit up to which other inertias explain the data."""
+_LOOSE = 0.3
+"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
+
+_NEARLY = 0.01
+"""The same for the comparison of joints that may be mixed up."""
+
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
-    """Other inertias reduce the residual significantly."""
-    fit, names = evidence.fit, elasticity_labels(evidence.fit.n)
-    if np.any(fit.K <= 0) or fit.misfit <= 3 or has_unmodelled_friction(evidence):
+    """Fitted inertias explain the data and differ from the given ones by more than their uncertainty."""
+    fit = evidence.fit
+    if np.any(fit.K <= 0) or has_unmodelled_friction(evidence):
         return
-    wrong = [(pose, check) for pose, check in _inertia_checks(evidence) if _is_wrong(check)]
-    if not wrong:
+    judged = _judged(evidence)
+    if judged is None or judged.misfit > _EXPLAINED:
         yield from _far_off(evidence)
         return
-    pose, check = min(wrong, key=lambda item: item[1].misfit_found)
-    scale = np.maximum(np.abs(check.given), 1e-3 * np.abs(check.given).max())
-    off = np.where(check.significance > CLEAR, np.abs(check.found - check.given) / scale, 0.0)
-    worst = int(np.argmax(off))
-    p = fit.estimate
-    change = relative(check.estimate - p, p)
-    where = f" in pose {pose}" if pose else ""
+    rows = [(_significance(row), row) for row in prior_rows(judged, evidence.poses) if row.unit]
+    off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])
+    if not off:
+        return
+    row = off[0][1]
+    given = plain(row.given) + (f" ± {percent(row.given_std / row.given)}" if row.given_std else "")
+    others = f" So do {some([other.name for _, other in off[1:]])}." if off[1:] else ""
+    change = relative(judged.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
-    found = with_error(float(check.found[worst]), float(check.standard_error[worst]))
+    accounts = "K and D come from the fitted inertias."
+    if judged is not fit:
+        accounts = (
+            f"With fitted inertias what is left falls from {number(np.sqrt(fit.misfit), 2)} to "
+            f"{number(np.sqrt(judged.misfit), 2)} times what noise explains, and "
+            f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
+        )
     yield warning(
-        f"The inertias look wrong{where}",
-        f"The records would have {check.names[worst]} = {found} kg·m², given is "
-        f"{number(check.given[worst], 4)}. With inertias of their own choice what is left falls from "
-        f"{number(np.sqrt(check.misfit_given), 2)} to {number(np.sqrt(check.misfit_found), 2)} times "
-        f"what noise explains, and {names[k]} changes by {percent(change[k])}.",
-        "Check M and M2: the pose, the payload, the gear ratios and the motors' "
-        "data sheets. An error of the torque constant scales all inertias alike.",
-        float(change.max()),
+        "The inertias look wrong",
+        f"{row.name} is given as {given} kg·m², the records have "
+        f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
+        "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
+        "of the torque constant scales all inertias alike.",
+        float(change.max()) if judged is not fit else 0.05,
         "edit inertias",
+    )
+
+
+def _judged(evidence: Evidence) -> ElasticityFit | None:
+    """The fit with inertias of its own; exact ones that explain the data are not questioned."""
+    fit = evidence.fit
+    if "M2" in fit.parameters.layout:
+        return fit
+    if fit.misfit <= _EXPLAINED:
+        return None
+    try:
+        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=_LOOSE)
+    except JointIdError:
+        return None
+
+
+def _significance(row: PriorRow) -> float:
+    """Difference of fitted and given value, in standard deviations of that difference."""
+    scale = row.given_std if np.isfinite(row.given_std) else np.inf
+    if row.given_std and np.isclose(row.given_std, _LOOSE * row.given):
+        scale = row.fitted_std  # given as exact
+    return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
+
+
+def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
+    """Inertias or torques of two joints exchanged, or an axis that runs backwards."""
+    fit = evidence.fit
+    if fit.n == 1 or (fit.misfit <= _EXPLAINED and not _disagrees(fit)):
+        return
+    as_given = _misfit(evidence, list(evidence.inertias), np.arange(fit.n))
+    tried = []
+    for a in range(fit.n):
+        for b in range(a + 1, fit.n):
+            order = np.arange(fit.n)
+            order[[a, b]] = b, a
+            swapped = [Inertia(i.M[order], i.M2[np.ix_(order, order)]) for i in evidence.inertias]
+            names = f"joints {a + 1} and {b + 1}"
+            tried += [
+                (
+                    _misfit(evidence, swapped, np.arange(fit.n)),
+                    f"The inertias of {names} look exchanged",
+                ),
+                (
+                    _misfit(evidence, list(evidence.inertias), order),
+                    f"The torques of {names} look exchanged",
+                ),
+            ]
+    for j in range(fit.n):
+        sign = np.where(np.arange(fit.n) == j, -1.0, 1.0)
+        mirrored = [Inertia(i.M, i.M2 * np.outer(sign, sign)) for i in evidence.inertias]
+        title = f"Joint {j + 1} looks reversed against the others"
+        tried.append((_misfit(evidence, mirrored, np.arange(fit.n)), title))
+    best, title = min(tried)
+    if best < 0.1 * as_given and best < 100:
+        yield problem(
+            title,
+            f"As given, the records leave {number(np.sqrt(as_given), 2)} times what noise explains; "
+            f"otherwise {number(np.sqrt(best), 2)} times.",
+            "Check the order of the joints in M and M2 and of the columns, and the sign of the coupling "
+            "inertias: position and torque of a joint may both be reversed.",
+            1.0,
+            "edit inertias",
+        )
+
+
+def _disagrees(fit: ElasticityFit) -> bool:
+    return any(abs(row.disagreement or 0.0) > CLEAR for row in prior_rows(fit))
+
+
+def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> float:
+    """Misfit of the chosen friction and delay with other inertias or another order of the torques."""
+    phasors, n = evidence.phasors, evidence.fit.n
+    columns = np.concatenate([np.arange(n), n + order])
+    changed = replace(
+        phasors,
+        tau=phasors.tau[:, order],
+        harmonics=phasors.harmonics[..., columns],
+        harmonic_covariance=phasors.harmonic_covariance[..., columns[:, None], columns],
+        covariance=phasors.covariance[:, columns[:, None], columns],
+    )
+    fit = evidence.fit
+    try:
+        estimate = identify_elasticity(
+            changed,
+            inertias,
+            method="maximum-likelihood",
+            friction=fit.friction is not None,
+            delay=fit.delay is not None,
+            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, _LOOSE)),
+        )
+    except JointIdError:
+        return np.inf
+    return estimate.misfit + float(
+        np.sum([(row.disagreement or 0.0) ** 2 for row in prior_rows(estimate)])
     )
 
 
@@ -92,79 +197,3 @@ def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) ->
     except JointIdError:
         return False
     return alone.expected_cost > 0 and alone.cost < 100 * alone.expected_cost
-
-
-def _inertia_checks(evidence: Evidence) -> list[tuple[str, InertiaCheck]]:
-    """Inertias fitted to the records, by pose, from several start values."""
-    fit, checks = evidence.fit, []
-    tried = [compensated_phasors(evidence.phasors, fit)]
-    if fit.friction is not None or fit.delay is not None:
-        tried.append(evidence.phasors)  # wrong inertias may have passed for friction or delay
-    for pose in dict.fromkeys(evidence.poses):
-        index, inertia = evidence.of_pose(pose)
-        for phasors in tried:
-            # Wrong inertias may have led to wrong K and D: start with resonances in the band as well.
-            middle = np.exp(np.log(phasors.omega[index]).mean())
-            stiff = np.diag(inertia.M2) * middle**2
-            for K, D in ((fit.K, fit.D), (stiff, 0.1 * stiff / middle)):
-                with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
-                    checks.append((pose, check_inertia(phasors.select(index), inertia, K, D)))
-    friction = fit.friction is not None or distortion(evidence) > 1e-3
-    if friction and fit.method in ("auto", "maximum-likelihood") and len(set(evidence.poses)) == 1:
-        with contextlib.suppress(JointIdError, np.linalg.LinAlgError):
-            checks.append((evidence.poses[0], _with_friction(evidence)))
-    return checks
-
-
-def _with_friction(evidence: Evidence) -> InertiaCheck:
-    """Inertias and friction in alternation, each with the last value of the other, extrapolated.
-
-    A wrong inertia biases the friction fitted with it. In alternation both converge geometrically, so
-    that two iterations give the limit.
-    """
-    phasors, fit, inertia = evidence.phasors, evidence.fit, evidence.inertias[0]
-    n = fit.n
-    if fit.friction is None:  # refused because the inertias are wrong, perhaps
-        delay = fit.delay is not None
-        fit = identify_elasticity(
-            phasors, inertia, method="maximum-likelihood", friction=True, delay=delay
-        )
-    free, p = compensated_phasors(phasors, fit), fit.estimate
-    path = []
-    for turn in range(3):
-        check = check_inertia(free, inertia, p[:n], p[n:])
-        if turn == 0:
-            path.append(check.given)
-        path.append(check.found)
-        values = check.found
-        if turn == 1:
-            first, second = path[1] - path[0], path[2] - path[1]
-            ratio = float(np.clip(np.linalg.norm(second) / np.linalg.norm(first), 0.0, 0.8))
-            values = path[2] + second * ratio / (1 - ratio)
-        M2 = np.zeros((n, n))
-        M2[np.triu_indices(n)] = values[n:]
-        inertia = Inertia(values[:n], M2 + np.triu(M2, 1).T)
-        start = replace(fit, K=check.estimate[:n], D=check.estimate[n:])
-        estimate = refit(phasors, inertia, start)
-        if not isinstance(estimate, LikelihoodEstimate):
-            raise JointIdError("Friction needs maximum likelihood.")
-        p = estimate.elasticity
-        free = replace(free, q=estimate.phasors.q, tau=estimate.phasors.tau)
-        free = replace(free, harmonics=free.z[:, None])
-    return replace(
-        check,
-        given=path[0],
-        found=values,
-        estimate=p,
-        misfit_given=fit.misfit,
-        misfit_found=estimate.misfit,
-    )
-
-
-def _is_wrong(check: InertiaCheck) -> bool:
-    """Whether significantly different inertias explain the data and the given ones do not."""
-    off = np.abs(check.found - check.given) / np.maximum(np.abs(check.given), 1e-12)
-    clear = np.any((check.significance > CLEAR) & (off > 0.01))
-    left = check.misfit_found / check.misfit_given
-    explained = (left < 0.3 and check.misfit_found < 4) or left < 0.05
-    return bool(clear and explained and check.misfit_given > 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from jointid.estimation.linear_fit import LINEAR
 from jointid.estimation.parameters import elasticity_labels
@@ -24,6 +25,10 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_causes import distortion, half_a_sample
 from jointid.wording import counted
 
+_EXPLAINED = 3.0
+"""Misfit up to which noise explains the data."""
+_CHANCE = 3e-4
+"""Probability that noise alone leaves as much at the fundamentals."""
 _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
@@ -74,7 +79,10 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
 def model_limits(evidence: Evidence) -> Iterator[Finding]:
     """Residual above the noise."""
     fit = evidence.fit
-    if fit.misfit <= 3:
+    misfit, freedom = fit.fundamental
+    noise_freedom = 2 * float(fit.equations.noise.degrees_of_freedom.sum())
+    beyond = freedom > 0 and f_distribution.sf(misfit, freedom, noise_freedom) < _CHANCE
+    if fit.misfit <= _EXPLAINED and not beyond:
         return
     action: Action = ""
     remedy = "Friction, a torque delay or wrong inertias are the usual causes."
@@ -94,8 +102,9 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     share = relative(fit.standard_error, fit.estimate).max()
     yield warning(
         "The model, not the noise, limits the answer",
-        f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
-        "The error bars are widened by that factor.",
+        f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains, at the "
+        f"frequencies of the motion {number(np.sqrt(max(misfit, 1.0)), 2)} times. The part of the error "
+        f"bars that comes from noise is widened by {number(np.sqrt(fit.inflation), 2)}.",
         remedy,
         float(share),
         action,

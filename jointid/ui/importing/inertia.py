@@ -94,8 +94,9 @@ def ask_nominal(joints: int) -> Elasticity | None:
 def show_inertia(robot: KnownRobot) -> None:
     """Show the inertias, motor side, with their uncertainty."""
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
-    text = f"{{M = {_matrix(rotor)}}},\\quad {{M_2 = {_matrix(arm)}}}\\ \\mathrm{{kg\\,m^2}}"
-    st.markdown(f"As the method takes them, motor side: ${text}$")
+    # In braces a formula is not broken: on a narrow screen M2 gets a line of its own.
+    text = f"${{M = {_matrix(rotor)}}}$, ${{M_2 = {_matrix(arm)}}}$ kg·m²"
+    st.markdown(f"As the method takes them, motor side: {text}")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "
         f"Torque scale: {deviation_text(robot.torque_std)}."

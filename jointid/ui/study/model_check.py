@@ -50,7 +50,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         apart = significant(100 * float(np.median(prediction.relative_error)), 2)
         times = significant(float(np.sqrt(prediction.misfit)), 2)
         st.caption(
-            "K and D are fitted to every second frequency and predict H at the others, and the other "
+            "The model is fitted to every second frequency and predicts H at the others, and the other "
             f"way round. Median difference {apart} %: {times} times what the error bars explain, about "
             "1 when the model holds."
         )

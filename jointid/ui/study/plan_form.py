@@ -9,11 +9,12 @@ import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
-from jointid.rounding import significant, with_error
+from jointid.rounding import UNDETERMINED, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
     PlannedRecords,
     PredictedErrors,
@@ -92,8 +93,8 @@ def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
 
 
 def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
-    """Return the inertia that planned records have."""
-    return analysis.inertia(pose)
+    """Return the given inertia that planned records have."""
+    return analysis.study.poses[pose] if pose else analysis.study.inertia
 
 
 @st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
@@ -102,7 +103,7 @@ def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Anal
     return run_in_background(
         suggest_records,
         _analysis.phasors,
-        _analysis.fit.inertias,
+        _analysis.study.inertias,
         _analysis.fit,
         count=settings.count,
         duration_s=settings.seconds,
@@ -128,7 +129,7 @@ def suggested_table(found: Suggestion) -> Table:
     columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
     worst = found.relative_error.argmax(axis=1)[1:]
     columns["Worst error after it"] = [
-        f"{found.names[k]} ± {significant(100 * e, 2)} %"
+        f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
         for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
     ]
     return columns
@@ -203,8 +204,9 @@ def _predicted(
         np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(n)], axis=1)
         for what, unit in (("Torque", "N·m"), ("Phase", "°"))
     )
+    model = planning_model(_analysis.phasors, _analysis.study.inertias, _analysis.fit, inertia)
     plan: PlannedRecords = planned_records(
-        inertia,
+        model.inertia,
         _analysis.fit.elasticity,
         table["Frequency (Hz)"],
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
@@ -214,7 +216,7 @@ def _predicted(
         predict_standard_errors,
         plan,
         _analysis.phasors,
-        _analysis.fit.inertias,
+        _analysis.study.inertias,
         _analysis.fit,
         planned_inertia=inertia,
     )
@@ -228,9 +230,14 @@ def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
     ]
     for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
         columns[name] = [
-            f"± {significant(float(e), 2)}" if np.isfinite(e) else "cannot tell" for e in values
+            f"± {significant(float(e), 2)}" if np.isfinite(e) else UNDETERMINED for e in values
         ]
     return columns
+
+
+def percent(error: float) -> str:
+    """Relative error in per cent."""
+    return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
 
 
 def _number(value: float | None) -> float:

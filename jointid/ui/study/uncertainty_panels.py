@@ -28,11 +28,7 @@ from jointid.ui.shared.results import result_cache
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
-from jointid.uncertainty.sensitivity import (
-    InertiaSensitivity,
-    confidence_ellipse,
-    inertia_sensitivity,
-)
+from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
 _PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
@@ -121,37 +117,30 @@ def difference(other: float, value: float) -> str:
 
 
 def show_influence(page: Page, analysis: Analysis) -> None:
-    """Change of K and D by each given inertia."""
-    key = ("inertias", page.digest, page.method)
-    found: InertiaSensitivity | None = result_cache().get(key)
-    if found is None:
-        place = st.empty()
-        try:
-            found = run_in_background(
-                inertia_sensitivity,
-                analysis.phasors,
-                page.study.inertias,
-                analysis.fit,
-                progress=reporter(place, "Influence of each inertia"),
-            )
-        except JointIdError as error:
-            show_info(error, place)
-            return
-        result_cache().put(key, found)
-    names, relative = names_of(analysis), found.relative
-    k, e = np.unravel_index(np.nanargmax(np.abs(relative)), relative.shape)
+    """Change of K and D by each given inertia and torque scale."""
+    try:
+        found = prior_influence(analysis.fit)
+    except JointIdError as error:
+        show_info(error)
+        return
+    if not found.names:
+        st.write("The study states exact inertias and torque scales: they add nothing to the errors.")
+        return
+    names, size = names_of(analysis), np.abs(analysis.fit.estimate)[:, None]
+    percent = np.divide(100 * found.shift, size, out=np.zeros_like(found.shift), where=size > 0)
+    k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
-        f"Largest influence: 1 % of the given {found.names[e]} moves {names[k]} by "
-        f"{significant(abs(float(relative[k, e])), 2)} %. The table holds the change of each estimate "
-        "in % for 1 % more of each given inertia; records that determine the inertias make it small."
+        f"Largest influence: {found.names[e]} adds ± {significant(abs(float(percent[k, e])), 2)} % to "
+        f"{names[k]}. The table shows the change of each estimate in % when a given value is larger by "
+        "its standard deviation. Near zero, the records determine the value better than its prior does."
     )
-    columns = {name: [_signed(x) for x in row] for name, row in zip(names, relative, strict=True)}
-    show_text_table({"1 % more of": list(found.names)} | columns)
+    columns = {name: [_signed(x) for x in row] for name, row in zip(names, percent, strict=True)}
+    show_text_table({"": list(found.names)} | columns)
 
 
 def _signed(percent: float) -> str:
     if not np.isfinite(percent):
-        return "–"
+        return UNDETERMINED
     text = f"{abs(percent):.2f}"
     return "0" if float(text) == 0 else ("+" if percent > 0 else "−") + text
 
@@ -159,12 +148,13 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks that do not use the stated error bars. The bootstrap draws the noise anew and "
-        "estimates again, with the given inertias kept: compare it with the part from noise. The "
-        "jackknife leaves out one frequency at a time and takes the scatter for the error, from any "
-        "cause. A factor of two between them is no reason for concern. A jackknife far above the others "
-        "indicates a model that does not hold; a bootstrap far above the range of 68 % of its draws "
-        "indicates an estimate that some noise throws far off."
+        "Two checks that do not use the stated error bars. The bootstrap draws the noise and the given "
+        "inertias again and repeats the estimate: compare it with the stated error. The jackknife "
+        "leaves out one frequency at a time and takes the scatter for the error, from any cause but the "
+        "inertias, which all records share: compare it with the part from noise. A factor of two is no "
+        "reason for concern. A jackknife far above that part indicates a model that does not hold; a "
+        "bootstrap far above the range of 68 % of its draws indicates an estimate that some noise "
+        "throws far off."
     )
     key = ("checks", page.digest, page.method)
     checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
@@ -189,9 +179,10 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     drawn, left_out = checks
     names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
-    columns = {"": names, "Stated": _errors(fit.standard_error), "From noise": _errors(fit.noise_error)}
+    columns = {"": names, "Stated": _errors(fit.standard_error)}
     columns["Bootstrap"] = _errors(drawn.standard_error)
     columns["68 % of the draws"] = _errors((high - low) / 2)
+    columns["From noise"] = _errors(fit.noise_error)
     if isinstance(left_out, Jackknife):
         columns["Jackknife"] = _errors(left_out.standard_error)
     show_text_table(columns)

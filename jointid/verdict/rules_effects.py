@@ -1,0 +1,57 @@
+"""Rule of the verdict on deviations from the ideal model that are fitted along with K and D."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jointid.estimation.effects import EFFECTS
+from jointid.rounding import with_error
+from jointid.verdict.evidence import Evidence, Finding, note
+
+_REMEDIES = {
+    "arm_viscous": ("There is viscous friction at the arm", ""),
+    "arm_coulomb": ("There is Coulomb friction at the arm", ""),
+    "loss_factor": ("The gears have structural damping", "D holds the viscous part only."),
+    "lag": ("The torques lag, each by a time of its own", "Check when each drive samples and acts."),
+    "position_filter": (
+        "The positions are filtered",
+        "Log unfiltered positions if the drive allows it.",
+    ),
+    "torque_filter": (
+        "The torques are filtered",
+        "Log the torque set point, or the current without a filter, if the drive allows it.",
+    ),
+    "motor_presliding": ("The motors' friction has a presliding part", ""),
+    "link": (
+        "The links bend above the band",
+        "K and D hold for the gears alone; a controller for higher frequencies needs the links as well.",
+    ),
+    "gravity": ("Gravity acts as a spring at the arm", ""),
+    "cubic": (
+        "A gear hardens or softens",
+        "K holds for small deflections. Measure at the amplitude that the work needs.",
+    ),
+    "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
+    "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
+}
+"""Title and remedy by effect."""
+
+
+def effects_found(evidence: Evidence) -> Iterator[Finding]:
+    """Every effect that the chosen model has, with its size."""
+    parameters = evidence.fit.parameters
+    error = np.sqrt(np.diag(evidence.fit.parameter_covariance))
+    for name, effect in EFFECTS.items():
+        if name not in parameters.layout:
+            continue
+        label, unit = effect.parameters[name]
+        sizes = zip(parameters[name], error[parameters.layout[name]], strict=True)
+        values = ", ".join(
+            f"{with_error(float(value), float(sigma))} (joint {j})"
+            for j, (value, sigma) in enumerate(sizes, start=1)
+        )
+        title, remedy = _REMEDIES[name]
+        detail = f"{label[:1].upper()}{label[1:]}: {values} {unit}".rstrip()
+        yield note(title, f"{detail}. The answer accounts for it.", remedy, 0.01)

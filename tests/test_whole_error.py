@@ -1,0 +1,141 @@
+"""The answer can be believed: short versions of ``benchmarks/whole_error.py``, on its independent robot.
+
+With ``--long`` there are four times as many runs; the benchmark itself makes fifty of each.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from examples import share
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks import random_studies
+from benchmarks.independent_robot import simulate
+from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case
+from benchmarks.whole_error import (
+    CASES,
+    INERTIA_COLUMNS,
+    INERTIAS,
+    Outcome,
+    case_row,
+    held,
+    inertia_campaigns,
+    inertia_row,
+    least,
+    outcome,
+    outcomes,
+)
+from jointid import SineRecord
+
+SHORT = ("reversed axis", "Coulomb, 80 %", "Stribeck", "load-dependent", "presliding (Dahl)")
+"""Deviations beside the thirteen cases that a short run tries."""
+LONG = share(100) == 100
+KINDS = {
+    "cases": THIRTEEN,
+    "perfect": PERFECT,
+    "others": {name: case for name, case in OTHERS.items() if LONG or name in SHORT},
+    "sticking": {name: case for name, case in STICKING.items() if LONG or name in SHORT},
+}
+RUNS = share(40) // 10
+"""Of each kind of study."""
+FREQUENCIES, LOWEST = 8, 0.5
+"""At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on."""
+
+
+def shorter(case: Case) -> Case:
+    low, high, count = case.band
+    return replace(case, band=(max(low, LOWEST) if high > 1 else low, high, min(count, FREQUENCIES)))
+
+
+@cache
+def logs(kind: str) -> dict[str, list[tuple[Campaign, list[SineRecord]]]]:
+    """Campaigns and records of all studies of a kind, which are simulated together."""
+    campaigns = {
+        name: [shorter(case).campaign(run) for run in range(RUNS)] for name, case in KINDS[kind].items()
+    }
+    records = iter(simulate([(c.robot, c.experiment) for some in campaigns.values() for c in some]))
+    return {name: [(c, next(records)) for c in some] for name, some in campaigns.items()}
+
+
+@cache
+def analysed(kind: str, name: str) -> list[Outcome]:
+    return [outcome(c.study(records), c.robot.answer) for c, records in logs(kind)[name]]
+
+
+def told(found: list[Outcome]) -> str:
+    return "; ".join(
+        f"run {k}: z {np.round(each.z, 1)}, {each.model}, {each.alarms}" for k, each in enumerate(found)
+    )
+
+
+@pytest.mark.parametrize("name", THIRTEEN)
+def test_no_deviation_is_silently_wrong(name: str) -> None:
+    found = analysed("cases", name)
+    assert not any(each.silent_wrong for each in found), told(found)
+
+
+@pytest.mark.parametrize("name", KINDS["others"])
+def test_no_further_deviation_is_silently_wrong(name: str) -> None:
+    found = analysed("others", name)
+    assert not any(each.silent_wrong for each in found), told(found)
+
+
+@pytest.mark.parametrize("name", PERFECT)
+def test_studies_that_fit_the_model_raise_no_alarm(name: str) -> None:
+    found = analysed("perfect", name)
+    bounds = [least(campaign) for campaign, _ in logs("perfect")[name]]
+    assert not any(e.false_alarm(b) for e, b in zip(found, bounds, strict=True)), told(found)
+    assert all(np.all(e.standard_error < 3 * b) for e, b in zip(found, bounds, strict=True)), told(found)
+    assert max(np.abs(each.z).max() for each in found) < 5, told(found)
+
+
+@pytest.mark.parametrize("name", KINDS["sticking"])
+def test_sticking_friction_is_not_silently_wrong(name: str) -> None:
+    found = analysed("sticking", name)
+    assert not any(each.silent_wrong for each in found), told(found)
+
+
+def test_intervals_hold_under_sticking_friction() -> None:
+    found = {name: analysed("sticking", name) for name in KINDS["sticking"]}
+    every = [each for some in found.values() for each in some]
+    assert held(every).mean() >= 0.88, [f"{name}: {told(some)}" for name, some in found.items()]
+
+
+@pytest.mark.parametrize("inertias", ["up to 5 %", "up to 30 %", "up to 50 %, unknown"])
+@pytest.mark.parametrize("robot", ["paper", "Manutec", "random"])
+def test_wrong_inertias_cost_little(robot: str, inertias: str) -> None:
+    """K and D as exact as the noise allows, and a stated error that is no wider than it must be."""
+    campaigns, bounds = inertia_campaigns(robot, inertias, 4 * RUNS)
+    found = outcomes(campaigns, inertia_std=INERTIAS[inertias][1])
+    n = bounds.shape[1] // 2
+    error = np.sqrt(np.mean(np.square([each.error for each in found]), axis=0))
+    if robot == "paper":
+        assert error[:n].max() < 0.003
+        assert error[n:].max() < 0.008
+    stated = np.array([each.standard_error for each in found]) / bounds
+    assert np.median(stated) < 1.2
+    assert max(np.abs(each.z).max() for each in found) < 5, told(found)
+    assert held(found).mean() > 0.8
+
+
+def test_tables_have_their_columns() -> None:
+    case = Case(joints=1, band=(0.5, 2.0, 4))
+    assert set(case_row("", case, 1, perfect=True)) == set(CASES)
+    row, holds = inertia_row("paper", "up to 5 %", 2)
+    assert set(row) == set(INERTIA_COLUMNS)
+    assert holds.shape == (2, 4)
+    for table in random_studies.tables([random_studies.trial(seed) for seed in (1, 2, 3)]):
+        assert table.markdown()
+
+
+def test_random_studies_are_answered_alike_twice_or_refused() -> None:
+    """With inertias known to any degree; the benchmark tries 10,000."""
+    seeds = [seed for seed in range(100, 100 + share(20) // 2) if seed % random_studies.LARGE != 0]
+    assert {seed: found.fault for seed in seeds if (found := random_studies.trial(seed)).fault} == {}
