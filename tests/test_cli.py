@@ -18,7 +18,7 @@ import pytest
 from typer.testing import CliRunner
 
 import jointid
-from jointid import Inertia, Study, analyse, load_study, resonances, save_study
+from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.output import finite
@@ -320,8 +320,8 @@ def test_export_writes_every_kind(study: Path, here: Path) -> None:
 
 def test_export_says_that_the_answer_is_a_problem(studies: dict[int, Study], here: Path) -> None:
     good = studies[1]
-    wrong = Inertia(M=good.inertia.M * 8, M2=good.inertia.M2)
-    save_study(replace(good, inertia=wrong), "wrong.zip")
+    reversed_torque = [replace(record, tau_Nm=-record.tau_Nm) for record in good.records]
+    save_study(replace(good, records=reversed_torque), "wrong.zip")
     problems = [f for f in analyse(load_study("wrong.zip")).findings if f.level == "problem"]
     result = run.invoke(app, ["export", "wrong.zip", "-o", "r.json", "-o", "r.toml", "--json"])
     assert result.exit_code == 0

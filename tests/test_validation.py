@@ -41,7 +41,6 @@ from jointid.uncertainty.validation import (
     predict_left_out,
     record_residuals,
 )
-from jointid.verdict.inertia_check import check_inertia
 
 FREQUENCIES = np.geomspace(3, 30, 8)
 
@@ -287,24 +286,13 @@ def test_a_pose_that_cannot_stand_alone_is_named() -> None:
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_inertias_are_found_from_the_records(n: int) -> None:
     inertia, elasticity = ROBOTS[n]
-    phasors = drawn(n, 3)
     given = Inertia(M=inertia.M, M2=inertia.M2 * 1.05)
-    check = check_inertia(phasors, given, elasticity.K, elasticity.D)
-    truth = np.concatenate([inertia.M, inertia.M2[np.triu_indices(n)]])
-    assert np.all(np.abs(check.found - truth) < 5 * check.standard_error)
-    assert check.misfit_found < 2 < 5 < check.misfit_given
-    assert check.significance[n:].max() > 5
-
-
-def test_right_inertias_are_confirmed() -> None:
-    significance = []
-    for seed in range(6):
-        check = check_inertia(drawn(2, seed), SERIAL, PAPER.K, PAPER.D)
-        assert check.misfit_given < 2
-        significance.append(check.significance)
-    assert np.sqrt(np.mean(np.square(significance))) < 1.7
-
-
-def test_too_few_records_for_inertias() -> None:
-    with pytest.raises(JointIdError, match="too few records"):
-        check_inertia(drawn(2, 0).select(range(4)), SERIAL, PAPER.K, PAPER.D)
+    fit = identify_elasticity(drawn(n, 3), given, inertia_std=0.3)
+    assert isinstance(fit.inertia, Inertia)
+    assert fit.misfit < 2
+    error = np.sqrt(np.diag(fit.parameter_covariance)[fit.parameters.layout["M2"]])
+    found = fit.inertia.M2[np.tril_indices(n)]
+    assert np.all(np.abs(found - inertia.M2[np.tril_indices(n)]) < 5 * error)
+    assert np.all(np.abs(fit.K - elasticity.K) < 5 * fit.standard_error[:n])
+    exact = identify_elasticity(drawn(n, 3), given, method="maximum-likelihood")
+    assert exact.misfit > 5

@@ -16,7 +16,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
@@ -37,6 +37,8 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 15
+"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes eight."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12
@@ -158,7 +160,8 @@ def maximum_likelihood(
 
 def determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
     """Number of parameters that the data determine: P − tr(C B), with the prior's information B."""
-    by_prior = problem.pull(p)[1] * np.diag(positive_inverse(normal)) / 2
+    weight, variance = problem.pull(p)[1], np.diag(positive_inverse(normal)) / 2
+    by_prior = weight * np.where(weight > 0, variance, 0.0)
     return float(p.size - np.minimum(by_prior, 1.0).sum())
 
 
@@ -205,9 +208,9 @@ class Score:
     shift: Floats
     """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
 
-    def penalised(self, rows: int, *, misfit: float = 1.0) -> float:
-        """Decrease of half the information criterion: of the cost over the misfit, less the penalty."""
-        return self.gain / max(1.0, misfit) - 0.5 * self.count * float(np.log(rows))
+    def penalised(self, rows: int) -> float:
+        """Decrease of half the information criterion: of the cost, less the penalty."""
+        return self.gain - 0.5 * self.count * float(np.log(rows))
 
 
 def scores(
@@ -265,6 +268,8 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     """
     damping, idle = 1e-3, 0
     cost, gradient, normal = quadratic(problem, p, scale)
+    slow = any(name in problem.layout for name in GEAR_LAWS)
+    left = _LAW_EVALUATIONS if slow else _EVALUATIONS
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
@@ -276,10 +281,10 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
-                new = _attempt(problem, trial, scale)
+                new, left = _attempt(problem, trial, scale), left - 1
                 if new is not None and new[0] <= cost * (1 + 1e-12):
                     break
-            if damping > 1e8:
+            if damping > 1e8 or left <= 0:
                 return p, normal
             damping = max(10 * damping, 1e-6)
         idle = idle + 1 if cost - new[0] < _IDLE * max(1.0, 2 * cost / problem.rows) else 0

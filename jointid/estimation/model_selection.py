@@ -57,9 +57,13 @@ _DECISIVE = 0.3
 """Score over the cost from which a part is fitted before richer friction."""
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
+_HOPELESS = 3e4
+"""Misfit of wrong units, signs or gear ratios, beyond that of any nonlinear gear."""
 _MOST_EFFECTS = 3
 _MOST_FITS = 24
 """Fits of one search; wrong data would take many more."""
+_DOUBT = 0.005
+"""Probability that the score of any part widens the error bars on an ideal robot."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
 _CERTAIN = 200.0
@@ -226,7 +230,7 @@ class _Search:
             if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
-        laws = [part for part in clear if part in LAWS][:_TRIED_LAWS]
+        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:_TRIED_LAWS]
         wider = [model.with_part(part) for part in clear if part in laws or part not in LAWS][:_TRIED]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
@@ -359,23 +363,30 @@ class _Search:
     def _spread(self, best: Model) -> Floats:
         """Covariance of K and D by the choice between models, shape (2n, 2n).
 
-        The weight of a model is exp(−½ difference of the criterion) to the best; those that were not
-        fitted are judged by their scores. Unlikely ones are left out (Occam's window; Madigan and
-        Raftery, Journal of the American Statistical Association 89, 1994).
+        The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
+        out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
+        1994). A part that was not fitted counts in full where its score is nearly significant: one that
+        moves K by so many standard errors has a score of at least as many.
         """
         found = self.tried[best]
         size = 2 * self.phasors.n
         if isinstance(found, JointIdError):
             return np.zeros((size, size))
         criterion, shifts = self.criterion(), []
+        doubt, misfit = _DOUBT / max(len(self.optional), 1), max(1.0, found.misfit)
         for model, estimate in self.tried.items():
-            if model != best and isinstance(estimate, LikelihoodEstimate):
-                weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
-                shifts.append((weight, estimate.elasticity - found.elasticity))
+            if model == best or not isinstance(estimate, LikelihoodEstimate):
+                continue
+            weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
+            added = set(model.parts).difference(best.parts)
+            if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
+                gain = 2 * (found.whole_cost(misfit) - estimate.whole_cost(misfit))
+                weight = max(weight, float(gain > chi2.isf(doubt, estimate.p.size - found.p.size)))
+            shifts.append((weight, estimate.elasticity - found.elasticity))
         for part, score in self.scores(best).items():
-            if best.with_part(part) not in self.tried:
-                gain = score.penalised(self.rows, misfit=found.misfit)
-                shifts.append((float(np.exp(np.minimum(gain, 0.0))), score.shift))
+            clear = 2 * score.gain / misfit > chi2.isf(doubt, score.count)
+            if clear and best.with_part(part) not in self.tried:
+                shifts.append((1.0, score.shift))
         equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
         total = 1 + sum(weight for weight, _ in equals)
         spread = np.zeros((size, size))

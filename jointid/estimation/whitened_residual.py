@@ -73,11 +73,13 @@ class WhitenedResidual:
         The noise of a harmonic that does not exist would add as much to it as a small signal, and make
         finite what no signal determines.
         """
-        problem, signals = self.at.problem, self.smoothed()
+        problem = self.at.problem
         variance = np.einsum("rhjj->rhj", problem.noise.covariance).real * self.weight[..., None]
-        within = np.abs(problem.z) ** 2 <= _CLEAR**2 * variance
-        within[:, 0] = False
-        rows = self.columns(np.where(within, 0.0, signals)).reshape(-1, problem.layout.size)
+        heard = np.any(np.abs(problem.z) ** 2 > _CLEAR**2 * variance, axis=2)
+        heard[:, 0] = True
+        W = self.W * heard[..., None, None]
+        J = self.at.jacobian(self.smoothed())
+        rows = problem.free.projection(W).rest(real_rows(W @ J)).reshape(-1, problem.layout.size)
         return np.asarray(rows.T @ rows)
 
     def misfit_by_harmonic(self, rank: int) -> Floats:

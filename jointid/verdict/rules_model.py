@@ -61,18 +61,27 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
 def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     """Large standard errors."""
     fit = evidence.fit
-    error = fit.standard_error / np.sqrt(fit.inflation)  # a misfit has its own finding
-    share = relative(error, fit.estimate)
-    limit = np.where(np.arange(2 * fit.n) < fit.n, 0.05, 0.2)
-    names = [n for n, s, m in zip(elasticity_labels(fit.n), share, limit, strict=True) if s > m]
-    if names:
-        worst = int(np.argmax(share / limit))
+    names = np.array(elasticity_labels(fit.n))
+    is_stiffness = np.arange(2 * fit.n) < fit.n
+    by_noise = fit.noise_error / np.sqrt(fit.inflation)  # a misfit has its own finding
+    share = relative(by_noise, fit.estimate)
+    excess = share / np.where(is_stiffness, 0.05, 0.2)
+    whole = relative(fit.standard_error / np.sqrt(fit.inflation), fit.estimate)
+    excess = np.maximum(excess, whole / np.where(is_stiffness, 0.3, 0.6))
+    unknown = names[excess > 1].tolist()
+    if unknown:
+        worst = int(np.argmax(excess))
+        size = percent(whole[worst]) if np.isfinite(fit.standard_error[worst]) else ""
         yield warning(
-            f"{some(names)} {'is' if len(names) == 1 else 'are'} hardly known",
-            f"One standard error of {elasticity_labels(fit.n)[worst]} is "
-            f"{percent(share[worst])} of its value.",
-            "Add records near the resonances, record longer, or move the joints more.",
-            float(share.max()),
+            f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} hardly known",
+            f"One standard error of {names[worst]} is {size} of its value."
+            if size
+            else f"These records do not determine {names[worst]} at all.",
+            "Add records near the resonances, record longer, or move the joints more."
+            if share[worst] > 0.05
+            else "Add records at lower and higher frequencies, which determine the inertias as well, or "
+            "state more exact inertias.",
+            float(whole.max()),
         )
 
 
