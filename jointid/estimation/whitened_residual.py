@@ -14,7 +14,7 @@ from jointid.small_matrices import whitener
 
 _CLEAR = 4.0
 """Standard deviations from which a harmonic counts as a signal."""
-_CHANCE = 1e-3
+_CHANCE = 1e-4
 """Probability that the scatter widens the errors of a right model."""
 _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
