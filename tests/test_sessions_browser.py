@@ -15,9 +15,6 @@ import numpy as np
 import pytest
 from browsing import Server
 from sessions import Session
-from streamlit.proto.BackMsg_pb2 import BackMsg
-from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
-from streamlit.proto.WidgetStates_pb2 import WidgetState
 
 from jointid import Elasticity, Inertia, SineRecord, Study, motor_response
 from jointid.files.digest import study_digest
@@ -27,7 +24,6 @@ from jointid.files.study_files import pack_study
 pytestmark = pytest.mark.browser
 
 PERSONS = 20
-PATIENCE_S, QUIET_S = 60.0, 1.5
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity")
 METHODS = ("weighted", "least-squares", "explicit")
 INERTIA = Inertia(M=[0.001], M2=[[0.004]])
@@ -101,54 +97,3 @@ def test_everybody_sees_their_own_study_only(crowd: list[tuple[Session, str]]) -
                 assert found == pytest.approx(stiffness(person), rel=1e-3)
         assert f"**{METHODS[person % len(METHODS)]}**" in seen[-1][1]
     assert len({session.query for session, _ in crowd}) == PERSONS
-
-
-def tell(session: Session, query: str, *states: WidgetState, fragment: str = "") -> None:
-    """Ask for a run of the first page, or for one of its fragment as its timer does."""
-    message = BackMsg()
-    run = message.rerun_script
-    run.query_string, run.fragment_id, run.is_auto_rerun = query, fragment, bool(fragment)
-    run.widget_states.widgets.extend(states)
-    session.socket.send(message.SerializeToString())
-
-
-def hear(session: Session) -> list[ForwardMsg]:
-    """All that the server says until a run is over and no other one follows for a while."""
-    heard: list[ForwardMsg] = []
-    running = True
-    while True:
-        try:
-            frame = session.socket.recv(timeout=PATIENCE_S if running else QUIET_S)
-        except TimeoutError:
-            assert not running
-            return heard
-        heard.append(ForwardMsg.FromString(frame))  # type: ignore[arg-type]
-        if heard[-1].HasField("session_status_changed"):
-            running = heard[-1].session_status_changed.script_is_running
-
-
-def test_a_page_that_asks_again_by_itself_does_not_undo_what_was_opened(
-    new_server: Callable[[], Server],
-) -> None:
-    """Its client still names the study that it shows: it has not heard of the one that was opened."""
-    server = new_server()
-    try:
-        study, place = study_of(1), new_workspace()
-        kept = Store(server.data).put(place, "p1.zip", study_digest(study), pack_study(study))
-        session, query = Session(server.address), f"w={place}&study=paper"
-        tell(session, query)
-        heard = hear(session)
-        elements = [message.delta.new_element for message in heard]
-        box = next(e.selectbox for e in elements if e.selectbox.label == "Study")
-        button = next(e.button for e in elements if e.button.id.endswith(f"open_{kept.id}"))
-        fragment = next(m.auto_rerun.fragment_id for m in heard if m.HasField("auto_rerun"))
-        shown = WidgetState(id=box.id, string_value="paper")
-        tell(session, query, shown, WidgetState(id=button.id, trigger_value=True))
-        tell(session, query, shown, fragment=fragment)
-        hear(session)
-        tell(session, query)
-        text = str(hear(session))
-        assert "Cell of person 1" in text
-        session.close()
-    finally:
-        server.kill()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import streamlit as st
-from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid import JointIdError
 from jointid.files.study_files import load_study
@@ -71,10 +70,7 @@ def _choose() -> str | None:
 
 
 def _take_choice() -> None:
-    """Take the choice in the list of studies, unless a fragment's timer repeats an earlier one."""
-    context = get_script_run_ctx()
-    if context is not None and context.fragment_ids_this_run:
-        return
+    """Take the choice in the list of studies."""
     chosen = st.session_state["study"]
     st.session_state["chosen"] = next(
         (address for address, name in names_by_address().items() if name == chosen), None
