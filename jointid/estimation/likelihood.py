@@ -192,7 +192,8 @@ def harmonic_scale(
     measured = 2 * float(problem.used.sum(axis=1) @ problem.known[:, 0])
     measured *= 1 - rank / max(problem.rows, 1)
     left = max(measured - determined_by_data(problem, p, normal), 0.0)
-    fundamental = float(misfit[0] * measured / left) if left >= 1 else 1.0
+    left = left if left >= 1 else 0.0
+    fundamental = float(misfit[0] * measured / left) if left else 1.0
     misfit[0] = fundamental
     return rank, np.maximum(1.0, misfit), (fundamental, left)
 

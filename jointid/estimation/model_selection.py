@@ -66,6 +66,8 @@ _DOUBT = 0.005
 """Probability that the score of any part widens the error bars on an ideal robot."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_MOST_SLOW_FITS = 6
+"""Fits with a law of the gears."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
 
@@ -162,6 +164,7 @@ class _Search:
     """The others: "friction", "delay" and keys of ``EFFECTS``."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
+    slow_fits: int = 0
 
     def best(self, *first: Model) -> Model:
         """Grow and prune from the base, or from models that are fitted already."""
@@ -189,6 +192,11 @@ class _Search:
     def fit(self, model: Model, start: Parameters) -> None:
         """Fit a model; of two fits from different starts the better one stays."""
         earlier = self.tried.get(model)
+        if not set(GEAR_LAWS).isdisjoint(model.effects):
+            if self.slow_fits == _MOST_SLOW_FITS:
+                self.tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
+                return
+            self.slow_fits += 1
         try:
             estimate = maximum_likelihood(
                 self.phasors,

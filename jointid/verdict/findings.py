@@ -23,6 +23,7 @@ from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_look_wrong, joints_mixed_up
 from jointid.verdict.rules_model import (
     hardly_known,
+    hardly_tested,
     model_limits,
     not_physical,
     one_frequency,
@@ -73,6 +74,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
 
 _OF_ITS_PRECISION: tuple[_Rule, ...] = (
     model_limits,
+    hardly_tested,
     hardly_known,
     resonance_missed,
 )

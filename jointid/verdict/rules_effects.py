@@ -13,7 +13,11 @@ from jointid.verdict.evidence import Evidence, Finding, note
 _REMEDIES = {
     "arm_viscous": ("There is viscous friction at the arm", ""),
     "arm_coulomb": ("There is Coulomb friction at the arm", ""),
-    "loss_factor": ("The gears have structural damping", "D holds the viscous part only."),
+    "loss_factor": (
+        "The gears have structural damping",
+        "D holds the viscous part only. K is the stiffness at the mean frequency of the records, on a "
+        "logarithmic scale; it rises with frequency.",
+    ),
     "lag": ("The torques lag, each by a time of its own", "Check when each drive samples and acts."),
     "position_filter": (
         "The positions are filtered",

@@ -11,7 +11,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
-from jointid.rounding import plain, with_error
+from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
@@ -37,17 +37,18 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     if judged is None or judged.misfit > _EXPLAINED:
         yield from _far_off(evidence)
         return
-    rows = [(_significance(row), row) for row in prior_rows(judged, evidence.poses) if row.unit]
+    exact = judged is not fit
+    rows = [(_significance(row, exact), row) for row in prior_rows(judged, evidence.poses) if row.unit]
     off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])
     if not off:
         return
     row = off[0][1]
-    given = plain(row.given) + (f" ± {percent(row.given_std / row.given)}" if row.given_std else "")
+    given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
     others = f" So do {some([other.name for _, other in off[1:]])}." if off[1:] else ""
     change = relative(judged.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
     accounts = "K and D come from the fitted inertias."
-    if judged is not fit:
+    if exact:
         accounts = (
             f"With fitted inertias what is left falls from {number(np.sqrt(fit.misfit), 2)} to "
             f"{number(np.sqrt(judged.misfit), 2)} times what noise explains, and "
@@ -59,7 +60,7 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
-        float(change.max()) if judged is not fit else 0.05,
+        float(change.max()) if exact else 0.05,
         "edit inertias",
     )
 
@@ -77,11 +78,9 @@ def _judged(evidence: Evidence) -> ElasticityFit | None:
         return None
 
 
-def _significance(row: PriorRow) -> float:
-    """Difference of fitted and given value, in standard deviations of that difference."""
-    scale = row.given_std if np.isfinite(row.given_std) else np.inf
-    if row.given_std and np.isclose(row.given_std, _LOOSE * row.given):
-        scale = row.fitted_std  # given as exact
+def _significance(row: PriorRow, exact: bool) -> float:
+    """Difference of fitted and given value, in standard deviations of what is uncertain."""
+    scale = row.fitted_std if exact else row.given_std
     return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
 
 

@@ -94,7 +94,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.misfit <= _EXPLAINED and not beyond:
         return
     action: Action = ""
-    remedy = "Friction, a torque delay or wrong inertias are the usual causes."
+    remedy = "Friction, a torque delay, torque constants or wrong inertias are the usual causes."
     if fit.method in LINEAR or fit.friction is None:
         odd = distortion(evidence)
         if odd > 1e-3:
@@ -105,7 +105,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         remedy, action = mended, "edit mapping"
     elif fit.friction is not None:
         remedy = (
-            "Friction is allowed for already. Wrong inertias, a gear that hardens and disturbances "
+            "Friction is allowed for already. Wrong inertias or torque constants, and disturbances "
             "from outside remain."
         )
     share = relative(fit.standard_error, fit.estimate).max()
@@ -117,6 +117,21 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         remedy,
         float(share),
         action,
+    )
+
+
+def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
+    """Hardly more equations than unknowns: nearly any model fits."""
+    fit = evidence.fit
+    _, freedom = fit.fundamental
+    if fit.method in LINEAR or len(set(evidence.frequency_hz.round(6))) == 1 or freedom >= 2 * fit.n:
+        return
+    yield warning(
+        "The records hardly test the model",
+        f"{counted(len(evidence.records), 'record')} give {number(freedom, 2)} equations more than "
+        "there are unknowns: what the model lacks may not show.",
+        "Add records at other frequencies.",
+        0.3,
     )
 
 
