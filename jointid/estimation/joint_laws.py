@@ -33,6 +33,8 @@ _STABLE = 0.1
 """Least slope of a softening spring, over K."""
 _SLACK = 1e-3
 """Least stiffness inside the play, over K, where the damping is zero."""
+_LEAST_ANGLE = 1e-30
+"""Presliding angle of a joint that does not move, rad."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _GEAR = ("K", "D", "cubic", "backlash", "hysteresis", "presliding")
@@ -253,7 +255,7 @@ def _sign(x: Floats) -> Floats:
 def _dahl(delta: Floats, preslide: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = (1 − z sign δ̇)/x, in its periodic steady state; last axis time."""
     step = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
-    decay = np.exp(-np.abs(step) / preslide[..., 0])
+    decay = np.exp(-np.abs(step) / np.maximum(preslide[..., 0], _LEAST_ANGLE))
     drive = np.sign(step) * (1 - decay)
     z, last = np.zeros(step.shape), np.zeros(step.shape[1:])
     for k in range(len(step)):

@@ -68,7 +68,12 @@ class WhitenedResidual:
         return np.asarray(self.at.problem.z - (self.at.CE @ weighted[..., None])[..., 0])
 
     def information(self) -> Floats:
-        """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P).
+        """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P)."""
+        rows = self.heard_columns().reshape(-1, self.at.problem.layout.size)
+        return np.asarray(rows.T @ rows)
+
+    def heard_columns(self) -> Floats:
+        """Jacobian of the rows without harmonics that are within their noise, shape (r, 2Hn, P).
 
         The noise of a harmonic that does not exist would add as much to it as a small signal, and make
         finite what no signal determines.
@@ -79,8 +84,7 @@ class WhitenedResidual:
         heard[:, 0] = True
         W = self.W * heard[..., None, None]
         J = self.at.jacobian(self.smoothed())
-        rows = problem.free.projection(W).rest(real_rows(W @ J)).reshape(-1, problem.layout.size)
-        return np.asarray(rows.T @ rows)
+        return problem.free.projection(W).rest(real_rows(W @ J))
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""
@@ -150,7 +154,7 @@ def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Flo
     size = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(2 * np.maximum(values, 0.0))  # of the inverse normal matrix
-    columns = residual.columns() @ root
+    columns = residual.heard_columns() @ root
     leverage, directions = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
     gradient = (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
     left = np.sqrt(1 - np.clip(leverage, 0.0, _MOST_LEVERAGE))

@@ -121,9 +121,9 @@ def fits_by_pose(
         noise = spring_equations(part, given).noise
         std, shift = prior_shift(fit.method, part, prior, noise, one.covariance)
         covariance = one.elasticity_covariance
-        if fit.method in LINEAR:
+        if fit.method in LINEAR and np.isfinite(shift).all():
             covariance = covariance * max(1.0, one.misfit) + carried_covariance(shift, np.ones(std.size))
-        if not np.isfinite(np.diag(covariance)).all():
+        if not (np.isfinite(np.diag(covariance)).all() and np.isfinite(shift).all()):
             problems.append(f"{pose or 'Records without a pose'}: alone, they do not determine K and D.")
             continue
         names.append(pose or "")

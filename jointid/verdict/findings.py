@@ -11,6 +11,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
+from jointid.uncertainty.prior_rows import prior_rows
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
 from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
@@ -46,6 +47,9 @@ from jointid.wording import enumerated
 
 __all__ = ["Evidence", "Finding", "findings"]
 
+
+_FAR = 8.0
+"""Difference of a fitted from a given inertia, in standard deviations, from which units may be wrong."""
 
 _Rule = Callable[[Evidence], Iterator[Finding]]
 
@@ -97,7 +101,7 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_physical_misfit(judge))
+        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_scale_misfit(judge))
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
@@ -123,6 +127,12 @@ def _best_fit(evidence: Evidence) -> ElasticityFit:
     except JointIdError:
         return evidence.fit
     return best if _physical_misfit(best) < GOOD else evidence.fit
+
+
+def _scale_misfit(fit: ElasticityFit) -> float:
+    """Misfit that decides on the search for wrong units: fitted inertias may absorb a wrong scale."""
+    far = any(abs(row.disagreement or 0.0) > _FAR for row in prior_rows(fit))
+    return max(_physical_misfit(fit), GOOD) if far else _physical_misfit(fit)
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:
