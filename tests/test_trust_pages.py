@@ -70,8 +70,12 @@ def bar(text: str) -> float:
     return float(inside.replace("<", "")) * 10.0 ** int(exponent or 0)
 
 
+SUPERSCRIPTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+
+
 def number(text: str) -> float:
-    return float(text.replace("±", "").replace("−", "-").replace("%", "").split("×")[0])
+    mantissa, _, power = text.replace("±", "").replace("−", "-").replace("%", "").partition("×10")
+    return float(mantissa) * 10.0 ** int(power.translate(SUPERSCRIPTS) or 0)
 
 
 JOINTS = [pytest.param(1, marks=pytest.mark.long), 2, pytest.param(3, marks=pytest.mark.long)]

@@ -121,7 +121,7 @@ def _searched(search: _Search) -> Choice:
     if "friction" in search.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.optional)
     for start in _other_starts(search.phasors, search.prior):
-        other = replace(search, start=start, tried={})
+        other = replace(search, start=start, tried={}, slow_fits=0)
         other.fit(probe, start)
         if other.misfit(probe) < better:
             found = other.best(probe)

@@ -32,6 +32,8 @@ _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
 _PRESLIDING, _PRESLIDING_START = ("presliding", "bristle"), 0.03
 """Presliding deflections and angles, and their start value over the largest deflection or angle."""
+_LEAST_ANGLE = 1e-30
+"""Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
@@ -335,7 +337,7 @@ class Residual:
             shape = problem.laws.presliding(bristle, H)
             columns["motor_presliding"] = -shape
             changed = problem.laws.presliding((1 + _STEP) * bristle, H)
-            columns["bristle"] = -level * (changed - shape) / (_STEP * bristle)
+            columns["bristle"] = -level * (changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE))
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
     def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:

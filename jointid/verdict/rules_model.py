@@ -128,8 +128,8 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
         return
     yield warning(
         "The records hardly test the model",
-        f"{counted(len(evidence.records), 'record')} give {number(freedom, 2)} equations more than "
-        "there are unknowns: what the model lacks may not show.",
+        f"{counted(len(evidence.records), 'record')} give hardly more equations than there are unknowns "
+        f"({number(freedom, 2)} more): what the model lacks may not show.",
         "Add records at other frequencies.",
         0.3,
     )
