@@ -87,18 +87,18 @@ def _of_joints(name: str, n: int) -> list[str]:
 
 def model_name(fit: ElasticityFit) -> str:
     """Return the fitted model: "elasticity", with " + friction", " + delay" and effects where fitted."""
-    return " + ".join(["elasticity", *_extensions(fit)])
+    return " + ".join(["elasticity", *fitted_parts(fit)])
 
 
 def without(fit: ElasticityFit) -> str:
     """Return "without friction and delay", or what else the fit removes from the data, or nothing."""
-    removed = _extensions(fit)
+    removed = fitted_parts(fit)
     if "torque_scale" in fit.parameters.layout:
         removed.append("torque scale error")
     return f"without {enumerated(removed)}" if removed else ""
 
 
-def _extensions(fit: ElasticityFit) -> list[str]:
+def fitted_parts(fit: ElasticityFit) -> list[str]:
     """Names of what was fitted in addition to K, D, inertias and torque scales."""
     found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
     return found + [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]

@@ -110,11 +110,6 @@ def _require_positive_definite(name: str, matrix: Floats) -> None:
         )
 
 
-def arm_inertias(n: int) -> list[tuple[str, int, int]]:
-    """Name, row and column of each element of M2's upper triangle: J_a1, J_12, J_a2, ..."""
-    return [(arm_inertia(i + 1, j + 1), i, j) for i in range(n) for j in range(i, n)]
-
-
 def arm_inertia(i: int, j: int) -> str:
     """Name of an element of M2, joints counted from 1: J_a1, J_12."""
     return f"J_a{i}" if i == j else f"J_{min(i, j)}{max(i, j)}"

@@ -7,7 +7,7 @@ import pytest
 from plants import BAND_HZ, PAPER, SERIAL, campaign, circular, noisy, plant_phasors, random_covariance
 
 from jointid import Inertia, Phasors, identify_elasticity
-from jointid.estimation.likelihood import harmonic_scale, quadratic
+from jointid.estimation.likelihood import Misfit, quadratic
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.uncertainty.chosen_model import fitted_problem
 
@@ -33,7 +33,7 @@ def errors(phasors: Phasors, std: float) -> tuple[np.ndarray, np.ndarray, np.nda
     )
     problem, p = fitted_problem(phasors, fit), fit.parameters.vector
     _, _, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
-    residual = WhitenedResidual.of(problem, p, harmonic_scale(problem, p, normal)[1])
+    residual = WhitenedResidual.of(problem, p, Misfit.at(problem, p, normal).scale)
     C = fit.parameter_covariance
     weight = problem.pull(p)[1]
     wide = widened_covariance(residual, C, (C * weight) @ C)

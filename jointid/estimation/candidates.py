@@ -74,7 +74,7 @@ class Candidate:
     """Number of fitted real numbers, those of free friction included."""
     criterion: float
     """Information criterion, 2 · cost over the best model's misfit + penalty; the smallest is chosen.
-    Infinite where the model was not fitted, or its friction or delay is not significant."""
+    Infinite where the model was not fitted, or a part of it is not significant."""
     chosen: bool
 
 

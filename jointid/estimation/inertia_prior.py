@@ -136,11 +136,6 @@ class InertiaPrior:
         coupled = np.maximum(np.abs(self.lower), _LEAST_COUPLING * size)
         return {"M": self.M, "M2": coupled, "torque_scale": np.ones(self.n)}
 
-    @property
-    def exact(self) -> InertiaPrior:
-        """The same inertias, without uncertainty."""
-        return replace(self, inertia_std=0.0, torque_std=0.0)
-
     def blocks(self) -> dict[str, tuple[Floats, Floats]]:
         """Mean and standard deviation of each uncertain block of the parameter vector."""
         blocks = {}

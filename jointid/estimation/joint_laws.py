@@ -35,6 +35,8 @@ _SLACK = 1e-3
 """Least stiffness inside the play, over K, where the damping is zero."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
+_STEP = 1e-3
+"""Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
 _GEAR = ("K", "D", "cubic", "backlash", "hysteresis", "presliding")
@@ -159,6 +161,11 @@ class JointLaws:
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
         return phasors_of(_dahl(self.angle, bristle[:, None]), H).swapaxes(1, 2)
+
+    def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
+        """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
+        changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
+        return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
 
 
 def _points(H: int) -> int:

@@ -124,7 +124,7 @@ def maximum_likelihood(
     scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, normal = _minimise(problem, p, scale)
-    rank, scale, _ = harmonic_scale(problem, p, normal)
+    scale = Misfit.at(problem, p, normal).scale
     p, normal = _minimise(problem, p, scale)
     fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
@@ -138,8 +138,7 @@ def maximum_likelihood(
         if name in problem.layout:  # a motor that never reverses shows none
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
-    rank, _, fundamental = harmonic_scale(problem, p, normal)
-    seen = determined_by_data(problem, p, normal)
+    misfit = Misfit.at(problem, p, normal)
     by_prior = _prior_part(problem, p, covariance)
     covariance = widened_covariance(fitted, covariance, by_prior)
     return LikelihoodEstimate(
@@ -147,55 +146,58 @@ def maximum_likelihood(
         p=p,
         covariance=covariance,
         prior_covariance=by_prior,
-        cost=WhitenedResidual.of(problem, p, np.ones_like(scale)).cost,
+        cost=misfit.cost,
         penalty=_penalty(problem, p),
-        expected_cost=float(max((problem.rows - rank - seen) / 2, 0.0)),
-        parameter_count=rank + p.size,
+        expected_cost=misfit.expected_cost,
+        parameter_count=misfit.rank + p.size,
         phasors=clean,
         inflation=float(scale[0]),
-        fundamental=fundamental,
+        fundamental=misfit.fundamental,
         inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
     )
 
 
-def determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How far the residual at some parameters exceeds its noise."""
+
+    cost: float
+    """Σ rᴴV⁻¹r."""
+    expected_cost: float
+    """Its expected value: parameters that the data determine and free friction are taken off."""
+    rank: int
+    """Effective degrees of freedom of the free friction."""
+    scale: Floats
+    """Factor on each harmonic's variance, its misfit, at least 1, shape (H,): a harmonic that the model
+    does not explain gets less weight."""
+    fundamental: tuple[float, float]
+    """Misfit of the fundamentals, which the parameters are taken off, and their degrees of freedom."""
+
+    @classmethod
+    def at(cls, problem: Problem, p: Floats, normal: Floats) -> Misfit:
+        """Evaluate the residual at parameters with the normal matrix ``normal``, shape (P, P)."""
+        residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+        rank, determined = residual.projection.rank(), _determined_by_data(problem, p, normal)
+        by_harmonic = residual.misfit_by_harmonic(rank)
+        measured = 2 * float(problem.used.sum(axis=1) @ problem.known[:, 0])
+        measured *= 1 - rank / max(problem.rows, 1)
+        left = measured - determined
+        left = left if left >= 1 else 0.0
+        by_harmonic[0] = by_harmonic[0] * measured / left if left else 1.0
+        return cls(
+            cost=residual.cost,
+            expected_cost=float(max((problem.rows - rank - determined) / 2, 0.0)),
+            rank=rank,
+            scale=np.maximum(1.0, by_harmonic),
+            fundamental=(float(by_harmonic[0]), left),
+        )
+
+
+def _determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
     """Number of parameters that the data determine: P − tr(C B), with the prior's information B."""
     weight, variance = problem.pull(p)[1], np.diag(positive_inverse(normal)) / 2
     by_prior = weight * np.where(weight > 0, variance, 0.0)
     return float(p.size - np.minimum(by_prior, 1.0).sum())
-
-
-def harmonic_scale(
-    problem: Problem, p: Floats, normal: Floats
-) -> tuple[int, Floats, tuple[float, float]]:
-    """Misfit by harmonic.
-
-    Parameters
-    ----------
-    normal : ndarray, shape (P, P)
-        Normal matrix at ``p``.
-
-    Returns
-    -------
-    rank : int
-        Effective degrees of freedom of the free friction.
-    scale : ndarray, shape (H,)
-        Factor on each harmonic's variance, its misfit, at least 1: a harmonic that the model does not
-        explain gets less weight.
-    fundamental : (float, float)
-        Misfit of the fundamentals, and their degrees of freedom: the fitted parameters are taken off
-        them.
-    """
-    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
-    rank = residual.projection.rank()
-    misfit = residual.misfit_by_harmonic(rank)
-    measured = 2 * float(problem.used.sum(axis=1) @ problem.known[:, 0])
-    measured *= 1 - rank / max(problem.rows, 1)
-    left = max(measured - determined_by_data(problem, p, normal), 0.0)
-    left = left if left >= 1 else 0.0
-    fundamental = float(misfit[0] * measured / left) if left else 1.0
-    misfit[0] = fundamental
-    return rank, np.maximum(1.0, misfit), (fundamental, left)
 
 
 @dataclass(frozen=True, eq=False)

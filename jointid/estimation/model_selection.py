@@ -124,7 +124,7 @@ def _searched(search: _Search) -> Choice:
         other = replace(search, start=start, tried={}, slow_fits=0)
         other.fit(probe, start)
         if other.misfit(probe) < better:
-            found = other.best(probe)
+            found = other.best()
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
@@ -166,20 +166,21 @@ class _Search:
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
     slow_fits: int = 0
 
-    def best(self, *first: Model) -> Model:
-        """Grow and prune from the base, or from models that are fitted already."""
+    def best(self) -> Model:
+        """Grow and prune from the base, or from the best model that is fitted already."""
         self.fit(self.base, self.start)
         rubbing = replace(self.base, reversal=0.0)
         if self.misfit(self.base) >= _LOST and "friction" in self.optional:
             self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
-        best = self._least([*first, *self.tried])
+        best = self._least(list(self.tried))
         while len(self.tried) < _MOST_FITS:
             found = [best]
             for wider in self._extensions(best):
-                explained = self.misfit(self._least(found)) < _EXPLAINED < self.misfit(best)
+                leading = self._least(found)
+                explained = self.misfit(leading) < _EXPLAINED < self.misfit(best)
                 if explained and not {*wider.effects}.difference(best.effects).isdisjoint(LAWS):
                     continue
-                if self._least(found).reversal != best.reversal and wider.reversal == best.reversal:
+                if leading.reversal != best.reversal and wider.reversal == best.reversal:
                     continue  # richer friction first: other parts absorb some of it
                 self._fit_wider(wider, best)
                 found.append(self._pruned(wider))
@@ -218,8 +219,7 @@ class _Search:
         if wider in self.tried:
             return
         found = self.tried[narrow]
-        near = isinstance(found, LikelihoodEstimate)
-        if not near or self.misfit(narrow) >= _LOST:
+        if self.misfit(narrow) >= _LOST:
             self.fit(wider, self.start)
         if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
             self.fit(wider, found.named)

@@ -32,10 +32,6 @@ _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
 _PRESLIDING, _PRESLIDING_START = ("presliding", "bristle"), 0.03
 """Presliding deflections and angles, and their start value over the largest deflection or angle."""
-_LEAST_ANGLE = 1e-30
-"""Presliding angle of a joint that does not move, rad."""
-_STEP = 1e-3
-"""Relative change of a presliding angle for its derivative."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
 
@@ -333,11 +329,9 @@ class Residual:
             for c in range(problem.friction.curve.shape[3]):
                 columns[f"curve {c}"] = -problem.friction.curve[..., c]
         if "motor_presliding" in layout and problem.laws is not None:
-            level, bristle, H = p["motor_presliding"], p["bristle"], s.shape[1]
-            shape = problem.laws.presliding(bristle, H)
-            columns["motor_presliding"] = -shape
-            changed = problem.laws.presliding((1 + _STEP) * bristle, H)
-            columns["bristle"] = -level * (changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE))
+            shape = problem.laws.presliding(p["bristle"], s.shape[1])
+            slope = problem.laws.presliding_slope(p["bristle"], shape)
+            columns["motor_presliding"], columns["bristle"] = -shape, -p["motor_presliding"] * slope
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
     def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:

@@ -17,7 +17,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.friction import FrictionWaveforms
-from jointid.estimation.likelihood import harmonic_scale, quadratic
+from jointid.estimation.likelihood import Misfit, quadratic
 from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.noise import Noise
 from jointid.estimation.residual import Problem, Residual, fitted_layout
@@ -192,7 +192,7 @@ def planning_model(
     if fit.method not in LINEAR:
         vector = fit.parameters.vector
         _, _, normal = quadratic(measured, vector, np.ones(measured.s.shape[1]))
-        _, scale, _ = harmonic_scale(measured, vector, normal)
+        scale = Misfit.at(measured, vector, normal).scale
     noise = fit.equations.noise  # weighted as in the estimator
     density = noise.covariance[:, 0] * (phasors.duration_s * noise.inverse_bias)[:, None, None]
     groups = phasors.by_frequency()

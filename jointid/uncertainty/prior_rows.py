@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.parameters import ParameterLayout
@@ -89,6 +90,11 @@ def prior_rows(fit: ElasticityFit, poses: Sequence[str] = ()) -> tuple[PriorRow,
             name = block.labels[element] + _suffix(prior, block.name, pose, poses)
             rows.append(PriorRow(name, unit, a, a_std, b, b_std, is_fitted))
     return tuple(rows)
+
+
+def disagreements(fit: ElasticityFit) -> Floats:
+    """Disagreement of every fitted value with the given one, in standard deviations of the latter."""
+    return np.array([abs(row.disagreement or 0.0) for row in prior_rows(fit)])
 
 
 def _suffix(prior: InertiaPrior, block: str, index: int, poses: Sequence[str]) -> str:

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.answer import fitted_parts
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
-from jointid.uncertainty.prior_rows import prior_rows
+from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
 from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
@@ -131,8 +131,8 @@ def _best_fit(evidence: Evidence) -> ElasticityFit:
 
 def _scale_misfit(fit: ElasticityFit) -> float:
     """Misfit that decides on the search for wrong units: fitted inertias may absorb a wrong scale."""
-    far = any(abs(row.disagreement or 0.0) > _FAR for row in prior_rows(fit))
-    return max(_physical_misfit(fit), GOOD) if far else _physical_misfit(fit)
+    misfit = _physical_misfit(fit)
+    return max(misfit, GOOD) if np.any(disagreements(fit) > _FAR) else misfit
 
 
 def _physical_misfit(fit: ElasticityFit) -> float:
@@ -144,9 +144,7 @@ def _all_well(fit: ElasticityFit) -> Finding:
     errors = ", ".join(
         f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)
     )
-    fitted = (("friction", fit.friction), ("delay", fit.delay))
-    beyond = [name for name, part in fitted if part is not None]
-    beyond += [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
+    beyond = fitted_parts(fit)
     parts = " with " + enumerated(beyond) if beyond else ""
     return good(
         "The model explains the data",

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from jointid.estimation.effects import EFFECTS
+from jointid.answer import EFFECT_PARAMETERS, effect_values
 from jointid.rounding import with_error
 from jointid.verdict.evidence import Evidence, Finding, note
 
@@ -40,21 +38,18 @@ _REMEDIES = {
     "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
 }
-"""Title and remedy by effect."""
+"""Title and remedy by effect, that is by its first parameter."""
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Every effect that the chosen model has, with its size."""
-    parameters = evidence.fit.parameters
-    error = np.sqrt(np.diag(evidence.fit.parameter_covariance))
-    for name, effect in EFFECTS.items():
-        if name not in parameters.layout:
+    for name, (sizes, errors) in effect_values(evidence.fit).items():
+        if name not in _REMEDIES:
             continue
-        label, unit = effect.parameters[name]
-        sizes = zip(parameters[name], error[parameters.layout[name]], strict=True)
+        label, unit = EFFECT_PARAMETERS[name]
         values = ", ".join(
-            f"{with_error(float(value), float(sigma))} (joint {j})"
-            for j, (value, sigma) in enumerate(sizes, start=1)
+            f"{with_error(float(size), float(error))} (joint {j})"
+            for j, (size, error) in enumerate(zip(sizes, errors, strict=True), start=1)
         )
         title, remedy = _REMEDIES[name]
         detail = f"{label[:1].upper()}{label[1:]}: {values} {unit}".rstrip()

@@ -13,7 +13,7 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
-from jointid.uncertainty.prior_rows import PriorRow, prior_rows
+from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
 from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, some, warning
 from jointid.verdict.plausibility import low_frequency_inertia
@@ -87,7 +87,7 @@ def _significance(row: PriorRow, exact: bool) -> float:
 def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
     """Inertias or torques of two joints exchanged, or an axis that runs backwards."""
     fit = evidence.fit
-    if fit.n == 1 or (fit.misfit <= _EXPLAINED and not _disagrees(fit)):
+    if fit.n == 1 or (fit.misfit <= _EXPLAINED and not np.any(disagreements(fit) > CLEAR)):
         return
     as_given = _misfit(evidence, list(evidence.inertias), np.arange(fit.n))
     tried = []
@@ -125,10 +125,6 @@ def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _disagrees(fit: ElasticityFit) -> bool:
-    return any(abs(row.disagreement or 0.0) > CLEAR for row in prior_rows(fit))
-
-
 def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> float:
     """Misfit of the chosen friction and delay with other inertias or another order of the torques."""
     phasors, n = evidence.phasors, evidence.fit.n
@@ -152,9 +148,7 @@ def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> f
         )
     except JointIdError:
         return np.inf
-    return estimate.misfit + float(
-        np.sum([(row.disagreement or 0.0) ** 2 for row in prior_rows(estimate)])
-    )
+    return estimate.misfit + float(np.square(disagreements(estimate)).sum())
 
 
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
