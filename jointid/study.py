@@ -15,7 +15,7 @@ from jointid.estimation.elasticity import ElasticityFit, identify_each
 from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors, extract_phasors
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
@@ -39,11 +39,11 @@ def answer_state(levels: Iterable[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Sine records of one robot, with its rigid-body inertias.
+    """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
     Parameters
     ----------
-    records : sequence of SineRecord
+    records : sequence of SineRecord and MotionRecord
         At least one; all with the joints of ``inertia``.
     inertia : Inertia
         Motor side, for records without a pose.
@@ -73,7 +73,7 @@ class Study:
         date no date.
     """
 
-    records: tuple[SineRecord, ...]
+    records: tuple[SineRecord | MotionRecord, ...]
     inertia: Inertia
     nominal: Elasticity | None = None
     name: str = ""
@@ -89,9 +89,9 @@ class Study:
         if not isinstance(self.inertia, Inertia):
             raise JointIdError(f"inertia: expected an Inertia, got {self.inertia!r:.80}.")
         if not isinstance(self.records, Sequence) or not self.records:
-            raise JointIdError("The study holds no records: add at least one sine experiment.")
-        if not all(isinstance(record, SineRecord) for record in self.records):
-            raise JointIdError("records: expected SineRecord values only.")
+            raise JointIdError("The study holds no records: add at least one experiment.")
+        if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
+            raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
         object.__setattr__(self, "poses", MappingProxyType(dict(self.poses)))
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
@@ -124,9 +124,19 @@ class Study:
                     f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
 
+    @property
+    def sine_records(self) -> tuple[SineRecord, ...]:
+        """The sines among the records."""
+        return tuple(record for record in self.records if isinstance(record, SineRecord))
+
+    @property
+    def motion_records(self) -> tuple[MotionRecord, ...]:
+        """The records of any other motion."""
+        return tuple(record for record in self.records if isinstance(record, MotionRecord))
+
     def of_pose(self, pose: str) -> np.ndarray:
-        """Which records were measured in a pose, shape (r,); "" means those without one."""
-        return np.array([(record.pose or "") == pose for record in self.records])
+        """Which sine records were measured in a pose, shape (r,); "" means those without one."""
+        return np.array([(record.pose or "") == pose for record in self.sine_records], dtype=bool)
 
     @property
     def inertias(self) -> Sequence[Inertia]:

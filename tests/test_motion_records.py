@@ -1,0 +1,189 @@
+"""Records of any motion: simulated, saved, loaded, analysed and shown."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from examples import examples
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jointid import (
+    Controller,
+    Elasticity,
+    Inertia,
+    JointIdError,
+    Motion,
+    MotionRecord,
+    MotorFriction,
+    SineRecord,
+    Study,
+    load_study,
+    motor_response,
+    save_study,
+    simulate_motion,
+)
+from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
+from jointid.simulation.motion import KINDS
+
+ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
+SPRINGS = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
+CONTROL = Controller(sample_rate_hz=500.0)
+
+
+def moved(kind: str, **settings: Any) -> tuple[MotionRecord, ...]:
+    shape = {"duration_s": 6.0, "from_hz": 3.0, "to_hz": 30.0} | settings
+    return simulate_motion(ROBOT, SPRINGS, Motion(kind, **shape), controller=CONTROL, seed=3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_simulated_motions_keep_their_limits_and_move_every_joint(kind: str) -> None:
+    first, second = moved(kind, position_rad=0.2, velocity_rad_s=4.0, acceleration_rad_s2=150.0)
+    for record in (first, second):
+        velocity = np.diff(record.theta_rad, axis=0) / record.interval_s
+        # The controlled joint follows its reference to a factor of about two near its bandwidth.
+        assert np.all(np.abs(record.theta_rad).max(axis=0) < 0.4)
+        assert np.all(np.abs(velocity).max(axis=0) < 8.0)
+        assert np.all(np.std(velocity, axis=0) > 0.2)
+    assert np.abs(first.theta_rad - second.theta_rad).max() > 0.05
+    np.testing.assert_array_equal(
+        first.tau_Nm,
+        moved(kind, position_rad=0.2, velocity_rad_s=4.0, acceleration_rad_s2=150.0)[0].tau_Nm,
+    )
+
+
+def test_a_multisine_gives_the_transfer_matrix_of_the_robot_at_its_lines() -> None:
+    """Periodic in the steady state: without noise, DFTs of one period obey H exactly."""
+    records = moved("multisine")
+    period = records[0].samples // 4
+    Q, T = (
+        np.stack([np.fft.rfft(getattr(r, name)[:period], axis=0) for r in records], axis=-1)
+        for name in ("theta_rad", "tau_Nm")
+    )
+    again = np.fft.rfft(records[0].theta_rad[-period:], axis=0)
+    np.testing.assert_allclose(again, Q[:, :, 0], atol=2e-4 * np.abs(Q).max())
+    line = np.arange(5, 40)  # 3.3-26 Hz
+    omega = 2 * np.pi * line / (period * records[0].interval_s)
+    held = (1 - np.exp(-1j * omega / 500)) / (1j * omega / 500)  # the held torque's own transform
+    H = -(omega**2)[:, None, None] * Q[line] @ np.linalg.inv(held[:, None, None] * T[line])
+    expected = motor_response(omega, ROBOT, SPRINGS)
+    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    assert np.abs(H - expected).max(axis=(1, 2)).max() < 0.01 * scale.max()
+
+
+def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
+    smooth = moved("multisine", odd=True)[0]
+    period = smooth.samples // 4
+    spectrum = np.abs(np.fft.rfft(smooth.tau_Nm[:, 0]))[::4][: period // 2]
+    inside = np.arange(5, 45)
+    strong = spectrum[inside] > 0.02 * spectrum[inside].max()
+    assert not strong[inside % 2 == 0].any()
+    assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
+
+
+def test_friction_acts_in_a_simulated_motion() -> None:
+    plain = moved("random")[0]
+    motion = Motion("random", duration_s=6.0, from_hz=3.0, to_hz=30.0)
+    rough = simulate_motion(
+        ROBOT, SPRINGS, motion, controller=CONTROL, friction=MotorFriction(coulomb=[0.4, 0.08]), seed=3
+    )[0]
+    velocity = np.gradient(rough.theta_rad[:, 0])
+    extra = (rough.tau_Nm - plain.tau_Nm)[:, 0]
+    assert np.mean(extra * velocity) > 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "chirp"}, "expected sweep, multisine, random, moves"),
+        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "give a band"),
+        ({"kind": "random", "duration_s": 0.5}, "Record longer, or raise from_hz"),
+    ],
+)
+def test_impossible_motions_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        Motion(**settings)
+
+
+def table(seed: int, n: int, samples: int = 40) -> dict[str, np.ndarray]:
+    source = np.random.default_rng(seed)
+    time = np.cumsum(source.uniform(0.5, 1.5, samples)) * 1e-2
+    return {"time_s": time} | {k: source.normal(size=(samples, n)) for k in ("theta_rad", "tau_Nm")}
+
+
+@examples(30)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 3),
+    sensors=st.sampled_from(["none", "first", "all"]),
+    band=st.sampled_from([None, (2.5, 38.0), (0.0, 1 / 3)]),
+    start=st.sampled_from([None, 0.1]),
+    form=st.sampled_from(["csv", "parquet"]),
+)
+def test_a_study_of_sines_and_motions_comes_back_bit_for_bit(
+    seed: int, n: int, sensors: str, band: tuple[float, float] | None, start: float | None, form: Any
+) -> None:
+    values = table(seed, n)
+    arm = None
+    if sensors != "none":
+        arm = values["theta_rad"] / 100
+        arm[:, 1 if sensors == "first" else n :] = np.nan
+    motion = MotionRecord(**values, arm_rad=arm, band_hz=band, start_s=start, torque_hold=True)
+    sine = SineRecord(5.0, **table(seed + 1, n))
+    study = Study((motion, sine), Inertia(np.ones(n), np.eye(n)))
+    assert len(study.sine_records) == len(study.motion_records) == 1
+    packed = pack_study(study, record_format=form)
+    again = load_study(packed)
+    assert isinstance(again.records[0], MotionRecord)
+    assert isinstance(again.records[1], SineRecord)
+    for name in ("time_s", "theta_rad", "tau_Nm", "arm_rad", "band_hz", "start_s", "torque_hold"):
+        np.testing.assert_array_equal(getattr(again.records[0], name), getattr(motion, name))
+    assert pack_study(again, record_format=form) == packed
+    changed = {"band_hz": (1.0, 2.0)} if band is None else {"band_hz": None}
+    fields = {k: getattr(motion, k) for k in (*values, "arm_rad", "start_s", "torque_hold")}
+    other = Study((MotionRecord(**fields, **changed), sine), study.inertia)
+    assert len({study_digest(s) for s in (study, other)}) == 2
+
+
+HEADER = "time_s,theta_m1_rad,tau_m1_Nm,theta_a1_rad"
+ROWS = "\n".join(f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(40))
+
+
+def one_motion(rows: str = ROWS, header: str = HEADER, keys: str = "") -> bytes:
+    toml = f'format = 1\n[inertia]\nM = [1.0]\nM2 = [[2.0]]\n[[records]]\nfile = "a.csv"\n{keys}'
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("study.toml", toml)
+        archive.writestr("a.csv", f"{header}\n{rows}")
+    return file.getvalue()
+
+
+def test_arm_columns_are_read_into_arm_rad(tmp_path: Path) -> None:
+    record = load_study(one_motion(keys="band_hz = [2, 38]")).motion_records[0]
+    assert record.band_hz == (2.0, 38.0)
+    assert record.arm_rad is not None
+    np.testing.assert_array_equal(record.arm_rad[:, 0], np.arange(40) % 3)
+    save_study(load_study(one_motion()), tmp_path / "copy")
+    assert (tmp_path / "copy" / "records" / "01.csv").read_text().startswith(HEADER)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (one_motion(ROWS.replace("0.07,0,2,1", "0.07,0,2,x")), r"a.csv, line 9, column theta_a1_rad"),
+        (one_motion(header=HEADER.replace("a1", "a2")), "column theta_a2_rad, but the inertia"),
+        (one_motion(keys="band_hz = [2, 60]"), r"a.csv: band_hz = \[2, 60\] Hz reaches half"),
+        (one_motion(keys="band_hz = 2"), "band_hz"),
+        (one_motion(keys="band_hz = [2, 9]\nfrequency_hz = 3.0"), "without frequency_hz"),
+        (one_motion("\n".join(ROWS.split("\n")[:9])), "a.csv: A motion record needs at least 16"),
+    ],
+)
+def test_faults_of_motion_records_are_named(made: bytes, message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        load_study(made)
