@@ -16,6 +16,7 @@ from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import MotionRecord, SineRecord
+from jointid.rounding import plain, significant
 from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
@@ -134,6 +135,23 @@ class Study:
         """The records of any other motion."""
         return tuple(record for record in self.records if isinstance(record, MotionRecord))
 
+    @property
+    def facts(self) -> list[str]:
+        """Contents in words: joints, records, frequencies, motions and poses."""
+        sines, motions = self.sine_records, self.motion_records
+        facts = [counted(self.inertia.n, "joint"), counted(len(self.records), "record")]
+        if sines:
+            f = sorted({record.frequency_hz for record in sines})
+            facts += [counted(len(f), "frequency"), f"{plain(round(f[0], 3))} Hz"]
+            if f[-1] > f[0] * 1.001:
+                facts[-1] = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
+        if motions:
+            seconds = sum(record.samples * record.interval_s for record in motions)
+            facts.append(f"{counted(len(motions), 'motion')} of {significant(seconds, 3)} s")
+        if len(poses := {record.pose for record in self.records}) > 1:
+            facts.append(counted(len(poses), "pose"))
+        return facts
+
     def of_pose(self, pose: str) -> np.ndarray:
         """Which sine records were measured in a pose, shape (r,); "" means those without one."""
         return np.array([(record.pose or "") == pose for record in self.sine_records], dtype=bool)
@@ -241,7 +259,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
 def _analyse(study: Study, method: str) -> Analysis:
     _require_torques(study)
-    phasors = extract_phasors(study.records)
+    phasors = extract_phasors(study.sine_records)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
     fits = identify_each(phasors, study.prior, [method, "weighted", "least-squares", "explicit"])
     freed, _ = _transfer_matrices(study, fits[method].phasors)
@@ -255,7 +273,7 @@ def _analyse(study: Study, method: str) -> Analysis:
         fits=MappingProxyType(fits),
         findings=findings(
             Evidence(
-                records=study.records,
+                records=study.sine_records,
                 inertias=study.inertias,
                 phasors=phasors,
                 fit=fits[method],

@@ -38,7 +38,7 @@ def plan(
     velocity = numbers(velocity_limit) if velocity_limit else None
     known = loaded(study)
     with status("Planning", quiet=as_json):
-        phasors = extract_phasors(known.records)
+        phasors = extract_phasors(known.sine_records)
         fit = identify_elasticity(
             phasors,
             known.inertias,

@@ -35,7 +35,9 @@ def phasor_table(analysis: Analysis) -> str:
     values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, -1)
     rows = (
         [label, record.pose or "", record.frequency_hz, *row]
-        for label, record, row in zip(p.labels, analysis.study.records, values.tolist(), strict=True)
+        for label, record, row in zip(
+            p.labels, analysis.study.sine_records, values.tolist(), strict=True
+        )
     )
     return _csv(header, rows)
 
