@@ -18,6 +18,7 @@ from jointid import (
     Elasticity,
     Inertia,
     JointIdError,
+    Measurement,
     Motion,
     MotionRecord,
     MotorFriction,
@@ -30,6 +31,8 @@ from jointid import (
 )
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
+from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
+from jointid.importing.map.mapped_log import MappedLog
 from jointid.simulation.motion import KINDS
 
 ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
@@ -187,3 +190,66 @@ def test_arm_columns_are_read_into_arm_rad(tmp_path: Path) -> None:
 def test_faults_of_motion_records_are_named(made: bytes, message: str) -> None:
     with pytest.raises(JointIdError, match=message):
         load_study(made)
+
+
+def log_of(record: MotionRecord, **changes: Any) -> MappedLog:
+    fields = {name: getattr(record, name) for name in ("time_s", "theta_rad", "tau_Nm")}
+    return MappedLog(**(fields | changes), torque_hold=True, name="log.csv")
+
+
+REAL = {
+    "controller": Controller(sample_rate_hz=500.0),
+    "friction": MotorFriction(coulomb=[0.05, 0.01], step_s=1e-3),
+    "measurement": Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_of_any_motion_becomes_a_motion_record_with_its_band(kind: str) -> None:
+    motion = Motion(kind, 3.0, 30.0, 12.0)
+    record = simulate_motion(ROBOT, SPRINGS, motion, records=1, seed=5, **REAL)[0]
+    runs = find_runs(log_of(record))
+    assert len(runs) == 1
+    assert runs[0].is_motion
+    assert runs[0].stop_s - runs[0].start_s > 10
+    low, high = runs[0].band_hz or (0, 0)
+    assert low < 4
+    if kind != "moves":
+        assert 27 < high < 40
+    made = study_from_logs([log_of(record)], [runs], ROBOT).motion_records
+    assert len(made) == 1
+    assert made[0].torque_hold
+    assert made[0].band_hz == runs[0].band_hz
+
+
+@pytest.mark.parametrize("seconds", [12.0, 30.0])
+def test_sweeps_do_not_become_steady_sines(seconds: float) -> None:
+    record = simulate_motion(
+        ROBOT, SPRINGS, Motion("sweep", 3.0, 30.0, seconds), records=1, seed=1, **REAL
+    )[0]
+    assert not find_segments(log_of(record))
+
+
+def test_long_rests_separate_motions_and_noise_is_none() -> None:
+    record = simulate_motion(ROBOT, SPRINGS, Motion("random", 3.0, 30.0, 8.0), seed=2, **REAL)[0]
+    count = record.samples
+    noise = np.random.default_rng(0).normal(size=(2 * count, 2)) * [1e-5, 2e-2]
+    theta, tau = (np.zeros((2 * count + 2500, 2)) for _ in range(2))
+    for begin in (0, count + 2500):
+        theta[begin : begin + count], tau[begin : begin + count] = record.theta_rad, record.tau_Nm
+    theta += 1e-5 * np.random.default_rng(1).normal(size=theta.shape)
+    time = np.arange(len(theta)) / 500.0
+    runs = find_runs(log_of(record, time_s=time, theta_rad=theta, tau_Nm=tau))
+    assert [round(run.start_s) for run in runs] == [0, 13]
+    quiet = log_of(record, time_s=time[: 2 * count], theta_rad=noise[:, :1], tau_Nm=noise[:, 1:])
+    found = find_runs(quiet)
+    assert not found
+    assert "not coherent" in found.notes[-1]
+
+
+def test_a_marked_span_of_motion_is_measured_as_motion() -> None:
+    record = simulate_motion(ROBOT, SPRINGS, Motion("random", 3.0, 30.0, 12.0), seed=2, **REAL)[0]
+    run = measure_run(log_of(record), 2.0, 9.0)
+    assert run.is_motion
+    assert (run.start_s, run.stop_s) == (2.0, 9.0)
+    assert measure_run(log_of(record), 2.0, 9.0, 5.0).lines_hz == (5.0,)

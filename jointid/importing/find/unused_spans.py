@@ -119,14 +119,14 @@ def unused_spans(
     """
     covered = [*((s.start_s, s.stop_s) for s in segments), *sweeps]
     reasons: dict[str, list[tuple[float, float]]] = {}
-    for begin, end in _moving(log):
+    for begin, end in moving_spans(log):
         for first, last in _uncovered(begin, end, covered):
             if last - first >= _MIN_SPAN_S:
                 reasons.setdefault(_reason(log, first, last), []).append((first, last))
     return [f"{_listed_times(spans)}: {why}" for why, spans in reasons.items()]
 
 
-def _moving(log: MappedLog) -> list[tuple[float, float]]:
+def moving_spans(log: MappedLog) -> list[tuple[float, float]]:
     """Spans in which a position or torque moves, without drift, as strongly as in runs."""
     length = max(8, round(_BLOCK_S / log.interval_s))
     count = len(log.time_s) // length
