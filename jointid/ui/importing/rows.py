@@ -25,10 +25,10 @@ class Row:
     frequency_hz: float | None = None
     """None: to be estimated."""
     use: bool = True
-    motion: bool = False
-    """Any motion, not a sine."""
     found: Segment | None = None
     """The segment itself as long as nothing of it was changed."""
+    motion: bool = False
+    """Any motion, not a sine."""
 
 
 def last_rows() -> dict[str, list[Row]]:
