@@ -52,6 +52,7 @@ FLOORS = [
     ["small_matrices", "background"],
     ["records", "joints"],
     ["phasors", "simulation"],
+    ["motion"],
     ["transfer_matrix"],
     ["estimation"],
     ["answer", "uncertainty"],

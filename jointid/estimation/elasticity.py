@@ -282,7 +282,7 @@ def _identified(
     if isinstance(choice.estimate, LikelihoodEstimate):
         inertias = list(choice.estimate.inertias)
         equations = spring_equations(choice.estimate.phasors, inertias, noise=equations.noise)
-        return _likelihood_fit(method, choice, choice.estimate, equations, prior)
+        return likelihood_fit(method, choice, choice.estimate, equations, prior)
     if method == "auto":  # a fit with a large misfit lets the verdict name the cause
         fit = _linear_fit("weighted", linear, equations, phasors, prior)
         return replace(fit, candidates=choice.candidates)
@@ -305,13 +305,14 @@ def _linear_fit(
     return replace(fit, covariance=whole, parameter_covariance=whole, prior_error=by_prior_error)
 
 
-def _likelihood_fit(
+def likelihood_fit(
     method: str,
     choice: Choice,
     estimate: LikelihoodEstimate,
     equations: SpringEquations,
     prior: InertiaPrior,
 ) -> ElasticityFit:
+    """Result of a chosen model, from joint equations with the compensated phasors."""
     layout, p = estimate.layout, estimate.named
     error = np.sqrt(np.diag(estimate.covariance))
     fit = replace(
@@ -325,7 +326,7 @@ def _likelihood_fit(
     )
     fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
-        share = 4 / np.pi * np.abs(p.coulomb) / np.median(np.abs(estimate.phasors.tau), axis=0)
+        share = 4 / np.pi * np.abs(p.coulomb) / np.median(estimate.phasors.torque_size, axis=0)
         floor = np.concatenate([_UNSEEN_K * share * fit.K, _UNSEEN_D * share * fit.D])
         fit = replace(
             fit,

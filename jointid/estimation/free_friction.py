@@ -38,6 +38,20 @@ class FreeFriction:
             groups.append((records, padded))
         return cls(tuple(groups))
 
+    def with_columns(self, records: np.ndarray, columns: Complexes) -> FreeFriction:
+        """Put columns (m, H, n, k) of some records (m,) before their waveforms."""
+        place = np.full(1 + max(records.max(initial=0), *(g.max() for g, _ in self.groups), 0), -1)
+        place[records] = np.arange(records.size)
+        groups, left = [], np.ones(records.size, bool)
+        for members, shapes in self.groups:
+            own = place[members]
+            before = np.where((own >= 0)[:, None, None, None], columns[own], 0)
+            groups.append((members, np.concatenate([before, shapes], axis=3)))
+            left[own[own >= 0]] = False
+        if left.any():
+            groups.append((records[left], columns[left]))
+        return FreeFriction(tuple(groups))
+
     @property
     def shapes(self) -> int:
         """Number of waveforms; their rank may be smaller."""
@@ -46,10 +60,7 @@ class FreeFriction:
     def projection(self, W: Complexes) -> Projection:
         """Return the projection for the whitening matrices W, shape (r, H, n, n)."""
         return Projection(
-            tuple(
-                (records, shapes[:, 0], *_whitened(shapes, W[records]))
-                for records, shapes in self.groups
-            )
+            tuple((records, shapes, *_whitened(shapes, W[records])) for records, shapes in self.groups)
         )
 
 
@@ -58,7 +69,7 @@ class Projection:
     """Projection of whitened rows onto the complement of the free waveforms."""
 
     groups: tuple[tuple[np.ndarray, Complexes, Floats, Floats, Floats], ...]
-    """Records, fundamentals of their waveforms (g, n, k), whitened waveforms of unit length (g, m, k),
+    """Records, their waveforms (g, H, n, k), whitened waveforms of unit length (g, m, k),
     their length (g, k) and their Gram matrix (g, k, k)."""
 
     def rest(self, rows: Floats) -> Floats:
@@ -70,6 +81,15 @@ class Projection:
             left[records] -= free @ _sizes(free, gram, left[records])
         return left
 
+    def first_sizes(self, rows: Floats, count: int) -> Floats:
+        """Amplitudes of the first waveforms fitted to the rows (r, 2Hn, 1), shape (r, count)."""
+        found = np.zeros((len(rows), count))
+        for records, _, free, length, gram in self.groups:
+            size = _sizes(free, gram, rows[records])[..., 0] / np.where(length > 0, length, np.inf)
+            part = size[:, :count]
+            found[records[:, None], np.arange(part.shape[1])] = part
+        return found
+
     def rank(self) -> int:
         """Effective degrees of freedom of the free friction: the trace of its projection."""
         found = 0.0
@@ -78,14 +98,12 @@ class Projection:
             found += float(np.trace(np.linalg.solve(gram, bare), axis1=1, axis2=2).sum())
         return round(found)
 
-    def fundamental(self, rows: Floats) -> Complexes | float:
-        """Fundamental of the free friction fitted to the rows (r, 2Hn, 1), shape (r, n)."""
-        if not self.groups:
-            return 0.0
-        found = np.zeros((len(rows), self.groups[0][1].shape[1]), complex)
-        for records, first, free, length, gram in self.groups:
+    def explained(self, rows: Floats, harmonics: int) -> Complexes:
+        """Free friction fitted to the rows (r, 2Hn, 1), shape (r, H, n)."""
+        found = np.zeros((len(rows), harmonics, rows.shape[1] // (2 * harmonics)), complex)
+        for records, shapes, free, length, gram in self.groups:
             size = _sizes(free, gram, rows[records])[..., 0] / np.where(length > 0, length, np.inf)
-            found[records] = np.einsum("rnk,rk->rn", first, size)
+            found[records] = np.einsum("rhnk,rk->rhn", shapes, size)
         return found
 
 

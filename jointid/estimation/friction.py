@@ -15,8 +15,9 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import FreeFriction
-from jointid.estimation.periods import phasors_of, samples_of, waves
+from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
+from jointid.phasors.periods import phasors_of, samples_of, waves
 
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
@@ -63,6 +64,8 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     curve : bool, default False
         Whether friction varies nonlinearly with speed (Stribeck curve, gradual sign change).
     """
+    if phasors.motion.any():
+        return _with_segments(phasors, window, curve)
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
@@ -90,6 +93,31 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
             fades = signs * np.nan_to_num(np.exp(-np.abs(velocity) / width))
         fading[..., c] = phasors_of(fades, H).swapaxes(1, 2)
     return FrictionWaveforms(coulomb, fading, free, stationary)
+
+
+def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWaveforms:
+    """Waveforms of sines and of segments of motion records."""
+    (r, H, _), n = phasors.harmonics.shape, phasors.n
+    segments = {k: each for k, each in enumerate(phasors.segments) if each is not None}
+    sines = np.flatnonzero(~phasors.motion)
+    largest = np.max([np.abs(each.velocity).max(axis=1) for each in segments.values()], axis=0)
+    widths = np.outer(largest, _WIDTHS if curve else ())
+    coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
+    stationary = np.zeros((r, n), bool)
+    shapes = [np.zeros((H, n, 0), complex)] * r
+    if sines.size:
+        own = friction_waveforms(phasors.select(sines), window, curve=curve)
+        coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
+        for members, columns in own.free.groups:
+            for record, column in zip(members.tolist(), columns, strict=True):
+                shapes[sines[record]] = column
+    for row, segment in segments.items():
+        found = segment_friction(segment, window, widths)
+        coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
+        stationary[row] = found.stationary
+        shapes[row] = np.zeros((H, n, found.free.shape[2]), complex)
+        shapes[row][: segment.highest] = found.free
+    return FrictionWaveforms(coulomb, fading, FreeFriction.of(shapes), stationary)
 
 
 def _freed(

@@ -112,6 +112,10 @@ class InertiaPrior:
         """Prior of other inertias or records, shape (records, joints), as uncertain as this one."""
         return InertiaPrior.of(inertia, *shape, inertia_std=self.inertia_std, torque_std=self.torque_std)
 
+    def of_rows(self, records: np.ndarray) -> InertiaPrior:
+        """Prior with one row for each index of a record, shape (rows,)."""
+        return replace(self, rotor=self.rotor[records], pose=self.pose[records])
+
     @property
     def n(self) -> int:
         """Number of joints."""

@@ -124,11 +124,22 @@ def maximum_likelihood(
     scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, normal = _minimise(problem, p, scale)
-    scale = Misfit.at(problem, p, normal).scale
+    first = Misfit.at(problem, p, normal)
+    scale = first.scale
     p, normal = _minimise(problem, p, scale)
     fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
-    clean = replace(phasors, q=q, tau=tau, covariance=phasors.harmonic_covariance[:, 0])
+    harmonics = phasors.harmonics
+    if problem.ends is not None:  # of motions, every bin is a phasor of its own
+        found = np.where(problem.known[..., None], np.concatenate([q, tau], axis=2), 0)
+        harmonics = np.where(phasors.motion[:, None, None], found, harmonics)
+    clean = replace(
+        phasors,
+        q=q[:, 0],
+        tau=tau[:, 0],
+        covariance=phasors.harmonic_covariance[:, 0],
+        harmonics=harmonics,
+    )
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
@@ -151,7 +162,7 @@ def maximum_likelihood(
         expected_cost=misfit.expected_cost,
         parameter_count=misfit.rank + p.size,
         phasors=clean,
-        inflation=float(scale[0]),
+        inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
         inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
     )
@@ -168,7 +179,7 @@ class Misfit:
     rank: int
     """Effective degrees of freedom of the free friction."""
     scale: Floats
-    """Factor on each harmonic's variance, its misfit, at least 1, shape (H,): a harmonic that the model
+    """Factor on each harmonic's variance, its misfit, at least 1, (r, H): a harmonic that the model
     does not explain gets less weight."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, which the parameters are taken off, and their degrees of freedom."""
@@ -179,17 +190,20 @@ class Misfit:
         residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
         rank, determined = residual.projection.rank(), _determined_by_data(problem, p, normal)
         by_harmonic = residual.misfit_by_harmonic(rank)
-        measured = 2 * float(problem.used.sum(axis=1) @ problem.known[:, 0])
-        measured *= 1 - rank / max(problem.rows, 1)
+        main = problem.main
+        rows = 2 * problem.by_group(problem.used.sum(axis=1)[:, None] * problem.known)[main]
+        rows *= 1 - rank / max(problem.rows, 1)
+        measured = float(rows.sum())
         left = measured - determined
         left = left if left >= 1 else 0.0
-        by_harmonic[0] = by_harmonic[0] * measured / left if left else 1.0
+        by_harmonic[main] = by_harmonic[main] * measured / left if left else 1.0
+        fundamental = float(by_harmonic[main] @ rows) / measured if measured else 1.0
         return cls(
             cost=residual.cost,
             expected_cost=float(max((problem.rows - rank - determined) / 2, 0.0)),
             rank=rank,
-            scale=np.maximum(1.0, by_harmonic),
-            fundamental=(float(by_harmonic[0]), left),
+            scale=np.maximum(1.0, by_harmonic)[problem.group],
+            fundamental=(fundamental, left),
         )
 
 

@@ -101,6 +101,8 @@ def choose_model(
         effects = [name for name in EFFECTS if gear == "auto" or name not in GEAR_LAWS]
         if np.any(phasors.drift):  # a superposed motion that does not reverse
             effects.remove("motor_presliding")
+        if phasors.motion.any():
+            effects = [name for name in effects if name not in LAWS]
         optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
     base = Model(0.0 if friction else None, delay)
     return _searched(_Search(phasors, prior, linear, noise, base, tuple(optional)))
@@ -135,10 +137,37 @@ def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
     layout, starts = ParameterLayout.of(phasors.n), []
     for share in (0.5, 1.0, 0.0):
-        omega = float(np.quantile(phasors.omega, share))
+        omega = float(np.quantile(phasors.excited, share))
         K = own * omega**2
         starts.append(layout.named(layout.pack(K=K, D=0.05 * K / omega)))
     return starts
+
+
+def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
+    """Friction waveforms of a model; None without friction."""
+    if model.reversal is None:
+        return None
+    return friction_waveforms(phasors, model.reversal, curve=model.curve)
+
+
+def fit_model(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    start: Floats | Parameters,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> LikelihoodEstimate:
+    """Fit one model; its friction waveforms may be given."""
+    return maximum_likelihood(
+        phasors,
+        prior,
+        start,
+        friction=waveforms or model_waveforms(phasors, model),
+        delay=model.delay,
+        effects=model.effects,
+        noise=noise,
+    )
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -163,7 +192,7 @@ class _Search:
     optional: tuple[str, ...]
     """The others: "friction", "delay" and keys of ``EFFECTS``."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
-    waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
+    waveforms: dict[tuple[float | None, bool], FrictionWaveforms | None] = field(default_factory=dict)
     slow_fits: int = 0
 
     def best(self) -> Model:
@@ -199,15 +228,8 @@ class _Search:
                 return
             self.slow_fits += 1
         try:
-            estimate = maximum_likelihood(
-                self.phasors,
-                self.prior,
-                start,
-                friction=self._waveforms(model),
-                delay=model.delay,
-                effects=model.effects,
-                noise=self.noise,
-            )
+            waveforms = self._waveforms(model)
+            estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
         except JointIdError as error:
             self.tried.setdefault(model, error)
             return
@@ -286,11 +308,9 @@ class _Search:
         return bool(np.any((squared > _CERTAIN * variance) & (variance > 0)))
 
     def _waveforms(self, model: Model) -> FrictionWaveforms | None:
-        if model.reversal is None:
-            return None
         key = model.reversal, model.curve
         if key not in self.waveforms:
-            self.waveforms[key] = friction_waveforms(self.phasors, key[0], curve=key[1])
+            self.waveforms[key] = model_waveforms(self.phasors, model)
         return self.waveforms[key]
 
     @property

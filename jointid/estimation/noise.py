@@ -90,10 +90,71 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
         density = density * np.eye(channels)
         total = np.maximum(total, n + 3.0)
     covariance = density / phasors.duration_s[:, None, None, None]
-    largest = np.abs(phasors.z).max(axis=0).reshape(2, n)
+    return Noise(floored(covariance, phasors.z), total)
+
+
+def floored(covariance: Complexes, z: Complexes) -> Complexes:
+    """Covariance (r, H, 2n, 2n) with at least the variance of the best sensor of signals z (..., 2n)."""
+    largest = np.abs(z).reshape(-1, z.shape[-1]).max(axis=0).reshape(2, -1)
     # A signal that is zero throughout gets the floor of the others of its kind.
     largest = np.where(largest > 0, largest, largest.max(axis=1, keepdims=True)).ravel()
-    return Noise(covariance + np.diag((_FLOOR * largest) ** 2), total)
+    return np.asarray(covariance + np.diag((_FLOOR * largest) ** 2))
+
+
+def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats) -> Floats:
+    """Variance of each sample of the torques of motions, shape (n,).
+
+    In a few neighbouring lines, a part of the residual that is linear in the angles, with smooth
+    coefficients, is no noise but an error of the model; a smooth part is that of the ends. Noise is the
+    rest (local polynomial method; Pintelon and Schoukens, 2012, section 7.2).
+
+    Parameters
+    ----------
+    left : ndarray, shape (r, H, n)
+        Residual of a fitted model.
+    E : ndarray, shape (r, H, n, 2n)
+        Its derivative by the signals.
+    angles : ndarray, shape (n,)
+        Variance of each sample of the angles, from beyond the band.
+    """
+    n = phasors.n
+    columns, gains, powers = 2 * n + 2, [], []
+    width = 3 * columns
+    for row in np.flatnonzero(phasors.motion).tolist():
+        segment = phasors.segments[row]
+        assert segment is not None
+        first = segment.lowest - 1
+        count = (segment.highest - first) // width
+        if count == 0:
+            continue
+        used = slice(first, first + count * width)
+        shape = count, width, -1
+        q = phasors.harmonics[row, used, :n].reshape(shape)
+        place = np.linspace(-1, 1, width)[:, None]
+        smooth = np.concatenate([np.ones((width, 1)), place], axis=1)
+        local = np.concatenate([q, q * place, np.broadcast_to(smooth, (count, width, 2))], axis=2)
+        local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
+        basis, _ = np.linalg.qr(local)
+        r = left[row, used].reshape(shape)
+        r = r - basis @ (basis.conj().swapaxes(1, 2) @ r)
+        powers.append((np.abs(r) ** 2).sum(axis=1) / (width - columns) * segment.samples / 4)
+        gains.append((np.abs(E[row, used]) ** 2).reshape(count, width, n, 2 * n).mean(axis=1))
+    if not powers:
+        return np.zeros(n)
+    power, gain = np.concatenate(powers), np.concatenate(gains)
+    return np.array([_further_variance(power[:, j], gain[:, j], n + j, angles) for j in range(n)])
+
+
+def _further_variance(power: Floats, gain: Floats, channel: int, known: Floats) -> float:
+    """Variance of one channel where the others' are known, by maximum likelihood, from power (m,)."""
+    others = gain[:, : known.size] @ known
+    own = gain[:, channel]
+    low = 1e-6 * float(np.median(power / own))
+    found = max(float(np.median((power - others) / own)), low)
+    for _ in range(_REWEIGHTED):  # the score of exponential powers, reweighted
+        weight = (own / (others + found * own)) ** 2
+        found = max(float(weight @ ((power - others) / own) / weight.sum()), low)
+    return found
 
 
 def _sensor_variances(gains: Floats, variances: Floats) -> Floats:

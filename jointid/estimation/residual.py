@@ -25,6 +25,7 @@ from jointid.estimation.joint_laws import JointLaws
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
+from jointid.motion.end_terms import EndTerms, row_groups, torque_images
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 
@@ -49,6 +50,10 @@ class Problem:
     layout: ParameterLayout
     laws: JointLaws | None
     stiffest: Floats  # upper bound on K, (n,)
+    group: np.ndarray  # (r, H), the misfit of each group of rows is its own
+    main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
+    ends: EndTerms | None = None
+    images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
 
     @property
     def n(self) -> int:
@@ -79,6 +84,11 @@ class Problem:
     def arm_inertia(self, p: Parameters) -> Floats:
         """Distinct M2, shape (p, n, n), kg·m²."""
         return self.prior.totals(p["M2"]) if "M2" in self.layout else self.prior.M2
+
+    def by_group(self, values: Floats) -> Floats:
+        """Sums over the groups, shape (G,), of values (r, H)."""
+        sums = np.bincount(self.group.ravel(), values.ravel(), self.main.size)
+        return np.asarray(sums, float)
 
     def feasible(self, vector: Floats) -> bool:
         """Whether K, M and the torque scales are positive, and M2 and M2 − added positive definite."""
@@ -172,11 +182,17 @@ def make_problem(
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
         variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
         laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance)
+    known = np.any(z != 0, axis=2)
+    group, main = row_groups(phasors, known)
     return Problem(
         s=s,
         z=z,
         noise=noise,
-        known=np.any(z != 0, axis=2),
+        known=known,
+        group=group,
+        main=main,
+        ends=EndTerms.of(phasors, s),
+        images=torque_images(phasors),
         prior=prior,
         friction=friction,
         layout=layout,
@@ -195,6 +211,8 @@ class Residual:
     """Residual, shape (r, H, n), N·m."""
     V: Complexes
     """Its covariance, shape (r, H, n, n)."""
+    E: Complexes
+    """∂r/∂z, shape (r, H, n, 2n)."""
     CE: Complexes
     """Covariance of the signals z with it, C Eᴴ, shape (r, H, 2n, n)."""
     gear: Complexes
@@ -217,7 +235,7 @@ class Residual:
         """Evaluate the residual at a parameter vector, shape (P,)."""
         n, p = problem.n, problem.layout.named(vector)
         s = problem.s[..., None]
-        gear = p.K * (1 + p.effect("loss_factor") * _loss(problem.s)) + s * p.D
+        gear = p.K * (1 + p.effect("loss_factor") * _loss(problem)) + s * p.D
         arm = _arm_compliance(problem, p)
         compliance = arm.copy()
         for j in range(n):
@@ -233,7 +251,7 @@ class Residual:
             E[..., j, n + j] = lag[..., j] * np.broadcast_to(p.torque_scale, n)[j]
         E[..., :n] *= advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
-        q = problem.z[..., :n] * advance
+        q = (problem.z[..., :n] - _images(problem, p)) * advance
         torque = lag * p.torque_scale * problem.z[..., n:] - own * q
         if problem.friction is not None:
             torque -= sliding_friction(problem.friction, p, s.shape[1])
@@ -246,20 +264,29 @@ class Residual:
                 law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance, torque, law)
+        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, law)
 
     def ideal_torque(self) -> Complexes:
-        """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
-        problem, p, s = self.problem, self.p, self.problem.s[:, :1]
+        """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.
+
+        Of the fundamental alone, h = 1, or with segments of motions of all bins.
+        """
+        problem, p, s = self.problem, self.p, self.problem.s[:, : self.fundamentals]
         arm = inverse(problem.arm_inertia(p))[problem.prior.pose, None]
         rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
         Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
-        return np.asarray((Z[:, 0] @ self.position[..., None])[..., 0])
+        return np.asarray((Z @ self.position[..., None])[..., 0])
+
+    @property
+    def fundamentals(self) -> int:
+        """Number of harmonics that are fundamentals, or bins of a motion."""
+        return 1 if self.problem.ends is None else self.problem.s.shape[1]
 
     @property
     def position(self) -> Complexes:
-        """Fundamental of the motor angle, freed of a filter, shape (r, n), rad."""
-        return np.asarray((self.problem.z[..., : self.problem.n] * self.advance)[:, 0])
+        """Motor angle, freed of a filter, shape (r, h, n) like the ideal torque, rad."""
+        angle = self.problem.z[..., : self.problem.n] - _images(self.problem, self.p)
+        return np.asarray((angle * self.advance)[:, : self.fundamentals])
 
     def jacobian(self, smooth: Complexes) -> Complexes:
         """∂r/∂p at other signals than those measured, shape (r, H, n, P).
@@ -274,14 +301,14 @@ class Residual:
         """
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        q = smooth[..., :n] * self.advance
+        q = (smooth[..., :n] - _images(problem, p)) * self.advance
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        J[..., layout["K"]] = by_gear * (1 + p.effect("loss_factor") * _loss(problem.s))[..., None, :]
+        J[..., layout["K"]] = by_gear * (1 + p.effect("loss_factor") * _loss(problem))[..., None, :]
         J[..., layout["D"]] = by_gear * s[..., None]
         if "loss_factor" in layout:
-            J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem.s))[..., None, :]
+            J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem))[..., None, :]
         self._differentiate_arm(J, f - self.law[1])
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.torque, self.arm)
@@ -313,7 +340,8 @@ class Residual:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
         problem, p, n, layout = self.problem, self.p, self.problem.n, self.problem.layout
         s = problem.s[..., None]
-        q, tau = smooth[..., :n] * self.advance, smooth[..., n:] * self.lag
+        q = (smooth[..., :n] - _images(problem, p)) * self.advance
+        tau = smooth[..., n:] * self.lag
         lag = -s * tau * p.torque_scale
         columns = {
             "viscous": -s * q,
@@ -361,14 +389,23 @@ class Residual:
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
 
 
-def _loss(s: Complexes) -> Complexes:
+def _images(problem: Problem, p: Parameters) -> Complexes | float:
+    """Angle of the motors by the images of the held torque, shape (r, H, n), rad."""
+    if problem.ends is None:
+        return 0.0
+    torque = problem.z[..., problem.n :] * p.torque_scale
+    return np.asarray(problem.images * torque / problem.rotor_inertia(p)[problem.prior.rotor, None])
+
+
+def _loss(problem: Problem) -> Complexes:
     """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
 
     A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or
     it would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the
     stiffness at the mean frequency of the records, on a logarithmic scale.
     """
-    reference = np.exp(np.log(np.abs(s[:, 0])).mean())
+    s = problem.s
+    reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
     return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.free_friction import Projection, real_rows
+from jointid.estimation.free_friction import FreeFriction, Projection, real_rows
 from jointid.estimation.residual import Problem, Residual
 from jointid.small_matrices import whitener
 
@@ -29,6 +29,8 @@ class WhitenedResidual:
     at: Residual
     weight: Floats
     """Factor on the variance of the noise alone, shape (r, H)."""
+    free: FreeFriction
+    """Columns that are projected out: free friction, and the end terms of motions."""
     W: Complexes
     """W V Wᴴ = I for the residuals in use, zero for the others, shape (r, H, n, n)."""
     projection: Projection
@@ -39,13 +41,19 @@ class WhitenedResidual:
 
     @classmethod
     def of(cls, problem: Problem, vector: Floats, scale: Floats) -> WhitenedResidual:
-        """Whiten the residual, with a factor on each harmonic's variance, ``scale`` of shape (H,)."""
+        """Whiten the residual, with a factor on each harmonic's variance, ``scale`` (H,) or (r, H)."""
         at = Residual.at(problem, vector)
         weight = problem.noise.inverse_bias[:, None] * scale
         W = _whitener(problem, at.V * weight[..., None, None])
-        projection = problem.free.projection(W)
+        free = problem.free
+        if problem.ends is not None:
+            free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
+        projection = free.projection(W)
         whole = real_rows(W @ at.r[..., None])
-        return cls(at, weight, W, projection, whole, projection.rest(whole)[..., 0])
+        if problem.ends is not None:
+            sizes = projection.first_sizes(whole, 2 * problem.n)
+            at = replace(at, law=(at.law[0], at.law[1] + problem.ends.on_arm(sizes, problem.n)))
+        return cls(at, weight, free, W, projection, whole, projection.rest(whole)[..., 0])
 
     @property
     def cost(self) -> float:
@@ -84,25 +92,27 @@ class WhitenedResidual:
         heard[:, 0] = True
         W = self.W * heard[..., None, None]
         J = self.at.jacobian(self.smoothed())
-        return problem.free.projection(W).rest(real_rows(W @ J))
+        return self.free.projection(W).rest(real_rows(W @ J))
 
     def misfit_by_harmonic(self, rank: int) -> Floats:
-        """Cost over expected cost of each harmonic, shape (H,); rank is that of the free friction."""
+        """Cost over expected cost of each group of rows, (G,); rank is that of the free friction."""
         problem = self.at.problem
         H, n = problem.s.shape[1], problem.n
-        squares = (self.rows**2).reshape(-1, 2, H, n).sum(axis=(0, 1, 3))
-        measured = problem.used.sum(axis=1) @ problem.known
+        squares = (self.rows**2).reshape(-1, 2, H, n).sum(axis=(1, 3))
+        measured = problem.used.sum(axis=1)[:, None] * problem.known
+        squares, measured = (problem.by_group(each) for each in (squares, measured))
         left = 1 - rank / max(problem.rows, 1)
         return np.asarray(squares / np.maximum(measured * left, 1.0))
 
     def compensated(self) -> tuple[Complexes, Complexes]:
-        """Fundamentals of motor angle and torque without friction, delay and effects, both shape (r, n).
+        """Motor angle and torque without friction, delay, effects and ends, both shape (r, h, n).
 
         The torque is that of equation (1) at the fitted parameters, plus the residual.
         """
-        left = self.at.r[:, 0] - self.projection.fundamental(self.whole)
+        h = self.at.fundamentals
+        left = self.at.r[:, :h] - self.projection.explained(self.whole, self.W.shape[1])[:, :h]
         # At a stationary motor the whole residual is friction.
-        left = np.where(self.at.problem.used, left, 0.0)
+        left = np.where(self.at.problem.used[:, None], left, 0.0)
         return self.at.position, np.asarray(self.at.ideal_torque() + left)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
-from jointid.phasors.fitted_sine import SineFit
+from jointid.phasors.fitted_sine import SineFit, padded
+from jointid.phasors.segment import Segment
 from jointid.phasors.sensor_steps import may_have_steps, step_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
@@ -25,6 +26,10 @@ MANY_HARMONICS = 31
 
 _VISIBLE = 6.0
 """Standard errors by which a harmonic exceeds the noise."""
+
+
+_PER_ROW = ("labels", "segments")
+"""Fields of ``Phasors`` that are tuples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +66,43 @@ class Phasors:
     """Frequency of the motor angle, from the drift of its phase, shape (r,), Hz."""
     labels: tuple[str, ...]
     """Name of each record, for messages and plots."""
+    segments: tuple[Segment | None, ...] = ()
+    """Segment of each row that comes from a motion record; None for a sine. Its harmonics are those of
+    its length, zero outside its band."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Phasors]) -> Phasors:
+        """Return the rows of several phasors, with as many harmonics as the largest has."""
+        most = max(part.harmonics.shape[1] for part in parts)
+        arrays = {}
+        for name in (f.name for f in fields(cls) if f.name not in _PER_ROW):
+            each = [getattr(part, name) for part in parts]
+            if name.startswith("harmonic"):
+                each = [padded(array, most) for array in each]
+            arrays[name] = np.concatenate(each)
+        labels = tuple(label for part in parts for label in part.labels)
+        rows = [part.segments or (None,) * part.omega.size for part in parts]
+        return cls(**arrays, labels=labels, segments=tuple(each for row in rows for each in row))
+
+    @property
+    def motion(self) -> np.ndarray:
+        """Which rows come from motion records, shape (r,)."""
+        rows = self.segments or (None,) * self.omega.size
+        return np.array([segment is not None for segment in rows])
+
+    @property
+    def torque_size(self) -> Floats:
+        """Amplitude of the torque's fundamental, of a motion that of all bins together, (r, n), N·m."""
+        whole = np.linalg.norm(self.harmonics[..., self.n :], axis=1)
+        return np.where(self.motion[:, None], whole, np.abs(self.tau))
+
+    @property
+    def excited(self) -> Floats:
+        """Frequencies of the fundamentals of sines and of all bins of motions, rad/s."""
+        orders = np.arange(1, self.harmonics.shape[1] + 1)
+        known = np.any(self.harmonics != 0, axis=2) & self.motion[:, None]
+        known[:, 0] |= ~self.motion
+        return np.asarray((self.omega[:, None] * orders)[known])
 
     @property
     def n(self) -> int:
@@ -121,8 +163,9 @@ class Phasors:
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
-        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name != "labels"}
-        return Phasors(**arrays, labels=tuple(self.labels[i] for i in index))
+        arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name not in _PER_ROW}
+        segments = tuple(self.segments[i] for i in index) if self.segments else ()
+        return Phasors(**arrays, labels=tuple(self.labels[i] for i in index), segments=segments)
 
 
 def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = None) -> Phasors:

@@ -1,0 +1,154 @@
+"""K and D from any motion: sweeps, random motion, multisines and moves of simulated robots.
+
+The robots are those of ``independent_robot``: closed loop, held torque, encoder steps, set-valued
+friction. Nothing of ``jointid.simulation`` or of the fit's equations is in the data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.independent_robot import MAX_STEP_S, Plants, Robot, _Linear, _Nonlinear, gains
+from jointid import MotionRecord
+
+Array = np.ndarray
+
+CELL = Robot(
+    M=[0.0025, 0.0010],
+    M2=[[0.004104, 0.000395], [0.000395, 0.001889]],
+    K=[52.3, 6.1],
+    D=[0.12, 0.012],
+)
+"""Two axes of a robot of the IRB-2400 class, motor side."""
+MANUTEC = Robot(
+    M=[0.0013, 0.0013, 0.0013],
+    M2=[[0.004, 0.0, 0.0], [0.0, 0.002274, 0.003522], [0.0, 0.003522, 0.007068]],
+    K=[43.0, 8.0, 58.0],
+    D=[0.05, 0.01, 0.04],
+)
+"""Three axes after the Manutec r3: strongly coupled."""
+SINGLE = Robot(M=[0.0006], M2=[[0.0014]], K=[9.0], D=[0.018])
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Records of one robot: the references of all joints, and the sensors."""
+
+    kind: str = "sweep"
+    records: int = 2
+    duration_s: float = 20.0
+    sample_rate_hz: float = 1000.0
+    band_hz: tuple[float, float] = (2.0, 40.0)
+    velocity_rad_s: float = 6.0
+    """Largest velocity of the references."""
+    noise_Nm: float | None = None
+    """Standard deviation of the logged torque; None: 1 % of its own."""
+    encoder_counts: int = 65536
+    declare_hold: bool = True
+    seed: int = 0
+    one_joint: int | None = None
+    """Only this joint's reference moves."""
+    warm_up_s: float = field(default=1.0)
+
+    @property
+    def samples(self) -> int:
+        return round((self.duration_s + self.warm_up_s) * self.sample_rate_hz)
+
+
+def references(motion: Motion, n: int) -> tuple[Array, Array]:
+    """Angles and velocities, shape (samples, n, records)."""
+    rng = np.random.default_rng([motion.seed, 7])
+    t = np.arange(motion.samples) / motion.sample_rate_hz
+    angle = np.zeros((t.size, n, motion.records))
+    for joint in range(n):
+        for record in range(motion.records):
+            angle[:, joint, record] = _reference(motion, t, rng, joint, record)
+    if motion.one_joint is not None:
+        angle[:, np.arange(n) != motion.one_joint] = 0
+    rate = np.gradient(angle, 1 / motion.sample_rate_hz, axis=0)
+    largest = np.abs(rate).max(axis=0)
+    size = motion.velocity_rad_s / np.where(largest > 0, largest, 1.0)
+    size *= rng.uniform(0.7, 1.0, size.shape)
+    return angle * size, rate * size
+
+
+def _reference(motion: Motion, t: Array, rng: np.random.Generator, joint: int, record: int) -> Array:
+    low, high = motion.band_hz
+    if motion.kind == "sweep":  # constant velocity; joints against each other in every second record
+        ratio = np.log(high / low)
+        span = t[-1] * (1 - 0.03 * joint)
+        turn = 2 * np.pi * low * span / ratio * np.expm1(ratio * np.minimum(t / span, 1.0))
+        phase = np.pi * joint * record + 0.5 * joint + rng.uniform(-0.4, 0.4)
+        return np.sin(turn + phase) * np.exp(-ratio * t / span)
+    if motion.kind == "random":
+        lines = np.fft.rfftfreq(t.size, 1 / motion.sample_rate_hz)
+        inside = (lines >= low) & (lines <= high)
+        shape = rng.standard_normal(lines.size) + 1j * rng.standard_normal(lines.size)
+        return np.fft.irfft(np.where(inside, shape / np.maximum(lines, low), 0), t.size)
+    if motion.kind == "multisine":
+        lines = np.arange(np.ceil(low / 0.2), np.floor(high / 0.2) + 1, 2) * 0.2
+        phases = rng.uniform(0, 2 * np.pi, lines.size)
+        return (np.sin(2 * np.pi * t[:, None] * lines + phases) / lines).sum(axis=1)
+    if motion.kind == "moves":  # point to point, with rests
+        out, at, k = np.zeros(t.size), 0.0, 0
+        while k < t.size:
+            length = rng.uniform(0.05, 0.35)
+            m = max(2, round(length * motion.sample_rate_hz))
+            x = np.linspace(0, 1, m)
+            step = rng.uniform(-1, 1) * length - 0.3 * at
+            part = at + step * x**3 * (10 - 15 * x + 6 * x * x)
+            out[k : k + m] = part[: t.size - k]
+            at, k = at + step, k + m
+            rest = round(rng.uniform(0.0, 0.1) * motion.sample_rate_hz)
+            out[k : k + rest] = at
+            k += rest
+        return out
+    raise ValueError(motion.kind)
+
+
+def simulate(runs: Sequence[tuple[Robot, Motion]]) -> list[list[MotionRecord]]:
+    """Records of all runs; robot and sample rate are the same in all."""
+    robot, first = runs[0]
+    plants, n = Plants([robot]), robot.n
+    targets, rates = zip(*(references(motion, n) for _, motion in runs), strict=True)
+    target, rate = np.concatenate(targets, axis=2), np.concatenate(rates, axis=2)
+    samples, _, columns = target.shape
+    sub = int(np.ceil(1 / first.sample_rate_hz / MAX_STEP_S - 1e-9))
+    lag = np.rint(plants.of("lag_s")[0] * first.sample_rate_hz * sub).astype(int)
+    step_s = 1 / first.sample_rate_hz / sub
+    advance = _Linear(plants, step_s) if plants.linear else _Nonlinear(plants, step_s, columns)
+    x = advance.start() if isinstance(advance, _Nonlinear) else np.zeros((1, plants.size, columns))
+    counts = np.concatenate([[m.encoder_counts] * m.records for _, m in runs]).astype(float)
+    quantum = np.where(counts > 0, 2 * np.pi / np.maximum(counts, 1), 1e-15)
+    gain, damping = (each[:, None] for each in gains(robot))
+    angles, torques = np.zeros((2, samples, n, columns))
+    for k in range(samples):
+        angles[k] = np.rint(plants.measured(x)[0] / quantum) * quantum
+        torques[k] = gain * (target[k] - angles[k]) + damping * (rate[k] - x[0, plants.at["omega"]])
+        for part in range(sub):
+            held = torques[k]
+            if lag.any():
+                held = torques[np.maximum((k * sub + part - lag[:, 0]) // sub, 0), np.arange(n)]
+            x = advance(x, held[None])
+    found, column = [], 0
+    for _, motion in runs:
+        rng, records = np.random.default_rng([motion.seed, 1]), []
+        begin = round(motion.warm_up_s * motion.sample_rate_hz)
+        for k in range(column, column + motion.records):
+            tau = torques[begin:, :, k]
+            size = 0.01 * tau.std() if motion.noise_Nm is None else motion.noise_Nm
+            records.append(
+                MotionRecord(
+                    time_s=np.arange(len(tau)) / motion.sample_rate_hz,
+                    theta_rad=angles[begin:, :, k],
+                    tau_Nm=tau + size * rng.standard_normal(tau.shape),
+                    torque_hold=motion.declare_hold,
+                    label=f"{motion.kind} {k - column + 1}",
+                )
+            )
+        column += motion.records
+        found.append(records)
+    return found

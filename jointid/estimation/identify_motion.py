@@ -1,0 +1,276 @@
+"""Identification from records of any motion, alone or together with sines, in one likelihood."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import Choice, Model
+from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.model_selection import choose_model, fit_model, model_waveforms
+from jointid.estimation.noise import Noise, floored, sensor_noise
+from jointid.estimation.residual import make_problem
+from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.joints import Inertia
+from jointid.motion.spectra import motion_phasors
+from jointid.phasors.extract import Phasors, extract_phasors
+from jointid.records import MotionRecord, SineRecord
+from jointid.small_matrices import one_thread
+
+_BETTER = 0.9
+"""Ratio of misfits from which a richer friction model is the better one."""
+_SAME = 0.1
+"""Relative change of the noise from which the models are compared again."""
+_DEGREE = 5
+"""Of the polynomial of the ends in equation (8)."""
+
+
+def identify_motion(
+    records: Sequence[MotionRecord | SineRecord],
+    inertia: Inertia | Sequence[Inertia],
+    *,
+    inertia_std: float | None = None,
+    torque_std: float | None = None,
+    gear: str = "auto",
+    friction: bool = False,
+    delay: bool = False,
+) -> ElasticityFit:
+    """Identify K and D of every joint from records of any motion around one pose each.
+
+    Parameters
+    ----------
+    records : sequence of MotionRecord or SineRecord
+        Of the same joints. Friction, delay and effects are chosen by the data.
+    inertia : Inertia or sequence of Inertia
+        Motor side; one per record for records of several poses.
+    inertia_std, torque_std, gear
+        As in :func:`identify_elasticity`.
+    friction, delay : bool, default False
+        Parts that every model has.
+
+    Returns
+    -------
+    ElasticityFit
+        Its ``phasors``, ``equations`` and ``residual`` have a row for each sine and for each spectral
+        line of each segment of a motion.
+
+    Raises
+    ------
+    JointIdError
+        When a record's clock is too uneven or its band is empty, a joint is not excited, or the records
+        do not separate the parameters.
+    """
+    if gear not in ("auto", "linear"):
+        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+    records = _checked(records)
+    n = records[0].n
+    given = InertiaPrior.of(inertia, len(records), n, inertia_std=inertia_std, torque_std=torque_std)
+    with one_thread():
+        return _identified(records, given, friction=friction, delay=delay, gear=gear)
+
+
+def _checked(records: object) -> list[MotionRecord | SineRecord]:
+    each = [records] if isinstance(records, MotionRecord | SineRecord) else records
+    if not isinstance(each, Sequence) or not each:
+        raise JointIdError(f"records: expected a list of MotionRecord, got {records!r:.80}.")
+    for number, record in enumerate(each, start=1):
+        if not isinstance(record, MotionRecord | SineRecord):
+            raise JointIdError(f"records: expected MotionRecord values, got {record!r:.80}.")
+        if record.n != each[0].n:
+            raise JointIdError(
+                f"{record.label or f'record {number}'} has {record.n} joints, the first record "
+                f"{each[0].n}: records that are analysed together must have the same joints."
+            )
+    return list(each)
+
+
+def _identified(
+    records: list[MotionRecord | SineRecord],
+    given: InertiaPrior,
+    *,
+    friction: bool,
+    delay: bool,
+    gear: str,
+) -> ElasticityFit:
+    phasors, source = _phasors(records, given.M[given.rotor])
+    prior = given.of_rows(source)
+    start = motion_start(phasors, prior)
+    search = partial(choose_model, start=start, friction=friction, delay=delay, gear=gear)
+    phasors = _with_first_noise(phasors, prior, start)
+    choice = search(phasors, prior, noise=_noise(phasors, prior))
+    again = _with_noise(phasors, prior, choice)
+    if _differ(again, phasors):
+        phasors = again
+        choice = search(phasors, prior, noise=_noise(phasors, prior))
+    if not isinstance(choice.estimate, LikelihoodEstimate):
+        raise choice.estimate
+    lines, inertias, covariance = _lines(choice.estimate, phasors, _noise(phasors, prior))
+    equations = spring_equations(
+        lines, inertias, noise=Noise(covariance[:, None], lines.degrees_of_freedom)
+    )
+    fit = likelihood_fit("auto", choice, choice.estimate, equations, prior)
+    first = [int(np.argmax(source == k)) for k in range(len(records))]
+    return replace(
+        fit,
+        phasors=lines,
+        prior=given,
+        inertias=tuple(choice.estimate.inertias[row] for row in first),
+    )
+
+
+def _with_first_noise(phasors: Phasors, prior: InertiaPrior, start: Floats) -> Phasors:
+    """Phasors with the noise that a fit with simple friction leaves."""
+    if not phasors.motion.any():
+        return phasors
+    noise = _noise(phasors, prior)
+    fits: list[tuple[Model, LikelihoodEstimate]] = []
+    for reversal in (None, 0.0, 0.03, 0.1):
+        model = Model(reversal, delay=False)
+        if reversal and fits[-1][1].misfit > _BETTER * fits[0][1].misfit:
+            break  # no friction
+        with contextlib.suppress(JointIdError):
+            fits.append((model, fit_model(phasors, prior, start, noise, model)))
+    if not fits:
+        return phasors
+    best = fits[0]
+    for other in fits[1:]:
+        if other[1].misfit < _BETTER * best[1].misfit:
+            best = other
+    return _with_noise(phasors, prior, Choice(*best, (), np.zeros(0)))
+
+
+def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasors:
+    """Phasors with the noise of motions that a fitted model leaves."""
+    if not phasors.motion.any() or not isinstance(choice.estimate, LikelihoodEstimate):
+        return phasors
+    model, estimate, noise = choice.model, choice.estimate, _noise(phasors, prior)
+    friction = model_waveforms(phasors, model)
+    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, friction, noise)
+    residual = WhitenedResidual.of(problem, estimate.p, np.ones(problem.s.shape[1]))
+    H = problem.s.shape[1]
+    left = residual.at.r - residual.projection.explained(residual.whole, H)
+    freed = 1 - residual.projection.rank() / problem.rows
+    motions = [segment for segment in phasors.segments if segment is not None]
+    angles = np.mean([segment.angle_variance for segment in motions], axis=0)
+    torques = sensor_noise(phasors, left / np.sqrt(freed), residual.at.E, angles)
+    covariance = phasors.harmonic_covariance.copy()
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            variance = np.concatenate([segment.angle_variance, torques])
+            covariance[row] = 4 / segment.samples * np.diag(variance)
+    return replace(phasors, harmonic_covariance=covariance)
+
+
+def _differ(one: Phasors, other: Phasors) -> bool:
+    """Whether the noise of motions differs noticeably."""
+    rows = one.motion
+    variances = [
+        np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real.mean(axis=0) for each in (one, other)
+    ]
+    return bool(np.any(np.abs(variances[0] - variances[1]) > _SAME * variances[1]))
+
+
+def _lines(
+    estimate: LikelihoodEstimate, phasors: Phasors, noise: Noise
+) -> tuple[Phasors, list[Inertia], Complexes]:
+    """Compensated phasors with a row for each sine and each bin, their inertias and covariances."""
+    clean, n = estimate.phasors, phasors.n
+    known = np.any(phasors.harmonics != 0, axis=2) & phasors.motion[:, None]
+    known[:, 0] |= ~phasors.motion
+    row, bins = np.nonzero(known)
+    z = np.where(phasors.motion[row, None], clean.harmonics[row, bins], clean.z[row])
+    covariance = noise.covariance[row, bins]
+    lines = replace(
+        clean.select(row),
+        omega=phasors.omega[row] * (bins + 1),
+        q=z[:, :n],
+        tau=z[:, n:],
+        covariance=covariance,
+        harmonics=z[:, None],
+        harmonic_covariance=covariance[:, None],
+        frequency_found_hz=phasors.omega[row] * (bins + 1) / (2 * np.pi),
+        segments=(),
+    )
+    return lines, [estimate.inertias[k] for k in row], covariance
+
+
+def _phasors(records: list[MotionRecord | SineRecord], M: Floats) -> tuple[Phasors, np.ndarray]:
+    """Rows of all records, and the record of each row."""
+    motions = {k: record for k, record in enumerate(records) if isinstance(record, MotionRecord)}
+    sines = {k: record for k, record in enumerate(records) if isinstance(record, SineRecord)}
+    parts: list[Phasors] = []
+    source: list[int] = []
+    if sines:
+        parts.append(extract_phasors(list(sines.values())))
+        source += sines
+    if motions:
+        rows = motion_phasors(list(motions.values()), M[list(motions)])
+        parts.append(rows)
+        numbers = list(motions)
+        source += [numbers[segment.record] for segment in rows.segments if segment is not None]
+    joined = Phasors.joined(parts)
+    order = np.argsort(source, kind="stable")
+    return joined.select(order), np.asarray(source)[order]
+
+
+def motion_start(phasors: Phasors, prior: InertiaPrior) -> Floats:
+    """K and D by least squares of equation (8), the polynomials of the ends eliminated, shape (2n,)."""
+    n, H = phasors.n, phasors.harmonics.shape[1]
+    s = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
+    normal = np.zeros((n, 3, 3))
+    known = np.any(phasors.harmonics != 0, axis=2)
+    known[~phasors.motion, 1:] = False
+    for row in range(phasors.omega.size):
+        at, z = s[row, known[row]], phasors.harmonics[row, known[row]]
+        M, arm = prior.M[prior.rotor[row]], np.linalg.inv(prior.M2[prior.pose[row]])
+        s2 = (at * at)[:, None]
+        torque = z[:, n:] - s2 * M * z[:, :n]
+        a, b = s2 * z[:, :n] - torque @ arm, s2 * torque
+        ends = np.zeros((2 * at.size, 0))
+        for j in range(n):
+            variance = np.einsum("hcc->hc", phasors.harmonic_covariance[row, known[row]]).real
+            scale = np.abs(s2[:, 0]) * np.sqrt(
+                variance[:, n + j] + np.abs(s2[:, 0] * M[j]) ** 2 * variance[:, j]
+            )
+            if phasors.motion[row]:
+                unit = at / np.abs(at).max()
+                ends = _real(1j * unit[:, None] ** np.arange(_DEGREE + 1) / scale[:, None])
+                ends, _ = np.linalg.qr(ends / np.linalg.norm(ends, axis=0))
+            rows = _real(np.stack([a[:, j], at * a[:, j], b[:, j]], axis=1) / scale[:, None])
+            rows -= ends @ (ends.T @ rows)
+            normal[j] += rows.T @ rows
+    start = np.zeros(2 * n)
+    middle = float(np.median(phasors.excited))
+    for j in range(n):
+        size = np.sqrt(np.maximum(np.diag(normal[j])[:2], 1e-300))
+        unit = normal[j, :2, :2] / np.outer(size, size) + 1e-12 * np.eye(2)
+        K, D = np.linalg.solve(unit, normal[j, :2, 2] / size) / size
+        if K <= 0:
+            K, D = prior.M2[0, j, j] * middle**2, 0.0
+        start[[j, n + j]] = K, max(D, 0.0)
+    return start
+
+
+def _real(values: Complexes) -> Floats:
+    return np.concatenate([values.real, values.imag])
+
+
+def _noise(phasors: Phasors, prior: InertiaPrior) -> Noise:
+    """Noise of sines as in their own analysis, and that of motions as stated by their phasors."""
+    covariance = phasors.harmonic_covariance.copy()
+    degrees = phasors.degrees_of_freedom.copy()
+    sines = np.flatnonzero(~phasors.motion)
+    if sines.size:
+        inertias = prior.inertias(prior.M, prior.M2)
+        own = spring_equations(phasors.select(sines), [inertias[k] for k in sines]).noise
+        covariance[sines], degrees[sines] = own.covariance, own.degrees_of_freedom
+    return Noise(floored(covariance, phasors.harmonics), degrees)

@@ -1,0 +1,1 @@
+"""Records of any motion: their spectra, band, noise and velocities."""

@@ -1,0 +1,63 @@
+"""The band of a motion: frequencies that motion and torque visibly have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from jointid.arrays import Floats
+from jointid.motion.sampling import UniformPart
+
+_SHARE = 1 / 300
+"""Power of the velocity per octave, over its largest, that belongs to the motion."""
+_CLEAR = 30.0
+"""Power of the torque over that of its noise."""
+_HIGHEST = 0.16
+"""Largest frequency over the sample rate: above it the sampled motion is inaccurate."""
+_CYCLES = 5.0
+"""Cycles of the lowest frequency in the shortest part."""
+
+
+def proposed_band(parts: Sequence[UniformPart], torque_variance: Floats) -> tuple[float, float]:
+    """Lowest and highest frequency with a motion and torque above the noise, Hz.
+
+    Parameters
+    ----------
+    parts : sequence of UniformPart
+        Of one record.
+    torque_variance : ndarray, shape (n,)
+        Of the noise in each sample, (N·m)².
+    """
+    T = parts[0].interval_s
+    samples = max(part.theta.shape[1] for part in parts)
+    grid = np.geomspace(_CYCLES / (samples * T), _HIGHEST / T, 400)
+    octave, torque = np.zeros((2, torque_variance.size, grid.size))
+    for part in parts:
+        f, motion = _power(np.gradient(part.theta, T, axis=1), T)
+        _, drive = _power(part.tau, T)
+        for j in range(torque_variance.size):
+            octave[j] += np.interp(grid, f, motion[j]) * grid
+            torque[j] += np.interp(grid, f, drive[j]) / len(parts)
+    visible = (octave > _SHARE * octave.max(axis=1, keepdims=True)) & (
+        torque > _CLEAR * torque_variance[:, None]
+    )
+    used = np.flatnonzero(visible.any(axis=0))
+    if not used.size:
+        return float(grid[0]), float(grid[-1])
+    return float(grid[used[0]]), float(grid[used[-1]])
+
+
+def _power(signal: Floats, T: float) -> tuple[Floats, Floats]:
+    """Power of each sample's noise with the same density, by frequency, smoothed."""
+    samples = signal.shape[1]
+    window = np.hanning(samples)
+    window /= np.sqrt((window**2).sum())
+    line = np.linspace(0, 1, samples)
+    level = signal - signal[:, :1] - (signal[:, -1:] - signal[:, :1]) * line
+    level = level - level.mean(axis=1, keepdims=True)
+    power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2
+    f = np.fft.rfftfreq(samples, T)
+    lines = max(3, round(0.5 * samples * T))
+    return np.asarray(f, float), uniform_filter1d(power, lines, axis=1, mode="nearest")

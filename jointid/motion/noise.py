@@ -1,0 +1,94 @@
+"""Noise of the sensors from the spectrum beyond the motion's band.
+
+A rotor under a held torque obeys (τ_k + τ_{k−1})/2 = M (θ_{k+1} − 2θ_k + θ_{k−1})/T² exactly, but for
+what springs and friction add, which is small at high frequencies. The difference of both sides is noise:
+that of the torque falls with frequency, that of the angle rises with its fourth power.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import nnls
+
+from jointid.arrays import Complexes, Floats
+from jointid.motion.sampling import UniformPart
+from jointid.phasors.sensor_steps import quantum
+
+_BANDS = 24
+"""Bands over which the spectrum is averaged."""
+_BEYOND, _NYQUIST = 1.3, 0.9
+"""Where noise is searched: from this multiple of the band's end to this share of half the rate."""
+_LATEST = 0.5
+"""Share of half the sample rate at which the search begins at the latest."""
+_REWEIGHTED = 10
+_EXAMINED = 4096
+"""Samples in which the encoder's step is searched."""
+_FLOOR = 1e-10
+"""Smallest standard deviation, over the signal's largest value."""
+
+
+def sensor_variances(parts: Sequence[UniformPart], highest_hz: float, M: Floats) -> Floats:
+    """Variance of each sample of the angles (n) and torques (n), shape (2n,).
+
+    Parameters
+    ----------
+    parts : sequence of UniformPart
+        With the same sensors.
+    highest_hz : float
+        Upper end of the motion's band, Hz.
+    M : ndarray, shape (n,)
+        Rotor inertias, kg·m².
+    """
+    n, spectra = M.size, [_spectra(part, highest_hz) for part in parts]
+    variance = np.zeros(2 * n)
+    for j in range(n):
+        power = np.concatenate([_means(np.abs(A[j] - M[j] * B[j]) ** 2) for _, A, B in spectra])
+        gains = np.concatenate(
+            [[M[j] ** 2 * _means(position), _means(torque)] for (position, torque), _, _ in spectra],
+            axis=1,
+        )
+        variance[[j, n + j]] = _non_negative(gains.T, power)
+        steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
+        size = [max(float(np.abs(each[j]).max()) for each in pair) for pair in _signals(parts)]
+        variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
+        variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
+    return variance
+
+
+def _signals(parts: Sequence[UniformPart]) -> tuple[list[Floats], list[Floats]]:
+    return [part.theta for part in parts], [part.tau for part in parts]
+
+
+def _spectra(part: UniformPart, highest_hz: float) -> tuple[tuple[Floats, Floats], Complexes, Complexes]:
+    """Gains of both variances (f,), and the two sides of the rotor's balance (n, f) beyond the band."""
+    T, tau = part.interval_s, part.tau
+    torque = 0.5 * (tau[:, 1:-1] + tau[:, :-2]) if part.held else tau[:, 1:-1]
+    bend = np.diff(part.theta, 2, axis=1) / T**2
+    samples = torque.shape[1]
+    window = np.hanning(samples)
+    window /= np.sqrt((window**2).sum())
+    f = np.fft.rfftfreq(samples, T)
+    half = 0.5 / T
+    used = (f > min(_BEYOND * highest_hz, _LATEST * half)) & (f < _NYQUIST * half)
+    z = np.exp(2j * np.pi * f[used] * T)
+    gains = np.abs(1 - z) ** 4 / T**4, np.abs(1 + z) ** 2 / 4 if part.held else np.ones(z.size)
+    spectra = [np.fft.rfft(each * window, axis=1)[:, used] for each in (torque, bend)]
+    return gains, spectra[0], spectra[1]
+
+
+def _means(values: Floats) -> Floats:
+    """Means over neighbouring lines."""
+    return np.array([part.mean() for part in np.array_split(values, min(_BANDS, values.size))])
+
+
+def _non_negative(gains: Floats, power: Floats) -> Floats:
+    """Two variances with power = gains · variances, relative errors alike."""
+    weight = 1 / np.maximum(power, 1e-300)
+    for _ in range(_REWEIGHTED):
+        rows = gains * weight[:, None]
+        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        found = nnls(rows / size, power * weight)[0] / size
+        weight = 1 / np.maximum(gains @ found, 1e-3 * power + 1e-300)
+    return np.asarray(found)

@@ -1,0 +1,95 @@
+"""Motion records on a uniform grid: small jitter is resampled, gaps divide a record."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.records import MotionRecord
+
+_GAP = 1.9
+"""Step of the clock, in median steps, from which samples are missing."""
+_UNIFORM = 1e-6
+"""Deviation from a uniform grid, in steps, that needs no resampling."""
+_MOST_JITTER = 0.45
+"""Largest deviation of a step from the median one that is resampled."""
+SHORTEST = 64
+"""Samples of the shortest part that is used."""
+
+
+@dataclass(frozen=True, eq=False)
+class UniformPart:
+    """Samples in equal steps, without a gap."""
+
+    record: int
+    """Index of the motion record."""
+    start_s: float
+    interval_s: float
+    theta: Floats
+    """Shape (n, N), rad."""
+    tau: Floats
+    """Shape (n, N), N·m."""
+    held: bool
+
+
+def uniform_parts(record: MotionRecord, index: int, name: str) -> list[UniformPart]:
+    """Parts of a record between its gaps, each on a uniform grid.
+
+    Raises
+    ------
+    JointIdError
+        When the clock is too uneven, or no part is long enough.
+    """
+    time = record.time_s[record.start :]
+    steps = np.diff(time)
+    interval = float(np.median(steps))
+    ends = np.flatnonzero(steps > _GAP * interval) + 1
+    edges = [0, *ends.tolist(), time.size]
+    parts = []
+    for begin, end in itertools.pairwise(edges):
+        if end - begin < SHORTEST:
+            continue
+        uneven = np.abs(np.diff(time[begin:end]) / interval - 1)
+        if uneven.max() > _MOST_JITTER:
+            row = int(uneven.argmax())
+            raise JointIdError(
+                f"{name}: the clock is too uneven for a spectrum: the step at {time[begin + row]:.6g} s "
+                f"is {steps[begin + row] * 1e3:.4g} ms, the median step {interval * 1e3:.4g} ms. Log at "
+                "a constant rate."
+            )
+        used = slice(record.start + begin, record.start + end)
+        parts.append(_uniform(record, index, used))
+    if not parts:
+        raise JointIdError(
+            f"{name}: no stretch without a gap has {SHORTEST} samples (median step "
+            f"{interval * 1e3:.4g} ms). Log without interruptions."
+        )
+    return parts
+
+
+def _uniform(record: MotionRecord, index: int, used: slice) -> UniformPart:
+    time, theta, tau = record.time_s[used], record.theta_rad[used].T, record.tau_Nm[used].T
+    interval = float((time[-1] - time[0]) / (time.size - 1))
+    grid = time[0] + interval * np.arange(time.size)
+    if np.abs(time - grid).max() > _UNIFORM * interval:
+        theta = CubicSpline(time, theta, axis=1)(grid)
+        if record.torque_hold:  # the mean over each new step keeps the impulse
+            impulse = np.concatenate([np.zeros((len(tau), 1)), np.cumsum(tau * _steps(time), axis=1)], 1)
+            edges = np.append(time, time[-1] + interval)
+            ends = np.append(grid, grid[-1] + interval)
+            tau = np.diff([np.interp(ends, edges, each) for each in impulse], axis=1) / interval
+        else:
+            tau = CubicSpline(time, tau, axis=1)(grid)
+    return UniformPart(
+        index, float(time[0]), interval, np.asarray(theta), np.asarray(tau), record.torque_hold
+    )
+
+
+def _steps(time: Floats) -> Floats:
+    steps = np.diff(time)
+    return np.append(steps, steps.mean())

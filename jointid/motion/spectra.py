@@ -1,0 +1,160 @@
+"""Any motion as phasors: a record is cut into segments, and each is a Fourier series over its length.
+
+Equation (1) holds for the Fourier integral over a finite time as well, but for a polynomial in iω with
+real coefficients: the difference of the states at both ends (Pintelon and Schoukens, System
+Identification, 2nd ed. 2012, section 6.3.2). The estimators eliminate it. The bins are the harmonics of
+a segment's length. Segments keep time and memory linear in the samples, and their scatter checks the
+error bars.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
+from jointid.motion.band import proposed_band
+from jointid.motion.noise import sensor_variances
+from jointid.motion.sampling import UniformPart, uniform_parts
+from jointid.motion.velocity import smooth_velocity
+from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import Segment, bins_of
+from jointid.records import MotionRecord
+
+_SEGMENT_S, _PERIODS = 2.5, 40.0
+"""Least length of a segment, s, and in periods of the band's highest frequency."""
+_CYCLES = 4.0
+"""Cycles of the lowest frequency in a segment, where the record allows it."""
+_LEAST_BINS = 8
+"""Bins of a segment below which it has no equation beside the terms of its ends."""
+_LEAST_TORQUE_NOISE = 3e-3
+"""Smallest start value of the torque's noise, over the torque."""
+_EXACT = 1e4
+"""Degrees of freedom of a covariance from many samples."""
+
+
+def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
+    """Phasors of the segments of motion records.
+
+    Parameters
+    ----------
+    records : sequence of MotionRecord
+    M : ndarray, shape (r, n)
+        Rotor inertia of each record, kg·m², to tell the noise of torque and angle apart.
+
+    Raises
+    ------
+    JointIdError
+        When a record's clock is too uneven, or its band is empty.
+    """
+    found = []
+    for index, record in enumerate(records):
+        name = record.label or f"motion record {index + 1}"
+        parts = uniform_parts(record, index, name)
+        band, variance = _band_and_noise(record, parts, M[index])
+        found += [
+            _row(segment, samples, variance, record, name)
+            for part in parts
+            for segment, samples in _segments(part, band, variance, record.band_hz is not None)
+        ]
+        if not any(row.segments[0].record == index for row in found if row.segments[0]):
+            raise JointIdError(
+                f"{name}: its band of {band[0]:.4g} to {band[1]:.4g} Hz holds too few lines of its "
+                "spectrum. Record longer, or widen band_hz."
+            )
+    return Phasors.joined(found)
+
+
+def _band_and_noise(
+    record: MotionRecord, parts: list[UniformPart], M: Floats
+) -> tuple[tuple[float, float], Floats]:
+    if record.band_hz is not None:
+        return record.band_hz, _noise(parts, record.band_hz, M)
+    band = 0.0, 0.25 / record.interval_s
+    for _ in range(2):  # the noise beyond the band decides on the band
+        variance = sensor_variances(parts, band[1], M)
+        band = proposed_band(parts, variance[M.size :])
+    return band, _noise(parts, band, M)
+
+
+def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> Floats:
+    """Variance of each sample, shape (2n,); that of the torque is a start value.
+
+    Beyond the band the noise of the angle, and friction, may hide that of the torque.
+    """
+    variance = sensor_variances(parts, band[1], M)
+    size = np.mean([(part.tau**2).mean(axis=1) for part in parts], axis=0)
+    variance[M.size :] = np.maximum(variance[M.size :], _LEAST_TORQUE_NOISE**2 * size)
+    return variance
+
+
+def _segments(
+    part: UniformPart, band: tuple[float, float], variance: Floats, fixed: bool
+) -> list[tuple[Segment, Floats]]:
+    """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
+    n, N = part.theta.shape
+    velocity, noise = smooth_velocity(part.theta, part.interval_s, variance[:n])
+    whole = N * part.interval_s
+    length = max(_SEGMENT_S, _PERIODS / band[1])
+    if fixed:
+        length = max(length, _CYCLES / max(band[0], _CYCLES / whole))
+    count = max(1, round(whole / length))
+    edges = np.linspace(0, N, count + 1).astype(int)
+    found = []
+    for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        duration = (end - begin) * part.interval_s
+        lowest = max(1 if fixed else round(_CYCLES), int(np.ceil(band[0] * duration)))
+        highest = min(int(band[1] * duration), (end - begin - 1) // 2)
+        if highest - lowest + 1 < _LEAST_BINS:
+            continue
+        segment = Segment(
+            record=part.record,
+            start_s=part.start_s + begin * part.interval_s,
+            interval_s=part.interval_s,
+            velocity=velocity[:, begin:end],
+            velocity_noise=noise,
+            angle_variance=variance[:n],
+            held=part.held,
+            lowest=lowest,
+            highest=highest,
+        )
+        found.append((segment, np.concatenate([part.theta, part.tau])[:, begin:end]))
+    return found
+
+
+def _row(
+    segment: Segment, samples: Floats, variance: Floats, record: MotionRecord, name: str
+) -> Phasors:
+    n, H, T = record.n, segment.highest, segment.interval_s
+    z = bins_of(samples, H).T[None]
+    s = 2j * np.pi * np.arange(1, H + 1) / segment.duration_s
+    timing = np.exp(-s * record.torque_delay_s)
+    if segment.held:
+        timing = timing * -np.expm1(-s * T) / (s * T)
+    z[:, :, n:] *= timing[:, None]
+    z[:, : segment.lowest - 1] = 0
+    factor = np.ones((H, 2 * n), complex)
+    factor[:, n:] = timing[:, None]
+    covariance: Complexes = np.zeros((1, H, 2 * n, 2 * n), complex)
+    covariance[..., np.arange(2 * n), np.arange(2 * n)] = (
+        4 * variance / segment.samples * np.abs(factor) ** 2
+    )
+    unknown = np.full((1, 2 * n), np.nan)
+    return Phasors(
+        omega=np.array([2 * np.pi / segment.duration_s]),
+        q=z[:, 0, :n],
+        tau=z[:, 0, n:],
+        covariance=covariance[:, 0],
+        degrees_of_freedom=np.array([_EXACT]),
+        duration_s=np.array([segment.duration_s]),
+        harmonics=z,
+        harmonic_covariance=covariance,
+        drift=np.zeros((1, n)),
+        settling=unknown,
+        settling_noise=unknown,
+        frequency_found_hz=np.array([1 / segment.duration_s]),
+        labels=(name,),
+        segments=(segment,),
+    )

@@ -1,0 +1,45 @@
+"""Velocity of the motors at every sample, for friction."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from jointid.arrays import Floats
+
+_LINES = 15
+"""Lines over which the power of a spectrum is averaged."""
+
+
+def smooth_velocity(theta: Floats, interval_s: float, variance: Floats) -> tuple[Floats, Floats]:
+    """Derivative of angles with white noise, by Wiener's filter.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n, N)
+        rad.
+    interval_s : float
+    variance : ndarray, shape (n,)
+        Of the noise in each sample, rad².
+
+    Returns
+    -------
+    velocity : ndarray, shape (n, N), rad/s
+    noise : ndarray, shape (n,)
+        Its standard deviation, rad/s.
+    """
+    N = theta.shape[1]
+    # Reflected about its ends, the signal is periodic, with a continuous velocity.
+    line = np.linspace(0, 1, N)
+    level = theta - theta[:, :1] - (theta[:, -1:] - theta[:, :1]) * line
+    periodic = np.concatenate([level, -level[:, -2:0:-1]], axis=1)
+    spectrum = np.fft.rfft(periodic, axis=1)
+    omega = 2 * np.pi * np.fft.rfftfreq(periodic.shape[1], interval_s)
+    power = uniform_filter1d(np.abs(spectrum) ** 2, _LINES, axis=1, mode="nearest")
+    noise = variance[:, None] * periodic.shape[1]
+    gain = np.where(power > 0, np.maximum(1 - 2 * noise / np.where(power > 0, power, 1.0), 0.0), 0.0)
+    gain[:, -1] = 0.0
+    mean = (theta[:, -1] - theta[:, 0]) / (interval_s * (N - 1))
+    velocity = np.fft.irfft(1j * omega * gain * spectrum, periodic.shape[1], axis=1)[:, :N]
+    left = 2 * variance * ((omega * gain) ** 2).sum(axis=1) / periodic.shape[1]
+    return np.asarray(velocity + mean[:, None]), np.asarray(np.sqrt(left))

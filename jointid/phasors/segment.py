@@ -1,0 +1,62 @@
+"""A stretch of any motion, whose Fourier bins are phasors at the harmonics of its length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What the phasors of a stretch do not hold: its samples, for friction and the torque's images."""
+
+    record: int
+    """Index of the motion record that it comes from."""
+    start_s: float
+    """Time of its first sample on the record's clock, s."""
+    interval_s: float
+    velocity: Floats
+    """Smoothed velocities of the motors, shape (n, N), rad/s."""
+    velocity_noise: Floats
+    """Their standard deviation, shape (n,), rad/s."""
+    angle_variance: Floats
+    """Variance of each sample of the angles by noise, shape (n,), rad²."""
+    held: bool
+    """Whether the torque is held from sample to sample."""
+    lowest: int
+    """First bin of its band."""
+    highest: int
+    """Last bin of its band."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples N."""
+        return int(self.velocity.shape[1])
+
+    @property
+    def duration_s(self) -> float:
+        """Period of the Fourier series, s."""
+        return self.samples * self.interval_s
+
+    def images(self, bins: int) -> Complexes:
+        """Angle per torque over rotor inertia by the images of the held torque, shape (bins,), s².
+
+        The steps of the torque move the rotor beyond the band; sampled, that motion appears in the band.
+        A rotor under a held torque has the exact pulse response T²(z + 1)/(2(z − 1)²); the part that the
+        torque in the band explains is 1/s².
+        """
+        if not self.held:
+            return np.zeros(bins, complex)
+        T = self.interval_s
+        s = 2j * np.pi * np.arange(1, bins + 1) / self.duration_s
+        z, held = np.exp(s * T), -np.expm1(-s * T) / (s * T)
+        return np.asarray(T**2 * (z + 1) / (2 * (z - 1) ** 2) / held - 1 / (s * s))
+
+
+def bins_of(samples: Floats, bins: int) -> Complexes:
+    """Phasors (..., bins) of the first harmonics of samples (..., N) over their length."""
+    spectrum = np.fft.rfft(samples, axis=-1)[..., 1 : bins + 1]
+    return np.asarray(spectrum * (2j / samples.shape[-1]))
