@@ -210,7 +210,9 @@ class MotionRecord(JointRecord):
     def excitation(self) -> str:
         """The band in words."""
         return (
-            "any motion" if self.band_hz is None else f"{self.band_hz[0]:.3g}–{self.band_hz[1]:.3g} Hz"
+            "automatic band"
+            if self.band_hz is None
+            else f"{self.band_hz[0]:.3g}–{self.band_hz[1]:.3g} Hz"
         )
 
     def _checked_arm(self) -> Floats | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import (
+    Analysis,
     Controller,
     Elasticity,
     Inertia,
@@ -24,16 +26,28 @@ from jointid import (
     MotorFriction,
     SineRecord,
     Study,
+    analyse,
     load_study,
     motor_response,
     save_study,
     simulate_motion,
+    simulate_records,
 )
+from jointid.cut.outcome import study_outcome
+from jointid.exporting.identification import identification
+from jointid.exporting.identification_files import from_json, to_json
+from jointid.exporting.matlab import to_mat
+from jointid.exporting.tables import phasor_table, transfer_matrix_table
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
+from jointid.fleet.row import checked, row_of
 from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.reporting.pdf import to_pdf
+from jointid.reporting.report import make_report
 from jointid.simulation.motion import KINDS
+from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.uncertainty.sensitivity import prior_influence
 
 ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
 SPRINGS = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
@@ -253,3 +267,89 @@ def test_a_marked_span_of_motion_is_measured_as_motion() -> None:
     assert run.is_motion
     assert (run.start_s, run.stop_s) == (2.0, 9.0)
     assert measure_run(log_of(record), 2.0, 9.0, 5.0).lines_hz == (5.0,)
+
+
+def motion_study(*kinds: str, sines: bool = False) -> Study:
+    records: list[Any] = []
+    for kind in kinds:
+        motion = Motion(kind, 2.0, 35.0, 8.0)
+        records += simulate_motion(ROBOT, SPRINGS, motion, records=1, seed=4, **FREE)
+    if sines:
+        records += simulate_records(ROBOT, SPRINGS, [5.0, 11.0, 19.0, 28.0], seed=4, **FREE)
+    return Study(records, ROBOT, nominal=Elasticity(K=[20.0, 3.5], D=[0.1, 0.015]), name="cell")
+
+
+FREE = {key: REAL[key] for key in ("controller", "measurement")}
+
+
+@pytest.fixture(scope="module")
+def analyses() -> dict[str, Analysis]:
+    return {
+        "motions": analyse(motion_study("sweep", "random")),
+        "both": analyse(motion_study("random", sines=True)),
+    }
+
+
+@pytest.mark.parametrize("name", ["motions", "both"])
+def test_a_study_with_motions_gives_the_springs_of_the_robot(
+    analyses: dict[str, Analysis], name: str
+) -> None:
+    analysis = analyses[name]
+    truth = np.array([43.0, 7.5, 0.10, 0.015])
+    assert np.all(np.abs(analysis.fit.estimate / truth - 1) < [2e-3, 2e-3, 5e-3, 5e-3])
+    assert np.all(np.abs(analysis.fit.estimate - truth) < 4 * analysis.fit.standard_error)
+    assert analysis.findings[0].level == "good"
+    assert analysis.state == "usable"
+    assert len(analysis.fit.inertias) == len(analysis.study.records)
+
+
+def test_the_transfer_matrix_of_motions_agrees_with_the_robot(analyses: dict[str, Analysis]) -> None:
+    """Local polynomials know nothing of the model."""
+    matrix = analyses["motions"].transfer_matrices[""]
+    assert matrix.omega.size > 10
+    off = np.abs(matrix.H - motor_response(matrix.omega, ROBOT, SPRINGS))
+    assert np.median(off / matrix.standard_deviation) < 2
+    diagonal = np.abs(np.einsum("fii->fi", motor_response(matrix.omega, ROBOT, SPRINGS)))
+    assert np.all(np.median(np.einsum("fii->fi", off) / diagonal, axis=0) < 0.02)
+
+
+@pytest.mark.parametrize("name", ["motions", "both"])
+def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis], name: str) -> None:
+    analysis = analyses[name]
+    found = from_json(to_json(identification(analysis)))
+    np.testing.assert_array_equal(found.K, analysis.fit.K)
+    assert to_mat(analysis).startswith(b"MATLAB 5.0")
+    rows = phasor_table(analysis).strip().splitlines()
+    assert len(rows) == 1 + len(analysis.study.sine_records)
+    assert len(transfer_matrix_table(analysis).splitlines()) > 4
+    report = make_report(analysis, cut=False)
+    assert "of 16.0 s" in report.facts or "of 8.00 s" in report.facts
+    assert b"%PDF" in to_pdf(report)[:8]
+    assert checked(row_of(analysis, study="x")).records == len(analysis.study.records)
+    assert study_outcome(analysis).after_m < study_outcome(analysis).before_m
+    assert errors_table(analysis)
+    assert prior_influence(analysis.fit).shift.shape[0] == 4
+
+
+def test_linear_estimators_refuse_motions() -> None:
+    with pytest.raises(JointIdError, match=r'takes sine records only.*"auto"'):
+        analyse(motion_study("sweep"), method="least-squares")
+
+
+def test_wrong_inertias_show_in_a_study_of_motions() -> None:
+    study = motion_study("random")
+    wrong = Inertia(M=1.4 * ROBOT.M, M2=ROBOT.M2)
+    found = analyse(replace(study, inertia=wrong, inertia_std=0.02)).findings
+    assert any(f.level in ("problem", "warning") and "inertias" in f.title for f in found)
+
+
+def test_torques_of_another_robot_are_no_usable_answer() -> None:
+    """Noise in place of the torque: nothing belongs together."""
+    study = motion_study("random")
+    record = study.motion_records[0]
+    tau = np.random.default_rng(1).normal(size=record.tau_Nm.shape)
+    try:
+        analysis = analyse(replace(study, records=[replace(record, tau_Nm=tau)]))
+    except JointIdError:
+        return
+    assert analysis.state != "usable"

@@ -233,6 +233,31 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     )
 
 
+def no_phasors(n: int) -> Phasors:
+    """Return the phasors of no record of n joints."""
+    z, real, square = (
+        np.zeros((0, n), complex),
+        np.zeros((0, 2 * n)),
+        np.zeros((0, 2 * n, 2 * n), complex),
+    )
+    none = np.zeros(0)
+    return Phasors(
+        omega=none,
+        q=z,
+        tau=z,
+        covariance=square,
+        degrees_of_freedom=none,
+        duration_s=none,
+        harmonics=np.zeros((0, 1, 2 * n), complex),
+        harmonic_covariance=square[:, None],
+        drift=z.real,
+        settling=real,
+        settling_noise=real,
+        frequency_found_hz=none,
+        labels=(),
+    )
+
+
 def _checked(records: Sequence[SineRecord]) -> tuple[SineRecord, ...]:
     if isinstance(records, SineRecord):
         return (records,)

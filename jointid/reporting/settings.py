@@ -39,7 +39,11 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "noise explains; 1 is ideal",
         ),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
-        ("Harmonics fitted", str(analysis.phasors.harmonics.shape[1])),
+        *(
+            [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
+            if study.sine_records
+            else []
+        ),
     ]
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
@@ -70,7 +74,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             (method, *(with_error(float(v), float(e)) for v, e in _estimates(other)))
             for method, other in analysis.fits.items()
         ),
-        "Other estimators on the same records: the paper's least squares (13)–(14) and its explicit "
+        "Other estimators on the sine records: the paper's least squares (13)–(14) and its explicit "
         "solution (15), with the given inertias; without friction and delay.",
     )
     yield Table(

@@ -137,16 +137,15 @@ def sampled(
 def _sweep(motion: Motion, n: int, record: int, time: Floats, source: np.random.Generator) -> Floats:
     """Logarithmic sweeps; the amplitude follows the tightest limit at each frequency."""
     ratio = np.log(motion.to_hz / motion.from_hz)
-    share = time / motion.duration_s
+    span = time[-1] - time[0]  # from before the log, so that nothing jumps where it begins
+    share = (time - time[0]) / span
     position, velocity, acceleration = motion.limits(n)
     table = np.empty((time.size, n))
     for j in range(n):
         up = (record + j) % 2 == 0
         start, rate = (motion.from_hz, ratio) if up else (motion.to_hz, -ratio)
-        inside = np.clip(share, 0.0, 1.0)
-        frequency = start * np.exp(rate * inside)
-        cycles = start * motion.duration_s / rate * np.expm1(rate * inside)
-        cycles += frequency * (time - inside * motion.duration_s)  # constant frequency outside the log
+        frequency = start * np.exp(rate * share)
+        cycles = start * span / rate * np.expm1(rate * share)
         omega = 2 * np.pi * frequency
         amplitude = np.minimum(np.minimum(position[j], velocity[j] / omega), acceleration[j] / omega**2)
         table[:, j] = amplitude * np.sin(2 * np.pi * (cycles + source.uniform()))

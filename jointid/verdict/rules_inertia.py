@@ -21,7 +21,7 @@ from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_frict
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
-_LOOSE = 0.3
+LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
 _NEARLY = 0.01
@@ -37,6 +37,12 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     if judged is None or judged.misfit > _EXPLAINED:
         yield from _far_off(evidence)
         return
+    yield from inertias_off(evidence, judged)
+
+
+def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]:
+    """Difference of the inertias of a fit that explains the data from the given ones."""
+    fit = evidence.fit
     exact = judged is not fit
     rows = [(_significance(row, exact), row) for row in prior_rows(judged, evidence.poses) if row.unit]
     off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])
@@ -73,7 +79,7 @@ def _judged(evidence: Evidence) -> ElasticityFit | None:
     if fit.misfit <= _EXPLAINED:
         return None
     try:
-        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=_LOOSE)
+        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=LOOSE)
     except JointIdError:
         return None
 
@@ -144,7 +150,7 @@ def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> f
             method="maximum-likelihood",
             friction=fit.friction is not None,
             delay=fit.delay is not None,
-            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, _LOOSE)),
+            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, LOOSE)),
         )
     except JointIdError:
         return np.inf
