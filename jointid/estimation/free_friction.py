@@ -10,9 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from jointid.arrays import Complexes, Floats
 
+_MANY = 48
+"""Waveforms from which Cholesky's method pays for a call per record."""
 _RIDGE = 1e-11
 """Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
@@ -124,4 +127,8 @@ def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats, Floats]:
 
 def _sizes(free: Floats, gram: Floats, rows: Floats) -> Floats:
     """Least-squares amplitudes (g, k, c) of the waveforms in rows (g, m, c)."""
-    return np.asarray(np.linalg.solve(gram, free.swapaxes(1, 2) @ rows))
+    on_rows = free.swapaxes(1, 2) @ rows
+    if gram.shape[1] < _MANY:
+        return np.asarray(np.linalg.solve(gram, on_rows))
+    solved = [cho_solve(cho_factor(a, lower=True), b) for a, b in zip(gram, on_rows, strict=True)]
+    return np.asarray(solved)

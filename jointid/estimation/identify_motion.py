@@ -28,6 +28,8 @@ from jointid.small_matrices import one_thread
 
 _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
+_MOVES = 4.0
+"""Power of the angle over its noise, mean over the band, of a joint that moves."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _DEGREE = 5
@@ -102,10 +104,11 @@ def _identified(
     gear: str,
 ) -> ElasticityFit:
     phasors, source = _phasors(records, given.M[given.rotor])
+    _require_motion(phasors)
     prior = given.of_rows(source)
     start = motion_start(phasors, prior)
+    phasors, start = _with_first_noise(phasors, prior, start)
     search = partial(choose_model, start=start, friction=friction, delay=delay, gear=gear)
-    phasors = _with_first_noise(phasors, prior, start)
     choice = search(phasors, prior, noise=_noise(phasors, prior))
     again = _with_noise(phasors, prior, choice)
     if _differ(again, phasors):
@@ -127,25 +130,26 @@ def _identified(
     )
 
 
-def _with_first_noise(phasors: Phasors, prior: InertiaPrior, start: Floats) -> Phasors:
-    """Phasors with the noise that a fit with simple friction leaves."""
+def _with_first_noise(phasors: Phasors, prior: InertiaPrior, start: Floats) -> tuple[Phasors, Floats]:
+    """Phasors with the noise that a fit with simple friction leaves, and its K and D."""
     if not phasors.motion.any():
-        return phasors
+        return phasors, start
     noise = _noise(phasors, prior)
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     for reversal in (None, 0.0, 0.03, 0.1):
         model = Model(reversal, delay=False)
-        if reversal and fits[-1][1].misfit > _BETTER * fits[0][1].misfit:
+        if reversal and fits and fits[-1][1].misfit > _BETTER * fits[0][1].misfit:
             break  # no friction
         with contextlib.suppress(JointIdError):
             fits.append((model, fit_model(phasors, prior, start, noise, model)))
     if not fits:
-        return phasors
+        return phasors, start
     best = fits[0]
     for other in fits[1:]:
         if other[1].misfit < _BETTER * best[1].misfit:
             best = other
-    return _with_noise(phasors, prior, Choice(*best, (), np.zeros(0)))
+    found = best[1].elasticity
+    return _with_noise(phasors, prior, Choice(*best, (), np.zeros(0))), found
 
 
 def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasors:
@@ -161,7 +165,10 @@ def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasor
     freed = 1 - residual.projection.rank() / problem.rows
     motions = [segment for segment in phasors.segments if segment is not None]
     angles = np.mean([segment.angle_variance for segment in motions], axis=0)
+    most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
+    least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
     torques = sensor_noise(phasors, left / np.sqrt(freed), residual.at.E, angles)
+    torques = np.clip(torques, least, np.maximum(most, least))
     covariance = phasors.harmonic_covariance.copy()
     for row, segment in enumerate(phasors.segments):
         if segment is not None:
@@ -220,6 +227,21 @@ def _phasors(records: list[MotionRecord | SineRecord], M: Floats) -> tuple[Phaso
     joined = Phasors.joined(parts)
     order = np.argsort(source, kind="stable")
     return joined.select(order), np.asarray(source)[order]
+
+
+def _require_motion(phasors: Phasors) -> None:
+    """Refuse a joint that does not move above its noise in any record."""
+    n, known = phasors.n, np.any(phasors.harmonics != 0, axis=2)
+    variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance).real[..., :n]
+    power = np.abs(phasors.harmonics[..., :n]) ** 2
+    clear = np.divide(power, variance, out=np.zeros_like(power), where=variance > 0)
+    clear = clear.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
+    for j in np.flatnonzero(clear.max(axis=0) < _MOVES).tolist():
+        raise JointIdError(
+            f"Joint {j + 1} is not excited: theta_m{j + 1}_rad does not move above its noise within the "
+            f"band of any record, so K{j + 1} and D{j + 1} cannot be found. Move joint {j + 1}, or widen "
+            "band_hz."
+        )
 
 
 def motion_start(phasors: Phasors, prior: InertiaPrior) -> Floats:

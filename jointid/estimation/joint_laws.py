@@ -25,6 +25,8 @@ _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
 _POINTS = 8
 """Samples over a period for each harmonic."""
+_FINE = 250
+"""Samples from which half as many for each harmonic do."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
 _NEWTON = 2
@@ -72,7 +74,8 @@ class JointLaws:
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
         clear[:, 0] = True
         samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
-        return cls(s, clear[..., n:], np.asarray(np.abs(torque[:, 0]).max(axis=0)), samples)
+        largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
+        return cls(s, clear[..., n:], np.asarray(largest), samples)
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
@@ -169,7 +172,8 @@ class JointLaws:
 
 
 def _points(H: int) -> int:
-    return _POINTS * max(H, _LEAST_HARMONICS)
+    points = _POINTS * max(H, _LEAST_HARMONICS)
+    return points if points < _FINE else max(_FINE, points // 2)
 
 
 def _values(p: Parameters) -> Floats:

@@ -51,6 +51,8 @@ _WORTH = 0.2
 wrong part explains something."""
 _CHANCE = 1e-3
 """Probability that the score of any part leads to a fit on an ideal robot."""
+_ALIKE = 1.2
+"""Ratio of misfits up to which another width of the reversals explains motions as well."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 _DECISIVE = 0.3
@@ -102,7 +104,7 @@ def choose_model(
         if np.any(phasors.drift):  # a superposed motion that does not reverse
             effects.remove("motor_presliding")
         if phasors.motion.any():
-            effects = [name for name in effects if name not in LAWS]
+            effects = [name for name in effects if name in GEAR_LAWS or name not in LAWS]
         optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
     base = Model(0.0 if friction else None, delay)
     return _searched(_Search(phasors, prior, linear, noise, base, tuple(optional)))
@@ -223,7 +225,7 @@ class _Search:
         """Fit a model; of two fits from different starts the better one stays."""
         earlier = self.tried.get(model)
         if not set(GEAR_LAWS).isdisjoint(model.effects):
-            if self.slow_fits == _MOST_SLOW_FITS:
+            if self.slow_fits == (_MOST_SLOW_FITS if not self.phasors.motion.any() else 3):
                 self.tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
                 return
             self.slow_fits += 1
@@ -386,7 +388,27 @@ class _Search:
             self._candidate(model, criterion[model], model == best)
             for model in sorted(self.tried, key=lambda model: criterion[model])
         ]
-        return Choice(best, self.tried[best], tuple(candidates), self._spread(best))
+        spread = self._spread(best) + self._spread_of_reversals(best)
+        return Choice(best, self.tried[best], tuple(candidates), spread)
+
+    def _spread_of_reversals(self, best: Model) -> Floats:
+        """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).
+
+        Motions pass their reversals at all speeds: no one width of a reversal is right for all.
+        """
+        found, shifts = self.tried[best], [np.zeros(2 * self.phasors.n)]
+        if isinstance(found, JointIdError) or best.reversal is None or not self.phasors.motion.any():
+            return np.zeros((2 * self.phasors.n,) * 2)
+        for reversal in (0.0, 0.03, 0.1):
+            other = replace(best, reversal=reversal)
+            if other == best:
+                continue
+            if other not in self.tried:
+                self.fit(other, found.named)
+            estimate = self.tried[other]
+            if isinstance(estimate, LikelihoodEstimate) and estimate.misfit < _ALIKE * found.misfit:
+                shifts.append(estimate.elasticity - found.elasticity)
+        return np.mean([np.outer(shift, shift) for shift in shifts[1:] or shifts], axis=0)
 
     def _spread(self, best: Model) -> Floats:
         """Covariance of K and D by the choice between models, shape (2n, 2n).

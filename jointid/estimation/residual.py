@@ -25,7 +25,7 @@ from jointid.estimation.joint_laws import JointLaws
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
-from jointid.motion.end_terms import EndTerms, row_groups, torque_images
+from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 
@@ -53,6 +53,7 @@ class Problem:
     group: np.ndarray  # (r, H), the misfit of each group of rows is its own
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     ends: EndTerms | None = None
+    motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
 
     @property
@@ -176,12 +177,17 @@ def make_problem(
         )
     n, z = prior.n, phasors.harmonics
     s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, z.shape[1] + 1))
-    laws = None
+    laws, motion = None, None
     if any(name in layout for name in LAWS):
-        inertial = (s * s)[..., None] * prior.M[prior.rotor, None]
+        motion = motor_motion(phasors)
+        rotor = prior.M[prior.rotor, None]
+        inertial = (s * s)[..., None] * rotor
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
         variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
-        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance)
+        torque = inertial * z[..., :n]
+        if motion is not None:
+            torque = np.where(phasors.motion[:, None, None], motion[1] * rotor, torque)
+        laws = JointLaws.of(s, z[..., :n], z[..., n:] - torque, variance)
     known = np.any(z != 0, axis=2)
     group, main = row_groups(phasors, known)
     return Problem(
@@ -192,6 +198,7 @@ def make_problem(
         group=group,
         main=main,
         ends=EndTerms.of(phasors, s),
+        motion=motion,
         images=torque_images(phasors),
         prior=prior,
         friction=friction,
@@ -227,6 +234,8 @@ class Residual:
     """Position over logged position, shape (r, H, n)."""
     torque: Complexes
     """Torque through the gears by the balance at the motors, shape (r, H, n), N·m."""
+    waveform: Complexes
+    """The same for the nonlinear laws: of motions, without the terms of the ends."""
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
 
@@ -257,14 +266,15 @@ class Residual:
             torque -= sliding_friction(problem.friction, p, s.shape[1])
         if "motor_presliding" in problem.layout and problem.laws is not None:
             torque -= p["motor_presliding"] * problem.laws.presliding(p["bristle"], s.shape[1])
-        law = np.zeros_like(q), np.zeros_like(q)
+        waveform, law = torque, (np.zeros_like(q), np.zeros_like(q))
         if problem.laws is not None:
-            law = problem.laws.deflection(torque, p), np.zeros_like(q)
+            waveform = _without_ends(problem, p, torque, q, own)
+            law = problem.laws.deflection(waveform, p), np.zeros_like(q)
             if "arm_coulomb" in problem.layout:
-                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
+                law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(waveform, arm)
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, law)
+        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.
@@ -311,12 +321,15 @@ class Residual:
             J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem))[..., None, :]
         self._differentiate_arm(J, f - self.law[1])
         if "arm_coulomb" in layout and problem.laws is not None:
-            signs = problem.laws.arm_friction(self.torque, self.arm)
+            signs = problem.laws.arm_friction(self.waveform, self.arm)
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
-        slopes = {} if problem.laws is None else problem.laws.slopes(self.torque, p, own)
+        slopes = {}
+        if problem.laws is not None:
+            sines = own if problem.motion is None else {}  # a small effect of a small effect
+            slopes = problem.laws.slopes(self.waveform, p, sines)
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
@@ -407,6 +420,19 @@ def _loss(problem: Problem) -> Complexes:
     s = problem.s
     reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
     return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
+
+
+def _without_ends(
+    problem: Problem, p: Parameters, torque: Complexes, q: Complexes, own: Complexes
+) -> Complexes:
+    """Torque through the gears with the motors' acceleration itself, for a motion's waveform."""
+    if problem.motion is None:
+        return torque
+    velocity, acceleration = problem.motion
+    inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
+    viscous = 0.0 if problem.friction is None else p.viscous * velocity
+    moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
+    return np.where(moved, torque + own * q - inertial - viscous, torque)
 
 
 def _filtered(s: Complexes, p: Parameters) -> Complexes | float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.extract import Phasors
+from jointid.phasors.segment import bins_of
 
 _DEGREE = 3
 """Of the polynomial at the motors: with 1 the Fourier integral is exact, with 3 that of samples."""
@@ -58,6 +59,21 @@ class EndTerms:
         each = sizes[self.records].reshape(-1, n, 2)
         torque[self.records] = np.einsum("mhd,mjd->mhj", self.powers[..., :2], each)
         return torque
+
+
+def motor_motion(phasors: Phasors) -> Complexes | None:
+    """Bins of velocity and acceleration without the ends' terms, shape (2, r, H, n); None of sines."""
+    if not phasors.motion.any():
+        return None
+    r, H, _ = phasors.harmonics.shape
+    found = np.zeros((2, r, H, phasors.n), complex)
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            rates = segment.velocity, np.gradient(segment.velocity, segment.interval_s, axis=1)
+            used = slice(segment.lowest - 1, segment.highest)
+            for k, each in enumerate(rates):
+                found[k, row, used] = bins_of(each, segment.highest).T[segment.lowest - 1 :]
+    return found
 
 
 def torque_images(phasors: Phasors) -> Complexes | float:

@@ -25,12 +25,18 @@ _LATEST = 0.5
 _REWEIGHTED = 10
 _EXAMINED = 4096
 """Samples in which the encoder's step is searched."""
+_SURE = 3.0
+"""Standard errors above its estimate that a variance may have."""
+_LEAST_POWER = 1e-60
+"""Power of a joint that moves at all, (N·m)²."""
 _FLOOR = 1e-10
 """Smallest standard deviation, over the signal's largest value."""
 
 
-def sensor_variances(parts: Sequence[UniformPart], highest_hz: float, M: Floats) -> Floats:
-    """Variance of each sample of the angles (n) and torques (n), shape (2n,).
+def sensor_variances(
+    parts: Sequence[UniformPart], highest_hz: float, M: Floats
+) -> tuple[Floats, Floats]:
+    """Variance of each sample of the angles and torques (2n,), and the most that the torques' can be (n,).
 
     Parameters
     ----------
@@ -42,19 +48,23 @@ def sensor_variances(parts: Sequence[UniformPart], highest_hz: float, M: Floats)
         Rotor inertias, kg·m².
     """
     n, spectra = M.size, [_spectra(part, highest_hz) for part in parts]
-    variance = np.zeros(2 * n)
+    variance, most = np.zeros(2 * n), np.zeros(n)
     for j in range(n):
         power = np.concatenate([_means(np.abs(A[j] - M[j] * B[j]) ** 2) for _, A, B in spectra])
         gains = np.concatenate(
             [[M[j] ** 2 * _means(position), _means(torque)] for (position, torque), _, _ in spectra],
             axis=1,
         )
-        variance[[j, n + j]] = _non_negative(gains.T, power)
+        count = np.concatenate([_counts(A[j]) for _, A, _ in spectra])
+        if power.max() > _LEAST_POWER:
+            variance[[j, n + j]], error = _non_negative(gains.T, power, count)
+            most[j] = variance[n + j] + _SURE * error[1]
         steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
         size = [max(float(np.abs(each[j]).max()) for each in pair) for pair in _signals(parts)]
         variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
         variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
-    return variance
+        most[j] = max(most[j], variance[n + j])
+    return variance, most
 
 
 def _signals(parts: Sequence[UniformPart]) -> tuple[list[Floats], list[Floats]]:
@@ -83,12 +93,19 @@ def _means(values: Floats) -> Floats:
     return np.array([part.mean() for part in np.array_split(values, min(_BANDS, values.size))])
 
 
-def _non_negative(gains: Floats, power: Floats) -> Floats:
-    """Two variances with power = gains · variances, relative errors alike."""
-    weight = 1 / np.maximum(power, 1e-300)
+def _counts(values: Complexes) -> Floats:
+    """Number of lines in each mean."""
+    return np.array([part.size for part in np.array_split(values, min(_BANDS, values.size))], float)
+
+
+def _non_negative(gains: Floats, power: Floats, count: Floats) -> tuple[Floats, Floats]:
+    """Two variances with power = gains · variances, and their standard errors, each shape (2,)."""
+    weight = np.sqrt(count) / np.maximum(power, 1e-300)
     for _ in range(_REWEIGHTED):
         rows = gains * weight[:, None]
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
         found = nnls(rows / size, power * weight)[0] / size
-        weight = 1 / np.maximum(gains @ found, 1e-3 * power + 1e-300)
-    return np.asarray(found)
+        weight = np.sqrt(count) / np.maximum(gains @ found, 1e-3 * power + 1e-300)
+    # Neighbouring lines through a window are dependent: 2 lines count as one.
+    spread = np.linalg.pinv(rows.T @ rows / np.outer(size, size)) / np.outer(size, size)
+    return np.asarray(found), np.asarray(np.sqrt(2 * np.diag(spread)))

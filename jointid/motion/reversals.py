@@ -9,7 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.segment import Segment, bins_of
 
-_HATS = 3.0
+_HATS = 2.2
 """Hat functions per period of the highest bin: finer than the bins resolve."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
@@ -50,31 +50,50 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
     blur = _MARGIN * segment.velocity_noise
     largest = np.abs(v).max(axis=1)
     stationary = blur > _STATIONARY * largest
-    change = 0.5 * np.abs(np.gradient(v, axis=1))
-    signs = np.clip(v / np.maximum(np.maximum(change, blur[:, None]), 1e-300), -1, 1)
-    signs[stationary] = 0.0
-    shortest = _SHORTEST * N / H
+    coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     columns = [np.zeros((H, n, 0), complex)]
-    for j in np.flatnonzero(~stationary).tolist() if window > 0 else []:
-        for begin, end in _pauses(v[j], max(window * largest[j], blur[j]), blur[j], shortest):
-            before = signs[j, begin - 1] if begin else signs[j, min(end, N - 1)]
-            after = signs[j, end] if end < N else before
-            middle = (begin + end) // 2
-            signs[j, begin:middle], signs[j, middle:end] = np.sign(before), np.sign(after)
+    for j in np.flatnonzero(~stationary).tolist():
+        threshold = max(window * largest[j], blur[j])
+        for begin, end in _pauses(v[j], threshold, blur[j], _SHORTEST * N / H) if window > 0 else []:
             column = np.zeros((H, n, _hat_count(segment, end - begin)), complex)
             column[:, j] = _hats(segment, begin, end, column.shape[2])
             columns.append(column)
-    # A sample is the mean sign over its step: its transform is that of the sign times sinc.
-    box = np.sinc(np.arange(1, H + 1) / N)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        fades = signs[:, None] * np.nan_to_num(np.exp(-np.abs(v)[:, None] / widths[:, :, None]))
+        turns, signs = _steps(v[j], blur[j])
+        coulomb[:, j] = _of_steps(turns, signs, N, H)
+        fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
+        curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = np.arange(1, H + 1) >= segment.lowest
     return SegmentFriction(
-        coulomb=bins_of(signs, H).T / box * inside[:, None],
-        curve=np.moveaxis(bins_of(fades, H), 2, 0) / box[..., None] * inside[:, None, None],
+        coulomb=coulomb * inside[:, None],
+        curve=curve * inside[:, None, None],
         free=np.concatenate(columns, axis=2) * inside[:, None, None],
         stationary=stationary,
     )
+
+
+def _steps(v: Floats, blur: float) -> tuple[Floats, Floats]:
+    """Samples, with their fraction, at which the direction changes, and the directions (m + 1,).
+
+    Where a motor rests, the change is in the middle of its last and first clear motion.
+    """
+    clear = np.flatnonzero(np.abs(v) > blur)
+    sign = np.sign(v[clear])
+    turn = np.flatnonzero(sign[1:] != sign[:-1])
+    before, after = clear[turn], clear[turn + 1]
+    # A straight line between the last and the first clear sample; exact for neighbours.
+    share = np.abs(v[before]) / (np.abs(v[before]) + np.abs(v[after]))
+    return before + share * (after - before), np.append(sign[:1], sign[turn + 1])
+
+
+def _of_steps(turns: Floats, signs: Floats, N: int, H: int) -> Complexes:
+    """Phasors (H,) of a square wave over N steps that changes its sign at some samples."""
+    k = 2j * np.pi * np.arange(1, H + 1) / N
+    found = signs[0] - signs[-1] + np.exp(-np.outer(k, turns)) @ np.diff(signs)
+    return np.asarray(found / k * (2j / N))
+
+
+def _square_wave(turns: Floats, signs: Floats, N: int) -> Floats:
+    return np.asarray(signs[np.searchsorted(turns, np.arange(N))])
 
 
 def _pauses(v: Floats, threshold: float, blur: float, shortest: float) -> list[tuple[int, int]]:

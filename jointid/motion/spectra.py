@@ -31,6 +31,8 @@ _LEAST_BINS = 8
 """Bins of a segment below which it has no equation beside the terms of its ends."""
 _LEAST_TORQUE_NOISE = 3e-3
 """Smallest start value of the torque's noise, over the torque."""
+_ACCURACY = 1e-5
+"""Error of the torque by sampling and by the truncated terms of the ends, over the torque."""
 _EXACT = 1e4
 """Degrees of freedom of a covariance from many samples."""
 
@@ -53,11 +55,11 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
     for index, record in enumerate(records):
         name = record.label or f"motion record {index + 1}"
         parts = uniform_parts(record, index, name)
-        band, variance = _band_and_noise(record, parts, M[index])
+        band, variance, limits = _band_and_noise(record, parts, M[index])
         found += [
             _row(segment, samples, variance, record, name)
             for part in parts
-            for segment, samples in _segments(part, band, variance, record.band_hz is not None)
+            for segment, samples in _segments(part, band, variance, limits, record.band_hz is not None)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
             raise JointIdError(
@@ -69,29 +71,29 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
 
 def _band_and_noise(
     record: MotionRecord, parts: list[UniformPart], M: Floats
-) -> tuple[tuple[float, float], Floats]:
+) -> tuple[tuple[float, float], Floats, Floats]:
     if record.band_hz is not None:
-        return record.band_hz, _noise(parts, record.band_hz, M)
+        return record.band_hz, *_noise(parts, record.band_hz, M)
     band = 0.0, 0.25 / record.interval_s
     for _ in range(2):  # the noise beyond the band decides on the band
-        variance = sensor_variances(parts, band[1], M)
+        variance, _ = sensor_variances(parts, band[1], M)
         band = proposed_band(parts, variance[M.size :])
-    return band, _noise(parts, band, M)
+    return band, *_noise(parts, band, M)
 
 
-def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> Floats:
-    """Variance of each sample, shape (2n,); that of the torque is a start value.
+def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> tuple[Floats, Floats]:
+    """Variance of each sample (2n,); that of the torque is a start value; and its limits (2, n).
 
     Beyond the band the noise of the angle, and friction, may hide that of the torque.
     """
-    variance = sensor_variances(parts, band[1], M)
+    variance, most = sensor_variances(parts, band[1], M)
     size = np.mean([(part.tau**2).mean(axis=1) for part in parts], axis=0)
     variance[M.size :] = np.maximum(variance[M.size :], _LEAST_TORQUE_NOISE**2 * size)
-    return variance
+    return variance, np.stack([_ACCURACY**2 * size, most])
 
 
 def _segments(
-    part: UniformPart, band: tuple[float, float], variance: Floats, fixed: bool
+    part: UniformPart, band: tuple[float, float], variance: Floats, limits: Floats, fixed: bool
 ) -> list[tuple[Segment, Floats]]:
     """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
     n, N = part.theta.shape
@@ -116,6 +118,8 @@ def _segments(
             velocity=velocity[:, begin:end],
             velocity_noise=noise,
             angle_variance=variance[:n],
+            least_torque_variance=limits[0],
+            most_torque_variance=limits[1],
             held=part.held,
             lowest=lowest,
             highest=highest,

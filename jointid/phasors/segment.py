@@ -24,6 +24,10 @@ class Segment:
     """Their standard deviation, shape (n,), rad/s."""
     angle_variance: Floats
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
+    least_torque_variance: Floats
+    """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
+    most_torque_variance: Floats
+    """The most that the variance of each sample of the torques can be by noise, shape (n,), (N·m)²."""
     held: bool
     """Whether the torque is held from sample to sample."""
     lowest: int

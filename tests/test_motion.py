@@ -1,0 +1,170 @@
+"""K and D from records of any motion, on robots that share nothing with the package."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from benchmarks.motion import CELL, SINGLE, Motion, simulate
+from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
+from jointid.motion.noise import sensor_variances
+from jointid.motion.sampling import uniform_parts
+from jointid.motion.spectra import motion_phasors
+from jointid.phasors.segment import bins_of
+
+GIVEN = Inertia(CELL.M, CELL.M2)
+TRUE = CELL.answer
+SHORT = Motion("random", duration_s=5.0, seed=3)
+EXACT = replace(SHORT, noise_Nm=0.0, encoder_counts=0)
+
+
+@cache
+def records(motion: Motion, **changed: float) -> tuple[MotionRecord, ...]:
+    return tuple(simulate([(replace(CELL, **changed), motion)])[0])
+
+
+@cache
+def fitted(motion: Motion, std: float | None = None) -> ElasticityFit:
+    return identify_motion(records(motion), GIVEN, inertia_std=std)
+
+
+def relative_error(fit: ElasticityFit) -> np.ndarray:
+    return np.abs(fit.estimate / TRUE - 1)
+
+
+def cut(record: MotionRecord, used: slice | np.ndarray, **changed: object) -> MotionRecord:
+    values = {"theta_rad": record.theta_rad[used], "tau_Nm": record.tau_Nm[used]}
+    values |= {"time_s": record.time_s[used], "torque_hold": record.torque_hold, **changed}
+    return MotionRecord(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("rate_hz", "most"), [(1000.0, 1e-5), (250.0, 2e-3)])
+def test_without_noise_k_and_d_are_exact(rate_hz: float, most: float) -> None:
+    """The ends of the segments, in the middle of a motion, and the images of the torque drop out."""
+    motion = replace(EXACT, sample_rate_hz=rate_hz, band_hz=(2.0, 30.0))
+    assert relative_error(fitted(motion)).max() < most
+
+
+@pytest.mark.parametrize("kind", ["sweep", "random", "multisine", "moves"])
+@pytest.mark.parametrize("std", [None, np.inf])
+def test_motions_of_two_joints(kind: str, std: float | None) -> None:
+    fit = fitted(replace(SHORT, kind=kind), std)
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert np.all(fit.standard_error[:2] < (0.01 if kind == "moves" else 0.002) * TRUE[:2])
+    assert 0.7 < fit.misfit < 1.3
+
+
+def test_inertias_need_not_be_known() -> None:
+    wrong = Inertia(CELL.M * [1.3, 0.75], CELL.M2 * 1.25)
+    fit = identify_motion(records(SHORT), wrong, inertia_std=np.inf)
+    right = fitted(SHORT, np.inf)
+    assert np.abs(fit.estimate / right.estimate - 1).max() < 1e-3
+    assert isinstance(fit.inertia, Inertia)
+    assert np.abs(fit.inertia.M2 / CELL.M2 - 1).max() < 0.02
+
+
+def test_an_initial_state_does_not_change_the_answer() -> None:
+    """A record may begin and end in the middle of a motion, anywhere."""
+    (first, second), whole = records(EXACT), fitted(EXACT)
+    parts = [cut(first, slice(137, 4100)), cut(second, slice(611, None))]
+    fit = identify_motion(parts, GIVEN)
+    assert np.abs(fit.estimate / whole.estimate - 1).max() < 2e-5
+
+
+def test_offsets_and_drift_do_not_change_the_answer() -> None:
+    moved = [
+        cut(r, slice(None), theta_rad=r.theta_rad + [3.0, -40.0], tau_Nm=r.tau_Nm + [0.4, -0.2])
+        for r in records(EXACT)
+    ]
+    assert np.abs(identify_motion(moved, GIVEN).estimate / fitted(EXACT).estimate - 1).max() < 1e-5
+
+
+def test_jitter_and_gaps() -> None:
+    rng = np.random.default_rng(1)
+    fast = records(replace(EXACT, duration_s=8.0, noise_Nm=1e-3))
+    torn = []
+    for record in fast:
+        kept = np.ones(record.time_s.size, bool)
+        kept[3000:3100] = False
+        kept[5002:5005] = False
+        torn.append(cut(record, kept))
+    fit = identify_motion(torn, GIVEN)
+    assert np.all(np.abs(fit.estimate - TRUE) < 4 * fit.standard_error)
+    assert fit.standard_error[0] < 1e-3 * TRUE[0]
+    uneven = fast[0].time_s + 1e-4 * rng.uniform(-1, 1, fast[0].time_s.size)
+    assert uniform_parts(cut(fast[0], slice(None), time_s=uneven), 0, "a")[0].theta.shape[1] == 8000
+    uneven[50:] += 0.8e-3
+    with pytest.raises(JointIdError, match="uneven"):
+        identify_motion([cut(fast[0], slice(None), time_s=uneven)], GIVEN)
+
+
+def test_one_joint() -> None:
+    motion = replace(SHORT, records=1)
+    (only,) = simulate([(SINGLE, motion)])[0]
+    fit = identify_motion([only], Inertia(SINGLE.M, SINGLE.M2), inertia_std=0.05)
+    assert np.all(np.abs(fit.estimate - SINGLE.answer) < 4 * fit.standard_error)
+    assert fit.standard_error[0] < 0.002 * fit.K[0]
+
+
+def test_a_joint_at_rest_is_named() -> None:
+    still = [
+        cut(r, slice(None), theta_rad=r.theta_rad * [1, 0], tau_Nm=r.tau_Nm * [1, 0])
+        for r in records(SHORT)
+    ]
+    with pytest.raises(JointIdError, match="Joint 2"):
+        identify_motion(still, GIVEN)
+
+
+def test_sines_and_motions_are_fitted_together() -> None:
+    t = np.arange(2000) / 1000
+    motion = records(SHORT)[0]
+    s = 2j * np.pi * 7.0
+    K, D = np.split(TRUE, 2)
+    arm = np.linalg.inv(np.linalg.inv(CELL.M2) / s**2 + np.diag(1 / (K + s * D)))
+    q = np.array([0.02, 0.03j])
+    tau = (s**2 * np.diag(CELL.M) + arm) @ q
+    wave = np.exp(s * t)[:, None]
+    sine = SineRecord(7.0, t, (wave * q).imag, (wave * tau).imag)
+    both = identify_motion([motion, sine], GIVEN)
+    alone = identify_motion([motion], GIVEN)
+    assert np.all(both.standard_error < alone.standard_error)
+    assert np.all(np.abs(both.estimate - TRUE) < 4 * both.standard_error + 1e-6)
+    assert len(both.inertias) == 2
+
+
+def test_the_noise_of_the_sensors_is_found() -> None:
+    motion = replace(SHORT, noise_Nm=0.02, encoder_counts=4096)
+    parts = [part for r in records(motion) for part in uniform_parts(r, 0, "a")]
+    angle, torque = np.split(sensor_variances(parts, 40.0, CELL.M)[0], 2)
+    assert np.sqrt(12 * angle) * 4096 / (2 * np.pi) == pytest.approx(1.0, rel=0.1)
+    del torque  # hidden by that of the angle, beyond the band
+    found = np.sqrt(fitted(motion).equations.noise.covariance[0, 0, 2, 2].real * 2500 / 4)
+    assert found == pytest.approx(0.02, rel=0.15)
+
+
+def test_time_and_memory_grow_with_the_samples() -> None:
+    """Segments have the same number of bins in a record of any length."""
+    M = np.tile(CELL.M, (2, 1))
+    long = motion_phasors(records(replace(SHORT, duration_s=10.0)), M)
+    short = motion_phasors(records(SHORT), M)
+    assert long.omega.size == 2 * short.omega.size
+    assert long.harmonics.shape[1] == pytest.approx(short.harmonics.shape[1], rel=0.1)
+
+
+def test_bins_are_phasors() -> None:
+    t = np.arange(500) / 500
+    found = bins_of(3 * np.sin(2 * np.pi * 4 * t) + 2 * np.cos(2 * np.pi * 7 * t), 10)
+    expected = np.zeros(10, complex)
+    expected[3], expected[6] = 3, 2j
+    assert np.abs(found - expected).max() < 1e-12
+
+
+def test_friction_is_chosen_by_itself() -> None:
+    rubbing = simulate([(replace(CELL, coulomb=[0.05, 0.01]), replace(SHORT, kind="sweep"))])[0]
+    fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
+    assert fit.friction is not None
+    assert np.abs(fit.friction.coulomb / [0.05, 0.01] - 1).max() < 0.1
+    assert np.all(relative_error(fit) < [0.002, 0.002, 0.005, 0.005])
