@@ -6,7 +6,7 @@ from jointid import SineRecord
 from jointid.figures import coherences, spectra, waveforms
 from jointid.ui.shared import cached
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import show_quality
+from jointid.ui.study.data_quality import show_distortion, show_quality
 
 page = open_page("Records")
 st.title("Records", anchor=False)
@@ -60,5 +60,6 @@ for view in views[3:]:
             "closed loop the torque also follows encoder noise: only frequencies count at which the "
             "angle is above its noise floor as well."
         )
+        show_distortion(record)
 
 show_quality(page)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,9 +13,11 @@ from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
+from jointid.errors import JointIdError
 from jointid.estimation.elasticity import identify_elasticity
 
 if TYPE_CHECKING:
+    from jointid.study import Study
     from jointid.uncertainty.plan import Suggestion
 
 
@@ -27,6 +30,14 @@ def plan(
     velocity_limit: Annotated[
         str, typer.Option(help="Largest velocities, rad/s; default: the study's.")
     ] = "",
+    motion: Annotated[
+        str, typer.Option(help="Predict sweep, multisine, random or moves in place of sines.")
+    ] = "",
+    position_limit: Annotated[
+        str, typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")
+    ] = "",
+    from_hz: Annotated[float, typer.Option(help="Lowest frequency of a motion, Hz.")] = 2.0,
+    to_hz: Annotated[float, typer.Option(help="Highest frequency of a motion, Hz.")] = 40.0,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -37,6 +48,16 @@ def plan(
     torque = numbers(torque_limit) if torque_limit else None
     velocity = numbers(velocity_limit) if velocity_limit else None
     known = loaded(study)
+    if motion:
+        limits = (numbers(position_limit) if position_limit else None), velocity, torque
+        shape = motion, from_hz, to_hz, duration_s
+        _plan_motion(known, method, shape, limits, count, as_json)
+        return
+    if known.motion_records:
+        raise JointIdError(
+            "Sines are planned from the noise of sines, and this study has records of other motions: "
+            "add --motion sweep or --motion multisine."
+        )
     with status("Planning", quiet=as_json):
         phasors = extract_phasors(known.sine_records)
         fit = identify_elasticity(
@@ -71,6 +92,54 @@ def plan(
     print_table(
         ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
     )
+
+
+def _plan_motion(
+    known: Study,
+    method: str,
+    shape: tuple[str, float, float, float],
+    limits: tuple[Sequence[float] | None, ...],
+    count: int,
+    as_json: bool,
+) -> None:
+    from jointid.arrays import per_joint
+    from jointid.simulation.motion import Motion
+    from jointid.study import analyse
+    from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
+
+    motion, n = Motion(*shape, odd=shape[0] == "multisine"), known.inertia.n
+    largest = largest_motion(known.records)
+    own = largest.position_rad, largest.velocity_rad_s, largest.torque_Nm
+    pairs = zip(own, limits, strict=True)
+    chosen = [each if given is None else per_joint("limit", given, n) for each, given in pairs]
+    with status("Planning", quiet=as_json):
+        fit = analyse(known, method=method).fit
+        interval = known.records[0].interval_s
+        inertia = known.inertias[0]
+        found = plan_motion(
+            fit, inertia, motion, MotionLimits(*chosen), interval_s=interval, records=count
+        )
+    reached = largest_motion(found.records)
+    if as_json:
+        print_json(
+            {
+                "motion": motion.kind,
+                "duration_s": found.duration_s,
+                "parameters": list(found.names),
+                "relative_error_alone": found.alone.tolist(),
+                "relative_error_together": found.together.tolist(),
+                "peak_torque_Nm": reached.torque_Nm.tolist(),
+                "peak_velocity_rad_s": reached.velocity_rad_s.tolist(),
+            }
+        )
+        return
+    print(f"{motion.kind}, {count} records, {found.duration_s:.4g} s in all: relative standard errors\n")
+    today = fit.standard_error / np.abs(fit.estimate)
+    rows = [
+        [name, *map(_percent, (float(a), float(b), float(c)))]
+        for name, a, b, c in zip(found.names, today, found.alone, found.together, strict=True)
+    ]
+    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

@@ -8,6 +8,8 @@ import numpy as np
 import streamlit as st
 
 from jointid import JointIdError, MotionRecord, Phasors, SineRecord
+from jointid.phasors.distortion import distortion
+from jointid.records import JointRecord
 from jointid.rounding import significant, with_error
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import Table, table
@@ -61,6 +63,24 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
         "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
         "Jitter (ms)": [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records],
     }
+
+
+def show_distortion(record: JointRecord) -> None:
+    """Show nonlinear distortion against noise, of a repeated multisine on odd lines."""
+    try:
+        found = distortion(record)
+    except JointIdError:
+        return  # another motion
+    n = record.n
+    names = [f"θ{j + 1}" for j in range(n)] + [f"τ{j + 1}" for j in range(n)]
+    st.markdown("**Distortion against noise**")
+    levels = (("Even lines (%)", found.even), ("Odd lines (%)", found.odd), ("Noise (%)", found.noise))
+    table({"": names} | {name: [_figure(100 * x) for x in level] for name, level in levels})
+    st.caption(
+        f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
+        "excitation over that of excited ones. Odd lines above the noise show friction or a hardening "
+        "gear, even ones play or a one-sided load."
+    )
 
 
 def motion_table(records: Sequence[MotionRecord]) -> Table:
