@@ -13,6 +13,7 @@ import pytest
 from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
+from streamlit.testing.v1 import AppTest
 
 from jointid import (
     Analysis,
@@ -43,12 +44,20 @@ from jointid.files.study_files import pack_study
 from jointid.fleet.row import checked, row_of
 from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.distortion import Distortion, distortion
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
 from jointid.simulation.motion import KINDS
 from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.uncertainty.motion_plan import (
+    MotionLimits,
+    largest_motion,
+    plan_motion,
+    sensor_noise,
+)
 from jointid.uncertainty.sensitivity import prior_influence
 
+ROOT = Path(__file__).parents[1]
 ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
 SPRINGS = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 CONTROL = Controller(sample_rate_hz=500.0)
@@ -353,3 +362,83 @@ def test_torques_of_another_robot_are_no_usable_answer() -> None:
     except JointIdError:
         return
     assert analysis.state != "usable"
+
+
+def test_distortion_is_told_from_noise_by_an_odd_multisine() -> None:
+    """Coulomb friction is odd; noise does not change its level, which even lines show."""
+    motion = Motion("multisine", 3.0, 30.0, 12.0, odd=True)
+
+    def levels(coulomb: float, noise: float) -> Distortion:
+        return distortion(
+            simulate_motion(
+                ROBOT,
+                SPRINGS,
+                motion,
+                records=1,
+                controller=CONTROL,
+                friction=MotorFriction(coulomb=coulomb, step_s=1e-3),
+                measurement=Measurement(torque_noise_Nm=noise),
+                seed=7,
+            )[0]
+        )
+
+    smooth, rough, loud = levels(0.0, 5e-3), levels(0.03, 5e-3), levels(0.03, 2e-2)
+    assert smooth.period_s == pytest.approx(3.0)
+    torque = slice(2, 4)
+    assert np.all(smooth.odd[torque] < 3 * smooth.noise[torque])
+    assert np.all(rough.odd[torque] > 4 * rough.noise[torque])
+    assert np.all(rough.even[torque] < 2 * rough.noise[torque])
+    np.testing.assert_allclose(loud.odd[torque], rough.odd[torque], rtol=0.3)
+    np.testing.assert_allclose(loud.noise[torque], 4 * rough.noise[torque], rtol=0.3)
+
+
+@pytest.mark.parametrize("kind", ["sweep", "random", "moves"])
+def test_other_motions_have_no_level_of_distortion(kind: str) -> None:
+    with pytest.raises(JointIdError, match="no multisine"):
+        distortion(moved(kind)[0])
+
+
+def test_a_planned_motion_keeps_its_limits_and_its_promise(analyses: dict[str, Analysis]) -> None:
+    analysis = analyses["motions"]
+    interval = analysis.study.records[0].interval_s
+    noise = sensor_noise(analysis.fit, interval)
+    np.testing.assert_allclose(noise[2:], [0.02, 0.01], rtol=0.3)
+    np.testing.assert_allclose(noise[:2], 2 * np.pi / 65536 / np.sqrt(12), rtol=0.3)
+    limits = MotionLimits(*(np.array(x) for x in ([0.3, 0.3], [5.0, 5.0], [1.0, 0.6])))
+    motion = Motion("multisine", 3.0, 30.0, 6.0, odd=True)
+    plan = plan_motion(analysis.fit, ROBOT, motion, limits, interval_s=interval)
+    assert plan.duration_s == pytest.approx(12.0)
+    peaks = largest_motion(plan.records)
+    for reached, limit in zip(
+        (peaks.position_rad, peaks.velocity_rad_s, peaks.torque_Nm),
+        (limits.position_rad, limits.velocity_rad_s, limits.torque_Nm),
+        strict=True,
+    ):
+        assert np.all(reached < 1.2 * limit)
+    # The real experiment, with noise of its own, states about these errors.
+    record = [replace(r, theta_rad=r.theta_rad.round(9), label="measured") for r in plan.records]
+    stated = analyse(replace(analysis.study, records=record)).fit
+    np.testing.assert_allclose(plan.alone, stated.standard_error / analysis.fit.estimate, rtol=0.5)
+    today = analysis.fit.standard_error / analysis.fit.estimate
+    assert np.all(plan.together < np.minimum(plan.alone, today) * 1.001)
+
+
+@pytest.fixture
+def app(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> AppTest:
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    at.query_params["study"] = "motions"
+    return at
+
+
+def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
+    at = app.run()
+    assert not at.exception
+    assert "2 motions of 16.0 s" in " ".join(m.value for m in at.markdown)
+    for page in sorted((ROOT / "pages").glob("*.py")):
+        at = at.switch_page(str(page)).run()
+        assert not at.exception, page.name
+        if page.name.startswith("1_"):
+            assert [tab.label for tab in at.tabs][-1] == "Coherence"
+        if page.name.startswith("6_"):
+            assert any(button.label == "Predict" for button in at.button)

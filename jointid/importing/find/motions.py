@@ -18,6 +18,8 @@ _SHORTEST_S = 3.0
 """Shorter spans do not become records."""
 _MARGIN_S = 0.2
 """Rest kept before and after the motion."""
+_MOST_LINES = 24
+"""Lines of a multisine that become records of their own."""
 _LEAST_SHARE = 0.5
 """Share of motion and torque that steady lines explain at least, where nobody stated a frequency."""
 
@@ -37,7 +39,7 @@ def find_runs(log: MappedLog, *, progress: Callable[[float], None] | None = None
     """
     sines = find_segments(log, progress=progress)
     if sines:
-        return sines
+        return FoundSegments((_dense(log, segment) for segment in sines), sines.notes)
     motions, reasons = [], []
     for begin, end in _spans(log):
         try:
@@ -45,6 +47,16 @@ def find_runs(log: MappedLog, *, progress: Callable[[float], None] | None = None
         except JointIdError as error:
             reasons.append(str(error))
     return FoundSegments(motions) if motions else FoundSegments((), [*sines.notes, *reasons])
+
+
+def _dense(log: MappedLog, segment: Segment) -> Segment:
+    """The segment, a multisine of very many lines as motion: their records would repeat the log."""
+    if len(segment.lines_hz) <= _MOST_LINES:
+        return segment
+    try:
+        return measure_motion(log, segment.start_s, segment.stop_s)
+    except JointIdError:
+        return segment
 
 
 def measure_run(

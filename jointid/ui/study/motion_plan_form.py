@@ -96,7 +96,7 @@ def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
         high = four.number_input("To (Hz)", 0.2, 2000.0, 40.0, key="motion_to")
         texts = []
         labels = (
-            "Largest angle from the middle (rad)",
+            "Largest angle, ± (rad)",
             "Largest velocity (rad/s)",
             "Largest torque (N·m)",
         )
@@ -104,8 +104,11 @@ def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
         for place, label, value in zip(st.columns(3), labels, values, strict=True):
             text = ", ".join(f"{x:.3g}" for x in value)
             texts.append(place.text_input(label, text, key=f"motion {label} {page.digest[:12]}"))
-        if not st.form_submit_button("Predict", type="primary"):
-            return None
+        submitted = st.form_submit_button("Predict", type="primary")
+    asked = f"motion plan {page.digest[:12]}"  # the answer stays when a file is saved
+    st.session_state[asked] = submitted or st.session_state.get(asked, False)
+    if not st.session_state[asked]:
+        return None
     limits = [numbers_in(label, text, count=n) for label, text in zip(labels, texts, strict=True)]
     if min(min(each) for each in limits) <= 0:
         raise JointIdError("The largest angles, velocities and torques must be positive numbers.")
