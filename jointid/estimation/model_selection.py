@@ -408,7 +408,8 @@ class _Search:
             estimate = self.tried[other]
             if isinstance(estimate, LikelihoodEstimate) and estimate.misfit < _ALIKE * found.misfit:
                 shifts.append(estimate.elasticity - found.elasticity)
-        return np.mean([np.outer(shift, shift) for shift in shifts[1:] or shifts], axis=0)
+        squares = [np.outer(shift, shift) for shift in shifts[1:] or shifts]
+        return np.asarray(np.mean(squares, axis=0))
 
     def _spread(self, best: Model) -> Floats:
         """Covariance of K and D by the choice between models, shape (2n, 2n).
