@@ -28,7 +28,6 @@ import pandas as pd
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.container_limits import Container, MissingFileError, missing, safe_name
 from jointid.files.containers import Source, open_container
 from jointid.files.record_tables import read_record_table
@@ -47,6 +46,7 @@ from jointid.files.study_keys import (
 from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.files.table_preview import peek_table
+from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import SineRecord
 from jointid.study import INERTIA_STD, Study
 from jointid.wording import listed, nearest, shown

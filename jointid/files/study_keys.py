@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import CheckedTable
 from jointid.joints import Elasticity, Inertia
+from jointid.parsing.checked_toml import CheckedTable
 from jointid.wording import listed, nearest
 
 INERTIA_KEYS = {

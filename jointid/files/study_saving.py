@@ -16,10 +16,10 @@ import tomli_w
 
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import new_file, write_error
-from jointid.files.checked_toml import MAX_TOML_BYTES
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
 from jointid.joints import Inertia
+from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 from jointid.study import INERTIA_STD, Study
