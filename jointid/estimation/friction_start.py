@@ -50,7 +50,8 @@ class _Fundamentals:
     def residual(self, p: Floats) -> tuple[Floats, Floats]:
         """Relative residual, shape (rows,), at the logarithms of K and D, and the friction, (2, n)."""
         n, ph = self.phasors.n, self.phasors
-        Z, _ = motor_impedance(1j * ph.omega, self.M, self.arm, *np.exp(p.reshape(2, n)))
+        s = np.asarray(1j * ph.omega, np.complex128)
+        Z, _ = motor_impedance(s, self.M, self.arm, *np.exp(p.reshape(2, n)))
         rest = ph.tau - (Z @ ph.q[..., None])[..., 0]
         residual, found = [], np.zeros((2, n))
         for j in range(n):
@@ -62,6 +63,10 @@ class _Fundamentals:
             found[:, j] = np.maximum(np.linalg.lstsq(A, b, rcond=None)[0], 0.0)
             residual.append(b - A @ found[:, j])
         return np.concatenate(residual), found
+
+    def relative(self, p: Floats) -> Floats:
+        """The residual alone."""
+        return self.residual(p)[0]
 
 
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
@@ -95,7 +100,7 @@ def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) ->
         omega = float(np.quantile(phasors.omega, share))
         first = np.log(np.concatenate([own * omega**2, 0.05 * own * omega]))
         found = least_squares(
-            lambda p: data.residual(p)[0],
+            data.relative,
             first,
             bounds=(first - np.log(_RANGE), first + np.log(_RANGE)),
             loss="soft_l1",

@@ -180,9 +180,9 @@ class _Search:
         rubbing = replace(self.base, reversal=0.0)
         if "coulomb" in self.start.layout and rubbing not in self.tried:
             self.fit(rubbing, self.start)
-            found = self.tried[rubbing]
-            if isinstance(found, LikelihoodEstimate) and found.misfit > _EXPLAINED:
-                self.fit(replace(self.base, reversal=0.03), found.named)
+            rough = self.tried[rubbing]
+            if isinstance(rough, LikelihoodEstimate) and rough.misfit > _EXPLAINED:
+                self.fit(replace(self.base, reversal=0.03), rough.named)
         else:
             self.fit(self.base, self.start)
             if self.misfit(self.base) >= _LOST and "friction" in self.optional:
