@@ -1,4 +1,4 @@
-"""README and docs/: every Python snippet runs, every command and option is listed, every link has a target."""
+"""README and docs/: Python snippets run, all commands and options are listed, links have targets."""
 
 from __future__ import annotations
 
