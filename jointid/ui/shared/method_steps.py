@@ -31,10 +31,11 @@ CUT = Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres.
 PLAN = Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most.")
 REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
+COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")
 GROUPS = {
     "Data": (OVERVIEW, RECORDS, IMPORT, SIMULATE),
     "Method": (PHASORS, TRANSFER, ELASTICITY),
-    "Use": (CUT, PLAN, REPORT, FLEET),
+    "Use": (CUT, PLAN, REPORT, COMPARE, FLEET),
 }
 """The pages as the sidebar groups them."""
 METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
