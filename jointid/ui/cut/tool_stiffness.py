@@ -70,7 +70,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     millimetres = 1e3 * force * values
     errors = 1e3 * force * of.standard_error(covariance)
     texts = [with_error(*pair) for pair in zip(millimetres.tolist(), errors.tolist(), strict=True)]
-    st.write(f"**{significant(force)} N move the tool by up to {texts[0]} mm** ({where}).")
+    st.write(f"**{force:.0f} N move the tool by up to {texts[0]} mm** ({where}).")
     table(
         {
             "Direction": [", ".join(f"{part:+.2f}" for part in row) for row in directions],
