@@ -1,0 +1,124 @@
+"""Peaks of a played experiment against the limits of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.rounding import significant
+from jointid.setpoints.played import PlayedExperiment, Series
+from jointid.setpoints.robot_limits import RobotLimits
+
+_RESERVE = 0.99
+"""Share of the largest scale that a refusal suggests; friction is not proportional to the motion."""
+
+
+@dataclass(frozen=True)
+class LimitRow:
+    """Largest value of one quantity of one joint against its limit."""
+
+    joint: int
+    """From 1."""
+    quantity: str
+    """With "lowest" or "highest" of a position."""
+    unit: str
+    limit: float
+    peak: float
+    at_rest: float
+    """Its value at rest in the start pose, which does not change with the scale of the motion."""
+    where: str
+    """Run, time and signal of the peak."""
+
+    @property
+    def margin(self) -> float:
+        """Distance to the limit, negative beyond it."""
+        return (self.limit - self.peak) * (-1 if self.quantity.startswith("lowest") else 1)
+
+    @property
+    def possible_scale(self) -> float:
+        """Factor by which the motion of an exceeded limit must change; not positive if none helps."""
+        return (self.limit - self.at_rest) / (self.peak - self.at_rest) if self.margin < 0 else np.inf
+
+
+def check_limits(
+    played: PlayedExperiment, robot: RobotLimits, points: Sequence[Series]
+) -> tuple[LimitRow, ...]:
+    """Compare the played experiment and its set points with the limits of the robot.
+
+    Parameters
+    ----------
+    played : PlayedExperiment
+        Of n joints.
+    robot : RobotLimits
+    points : sequence of Series
+        Set points and their derivatives, joint side, in degrees relative to the start pose.
+
+    Returns
+    -------
+    tuple of LimitRow
+        By joint: lowest and highest position, velocity, acceleration and torque.
+    """
+    ratio, start = robot.gear_ratio, robot.start_deg[list(robot.moving)]
+    zero, load = np.zeros(ratio.size), np.abs(robot.load_Nm)
+    series = list(points)
+    for each in played.series:
+        values = each.values if each.quantity == "torque" else np.degrees(each.values / ratio)
+        series.append(each._replace(values=values))
+    tables = (
+        ("lowest position", "°", "lower_deg", start),
+        ("highest position", "°", "upper_deg", start),
+        ("velocity", "°/s", "velocity_deg_s", zero),
+        ("acceleration", "°/s²", "acceleration_deg_s2", zero),
+        ("torque", "N·m", "torque_Nm", load),  # its direction is not known: it adds to the peak
+    )
+    rows = []
+    for j in range(ratio.size):
+        for quantity, unit, limit, offset in tables:
+            sign = {"lowest": -1.0, "highest": 1.0}.get(quantity.split()[0])
+            peak, where = -np.inf, ""
+            for name, source, time, values in series:
+                if quantity.endswith(name):
+                    column = np.abs(values[:, j]) if sign is None else sign * values[:, j]
+                    k = int(np.argmax(column))
+                    if column[k] > peak:
+                        run = played.experiment.run_at(time[k])
+                        peak, where = float(column[k]), f"{run}, {time[k]:.3f} s, {source}"
+            at_rest = offset[j] + (played.coulomb_Nm[j] if quantity == "torque" else 0.0)
+            reached = float(offset[j] + (sign or 1.0) * peak)
+            bound = float(getattr(robot, limit)[j])
+            rows.append(LimitRow(j + 1, quantity, unit, bound, reached, float(at_rest), where))
+    return tuple(rows)
+
+
+def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
+    """Refuse an experiment beyond a limit.
+
+    Parameters
+    ----------
+    rows : sequence of LimitRow
+    scale : float
+        Scale of the experiment; the remedy names one that stays within all limits.
+
+    Raises
+    ------
+    JointIdError
+        The limit that needs the smallest scale, with joint, record, time and remedy.
+    """
+    worst = min(rows, key=lambda row: row.possible_scale)
+    if worst.margin >= 0:
+        return
+    factor = _RESERVE * scale * worst.possible_scale
+    remedy = "The motion is not the cause: choose another start pose, or check load and friction."
+    if factor > 0:
+        place = 10.0 ** (np.floor(np.log10(factor)) - 1)
+        remedy = (
+            f"Set the scale of the motion to {np.floor(factor / place) * place:.3g} (now {scale:g})."
+        )
+    raise JointIdError(
+        f"The {worst.quantity} of joint {worst.joint} reaches {significant(worst.peak)} {worst.unit} "
+        f"({worst.where}), its limit is {significant(worst.limit)} {worst.unit}.",
+        hint=remedy,
+    )

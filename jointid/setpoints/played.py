@@ -1,0 +1,154 @@
+"""An experiment on the simulated robot: the motion of motors and arm, and the torques."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from jointid.arrays import Floats
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.joints import Elasticity, Inertia
+from jointid.setpoints.experiment import Experiment, Motion
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction
+from jointid.simulation.robot import Reference, Robot
+
+_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD = 2000.0, 40
+"""Rate of the simulated control."""
+BANDWIDTH_HZ = 10.0
+"""Default bandwidth of the simulated control."""
+
+
+class Series(NamedTuple):
+    """A quantity over time, "position", "velocity", "acceleration" or "torque", shape (N, n)."""
+
+    quantity: str
+    source: str
+    time_s: Floats
+    values: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedExperiment:
+    """An experiment on two simulated robots, motor side.
+
+    One follows the set points exactly and needs the torque that the motion needs, whatever its
+    controller. The other has sampled position and velocity control with feedforward of the rigid robot.
+    """
+
+    experiment: Experiment
+    elasticity: Elasticity
+    coulomb_Nm: Floats
+    """Coulomb friction of the motors, shape (n,)."""
+    time_s: Floats
+    theta_rad: Floats
+    """Motor angles under simulated control, the log of the experiment with ``tau_Nm``, (N, n)."""
+    tau_Nm: Floats
+    series: tuple[Series, ...]
+    """Motion of motors and arm, and torques, on both robots, motor side."""
+
+
+class _Commanded(Reference):
+    """The set points as the reference of the simulated control, which starts at rest."""
+
+    experiment: Experiment
+
+    def at(self, time: Floats) -> tuple[Floats, Floats]:
+        """Position and acceleration, each (N, n, 1)."""
+        motion = self.experiment.motion(time)
+        return motion.position[:, :, None], motion.acceleration[:, :, None]
+
+
+def play(
+    experiment: Experiment,
+    inertia: Inertia,
+    elasticity: Elasticity,
+    *,
+    coulomb_Nm: Floats | None = None,
+    viscous_Nms: Floats | None = None,
+    bandwidth_hz: float = BANDWIDTH_HZ,
+) -> PlayedExperiment:
+    """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    inertia, elasticity
+        The robot, n joints.
+    coulomb_Nm, viscous_Nms : ndarray, shape (n,), optional
+        Friction of the motors, N·m and N·m·s/rad; negative estimates count as none.
+    bandwidth_hz : float, default 10
+        Of the simulated control.
+
+    Raises
+    ------
+    JointIdError
+        When the joints disagree or the closed loop is unstable.
+    """
+    n, none = inertia.n, np.zeros(inertia.n)
+    coulomb, viscous = (np.maximum(none, 0 if f is None else f) for f in (coulomb_Nm, viscous_Nms))
+    rate = max(_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD * experiment.highest_hz)
+    controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
+    robot = Robot(inertia, elasticity, controller, MotorFriction(coulomb=coulomb, viscous=viscous))
+    time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
+    exact = experiment.motion(time)
+    reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)
+    reference.experiment = experiment
+    theta, tau = (log[:, :, 0] for log in robot.run(reference, 0, time.size, Measurement(), 0, None))
+    acceleration = np.zeros_like(theta)
+    acceleration[1:-1] = np.diff(theta, 2, axis=0) * rate**2
+    controlled = Motion(theta, np.asarray(np.gradient(theta, 1 / rate, axis=0)), acceleration)
+    series = [Series("torque", "simulated control", time, tau)]
+    for way, motors in (("exact following", exact), ("simulated control", controlled)):
+        arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
+        series += [Series(*each) for each in _motions(way, time, motors, arm)]
+        if motors is exact:
+            friction = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
+            torque = inertia.M * exact.acceleration + spring + friction
+            series.append(Series("torque", way, time, torque))
+    return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(series))
+
+
+def play_fit(
+    experiment: Experiment, fit: ElasticityFit, inertia: Inertia, bandwidth_hz: float = BANDWIDTH_HZ
+) -> PlayedExperiment:
+    """Play an experiment on the robot of a fit, with its friction; see ``play``."""
+    rubs = () if fit.friction is None else (fit.friction.coulomb, fit.friction.viscous)
+    friction = dict(zip(("coulomb_Nm", "viscous_Nms"), rubs, strict=False))
+    return play(experiment, inertia, fit.elasticity, bandwidth_hz=bandwidth_hz, **friction)
+
+
+def _motions(
+    way: str, time: Floats, motors: Motion, arm: Motion
+) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """Series of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
+    for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
+        for quantity, values in list(motion._asdict().items())[:count]:
+            yield quantity, f"{part}, {way}", time, values
+
+
+def _arm(
+    motors: Motion, inertia: Inertia, elasticity: Elasticity, step_s: float
+) -> tuple[Motion, Floats]:
+    """Motion of the arm and torque of the springs for a given motion of the motors.
+
+    With the deflection x = θ − θ_a: ẍ = θ̈ − M2⁻¹(K x + D ẋ), exact for accelerations that are linear
+    between the samples.
+    """
+    n = inertia.n
+    springs = np.hstack([np.diag(elasticity.K), np.diag(elasticity.D)])
+    system = np.zeros((4 * n, 4 * n))  # x, ẋ, θ̈ and its change over a step
+    system[: 3 * n, n:] = np.diag([1.0] * (2 * n) + [1 / step_s] * n)
+    system[n : 2 * n, : 2 * n] = -np.linalg.solve(inertia.M2, springs)
+    advance = expm(system * step_s)[: 2 * n]
+    A, now, change = advance[:, : 2 * n], advance[:, 2 * n : 3 * n], advance[:, 3 * n :]
+    drive = motors.acceleration[:-1] @ now.T + np.diff(motors.acceleration, axis=0) @ change.T
+    x = np.zeros((len(drive) + 1, 2 * n))
+    for k, forced in enumerate(drive):
+        x[k + 1] = A @ x[k] + forced
+    spring = x @ springs.T
+    acceleration = np.asarray(np.linalg.solve(inertia.M2, spring.T).T, np.float64)
+    return Motion(motors.position - x[:, :n], motors.velocity - x[:, n:], acceleration), spring
