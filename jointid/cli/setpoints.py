@@ -50,7 +50,7 @@ def setpoints(
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment
     from jointid.setpoints.limit_check import require_within_limits
-    from jointid.setpoints.played import play_fit
+    from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
 
     require_spared(output, overwrite, [study, limits])
@@ -72,7 +72,7 @@ def setpoints(
             scale=scale,
         )
         points = set_points(
-            play_fit(experiment, fit, fit.inertias[0]),
+            play(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
             robot,
             file_format,
             interval_ms=interval_ms,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from jointid.errors import JointIdError
@@ -12,7 +10,7 @@ from jointid.setpoints.experiment import Motion
 from jointid.setpoints.formats import abb_egm, csv_table, kuka_rsi, ros2, urscript
 from jointid.setpoints.formats.base import Format, SetPoints
 from jointid.setpoints.head import head
-from jointid.setpoints.limit_check import LimitRow, check_limits, require_within_limits
+from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.played import PlayedExperiment, Series
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.wording import enumerated
@@ -23,27 +21,6 @@ _FEWEST_PER_PERIOD = 5
 """Fewest set points per period: with fewer, the controller's interpolation changes the sine."""
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedSetPoints:
-    """Set points in one format with their check."""
-
-    format: Format
-    points: SetPoints
-    rows: tuple[LimitRow, ...]
-    scale: float
-
-    def text(self) -> str:
-        """Return the file.
-
-        Raises
-        ------
-        JointIdError
-            When a limit is exceeded.
-        """
-        require_within_limits(self.rows, self.scale)
-        return "\n".join([*self.format.write(self.points), ""])
-
-
 def set_points(
     played: PlayedExperiment,
     robot: RobotLimits,
@@ -51,7 +28,7 @@ def set_points(
     *,
     interval_ms: float | None = None,
     study: str = "",
-) -> CheckedSetPoints:
+) -> SetPoints:
     """Make set points of a played experiment and check them against the limits.
 
     Parameters
@@ -93,9 +70,7 @@ def set_points(
         points += [Series(quantity, "set points", time, each) for each in (exact, slopes)]
     rows = check_limits(played, robot, points)
     lines = head(played, robot, chosen, time.size, interval, rows, study)
-    return CheckedSetPoints(
-        chosen, SetPoints(interval, values, motion, robot, lines), rows, experiment.scale
-    )
+    return SetPoints(interval, values, motion, robot, rows, experiment.scale, lines, chosen.write)
 
 
 def _require_possible(

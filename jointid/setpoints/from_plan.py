@@ -67,14 +67,14 @@ def planned_experiment(
     ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)
     scale = bounded_number("scale", "", scale)
     drift = scale * per_joint("velocity_rad_s", velocity_rad_s, n)
-    if kind == "sines":
-        contents = list(_sines(plan))
-    elif kind == "multisine":
-        contents = list(_multisines(plan))
-    elif kind == "sweep":
-        contents = list(_sweeps(plan, inertia, elasticity))
-    else:
+    makers = {
+        "sines": lambda: _sines(plan),
+        "multisine": lambda: _multisines(plan),
+        "sweep": lambda: _sweeps(plan, inertia, elasticity),
+    }
+    if kind not in makers:
         raise JointIdError(f'kind = "{kind}": expected one of {", ".join(KINDS)}.')
+    contents = list(makers[kind]())
     runs = []
     for repeat in range(1, repeats + 1):
         for label, frequency, angle, hold, last in contents:

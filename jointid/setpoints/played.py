@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from jointid.arrays import Floats
-from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.elasticity import Friction
 from jointid.joints import Elasticity, Inertia
 from jointid.setpoints.experiment import Experiment, Motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
@@ -67,8 +67,7 @@ def play(
     inertia: Inertia,
     elasticity: Elasticity,
     *,
-    coulomb_Nm: Floats | None = None,
-    viscous_Nms: Floats | None = None,
+    friction: Friction | MotorFriction | None = None,
     bandwidth_hz: float = BANDWIDTH_HZ,
 ) -> PlayedExperiment:
     """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
@@ -78,8 +77,8 @@ def play(
     experiment : Experiment
     inertia, elasticity
         The robot, n joints.
-    coulomb_Nm, viscous_Nms : ndarray, shape (n,), optional
-        Friction of the motors, N·m and N·m·s/rad; negative estimates count as none.
+    friction : Friction or MotorFriction, optional
+        Negative estimates count as none.
     bandwidth_hz : float, default 10
         Of the simulated control.
 
@@ -89,7 +88,8 @@ def play(
         When the joints disagree or the closed loop is unstable.
     """
     n, none = inertia.n, np.zeros(inertia.n)
-    coulomb, viscous = (np.maximum(none, 0 if f is None else f) for f in (coulomb_Nm, viscous_Nms))
+    friction = friction or MotorFriction()
+    coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
     rate = max(_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD * experiment.highest_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
     robot = Robot(inertia, elasticity, controller, MotorFriction(coulomb=coulomb, viscous=viscous))
@@ -106,19 +106,10 @@ def play(
         arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
         series += [Series(*each) for each in _motions(way, time, motors, arm)]
         if motors is exact:
-            friction = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
-            torque = inertia.M * exact.acceleration + spring + friction
+            rubs = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
+            torque = inertia.M * exact.acceleration + spring + rubs
             series.append(Series("torque", way, time, torque))
     return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(series))
-
-
-def play_fit(
-    experiment: Experiment, fit: ElasticityFit, inertia: Inertia, bandwidth_hz: float = BANDWIDTH_HZ
-) -> PlayedExperiment:
-    """Play an experiment on the robot of a fit, with its friction; see ``play``."""
-    rubs = () if fit.friction is None else (fit.friction.coulomb, fit.friction.viscous)
-    friction = dict(zip(("coulomb_Nm", "viscous_Nms"), rubs, strict=False))
-    return play(experiment, inertia, fit.elasticity, bandwidth_hz=bandwidth_hz, **friction)
 
 
 def _motions(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from jointid.arrays import Floats
 from jointid.setpoints.experiment import Motion
+from jointid.setpoints.limit_check import LimitRow, require_within_limits
 from jointid.setpoints.robot_limits import RobotLimits
 
 _ASCII = str.maketrans({"−": "-", "·": " ", "°": "deg", "²": "^2"})
@@ -23,19 +24,29 @@ class SetPoints:
     motion: Motion
     """The motion of all axes from the start pose, rad and s, each (N, m)."""
     robot: RobotLimits
+    rows: tuple[LimitRow, ...]
+    """Check against the limits."""
+    scale: float
     head: tuple[str, ...]
     """Lines about robot, check and safety."""
+    write: Callable[[SetPoints], Iterator[str]]
+
+    def text(self) -> str:
+        """Return the file.
+
+        Raises
+        ------
+        JointIdError
+            When a limit is exceeded.
+        """
+        require_within_limits(self.rows, self.scale)
+        return "\n".join([*self.write(self), ""])
 
     @property
     def comments(self) -> list[str]:
         """The head as comments in ASCII."""
         lines = (line.translate(_ASCII).encode("ascii", "replace").decode() for line in self.head)
         return [f"# {line}".rstrip() for line in lines]
-
-    @property
-    def time_ms(self) -> list[float]:
-        """Time of each set point."""
-        return [round(self.interval_ms * k, 6) for k in range(len(self.values))]
 
 
 @dataclass(frozen=True)
@@ -69,8 +80,14 @@ def table(points: SetPoints, counter: str, axis: str, decimals: int) -> Iterator
     yield from points.comments
     axes = range(1, points.values.shape[1] + 1)
     yield ",".join([counter, "time_ms", *(axis.replace("#", str(k)) for k in axes)])
-    for k, (time, row) in enumerate(zip(points.time_ms, points.values, strict=True)):
-        yield ",".join([str(k), f"{time:.12g}", *(f"{value:.{decimals}f}" for value in row.tolist())])
+    for k, row in enumerate(points.values):
+        yield ",".join(
+            [
+                str(k),
+                f"{k * points.interval_ms:.9g}",
+                *(f"{value:.{decimals}f}" for value in row.tolist()),
+            ]
+        )
 
 
 def numbers(values: Floats, decimals: int) -> str:
