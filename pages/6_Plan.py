@@ -10,6 +10,7 @@ from jointid.ui.shared.page import open_page
 from jointid.ui.study.plan_form import (
     ask,
     edit_plan,
+    own_plan,
     percent,
     predicted,
     predicted_table,
@@ -17,6 +18,7 @@ from jointid.ui.study.plan_form import (
     suggested_table,
     suggestion,
 )
+from jointid.ui.study.setpoints_form import show_set_points
 from jointid.wording import counted
 
 page = open_page("Plan")
@@ -55,7 +57,8 @@ plot(worst_error(found, dark=page.dark), "Worst relative error over the number o
 st.subheader("A plan of your own", anchor=False)
 st.write("Change the records, add some, or delete some; below stands what they would tell.")
 try:
-    told = predicted(page, edit_plan(found, page.digest), analysis, settings.pose)
-    show_text_table(predicted_table(told, analysis.fit))
+    plan = own_plan(edit_plan(found, page.digest), analysis, settings.pose)
+    show_text_table(predicted_table(predicted(page, plan, analysis, settings.pose), analysis.fit))
+    show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)

@@ -11,8 +11,8 @@ import numpy as np
 from jointid import Elasticity, Inertia, JointIdError, MotorFriction
 from jointid.arrays import Floats
 from jointid.setpoints.experiment import Experiment
+from jointid.setpoints.file_format import SetPoints
 from jointid.setpoints.files import set_points
-from jointid.setpoints.formats.base import SetPoints
 from jointid.setpoints.from_plan import KINDS, planned_experiment
 from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits

@@ -6,16 +6,18 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.rounding import significant
+from jointid.setpoints import abb_egm, csv_table, kuka_rsi, ros2, urscript
 from jointid.setpoints.experiment import Motion
-from jointid.setpoints.formats import abb_egm, csv_table, kuka_rsi, ros2, urscript
-from jointid.setpoints.formats.base import Format, SetPoints
+from jointid.setpoints.file_format import Format, SetPoints
 from jointid.setpoints.head import head
 from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.played import PlayedExperiment, Series
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.wording import enumerated
 
-FORMATS = {each.FORMAT.name: each.FORMAT for each in (csv_table, ros2, urscript, abb_egm, kuka_rsi)}
+FORMATS: dict[str, Format] = {
+    each.FORMAT.name: each.FORMAT for each in (csv_table, ros2, urscript, abb_egm, kuka_rsi)
+}
 """File formats by name."""
 _FEWEST_PER_PERIOD = 5
 """Fewest set points per period: with fewer, the controller's interpolation changes the sine."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from jointid.setpoints.formats.base import Format
+from jointid.setpoints.file_format import Format
 from jointid.setpoints.limit_check import LimitRow
 from jointid.setpoints.played import PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits

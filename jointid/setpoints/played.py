@@ -92,7 +92,8 @@ def play(
     coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
     rate = max(_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD * experiment.highest_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
-    robot = Robot(inertia, elasticity, controller, MotorFriction(coulomb=coulomb, viscous=viscous))
+    rubbing = MotorFriction(coulomb, viscous, step_s=1 / rate)
+    robot = Robot(inertia, elasticity, controller, rubbing)
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
     reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)

@@ -1,6 +1,6 @@
 """KUKA RobotSensorInterface: axis corrections in degrees for a program that streams them."""
 
-from jointid.setpoints.formats.base import Format, table
+from jointid.setpoints.file_format import Format, table
 
 FORMAT = Format(
     name="rsi",

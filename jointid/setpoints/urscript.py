@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from jointid.setpoints.formats.base import Format, SetPoints, numbers
+from jointid.setpoints.file_format import Format, SetPoints, numbers
 
 
 def _write(points: SetPoints) -> Iterator[str]:

@@ -1,1 +1,0 @@
-"""File formats of set points, one module each."""

@@ -1,0 +1,134 @@
+"""Set points of a plan: limits of the robot, check table and file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import streamlit as st
+
+from jointid import Analysis
+from jointid.rounding import significant
+from jointid.setpoints.file_format import SetPoints
+from jointid.setpoints.files import FORMATS, set_points
+from jointid.setpoints.from_plan import KINDS, planned_experiment
+from jointid.setpoints.limit_check import require_within_limits
+from jointid.setpoints.played import PlayedExperiment, play
+from jointid.setpoints.robot_limits import RobotLimits
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import Table, download, table
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.study.plan_form import content
+from jointid.uncertainty.plan import PlannedRecords
+from jointid.wording import file_stem
+
+_LIMITS = {
+    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
+    "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As the robot shows it."),
+    "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
+    "upper_deg": ("Highest positions (°)", "170, 60", ""),
+    "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
+    "acceleration_deg_s2": ("Accelerations (°/s²)", "300, 250", "Largest accelerations of the joints."),
+    "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
+    "load_Nm": ("Motor torques at rest (N·m)", "", "Such as gravity in the start pose; empty: none."),
+    "axes": ("Axes of the robot", "1, 2", "Which axes the joints of the study are; empty: the first."),
+}
+_OPTIONAL = ("load_Nm", "axes")
+_KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
+
+
+def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: str) -> None:
+    """Draw the form; with limits entered, the check and the file.
+
+    Raises
+    ------
+    JointIdError
+        When an entry is wrong or a limit is exceeded.
+    """
+    st.subheader("Set points for the robot", anchor=False)
+    st.write(
+        "The plan above as a motion of the joints, for the controller. It is played on the simulated "
+        "robot first; a file exists only within all limits. Read its head before use."
+    )
+    with st.form("setpoints", border=False):
+        entered, places = {}, [column for _ in range(3) for column in st.columns(3)]
+        for place, (name, (label, example, hint)) in zip(places, _LIMITS.items(), strict=True):
+            key = f"setpoints_{name}_{page.digest[:12]}"
+            entered[name] = place.text_input(label, key=key, placeholder=example, help=hint or None)
+        one, two, three = st.columns(3)
+        kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind")
+        file_format = two.selectbox("Format", list(FORMATS), format_func=_title, key="setpoints_format")
+        scale = three.number_input(
+            "Scale of the motion", 0.001, 100.0, 1.0, format="%g", key="setpoints_scale"
+        )
+        one, two, three = st.columns(3)
+        repeats = one.number_input("Repeats", 1, 100, 1, key="setpoints_repeats")
+        rest_s = two.number_input("Rest between (s)", 0.1, 60.0, 1.0, format="%g", key="setpoints_rest")
+        superposed = three.text_input(
+            "Superposed velocities (°/s)",
+            "0",
+            key="setpoints_superposed",
+            help="Against stiction: every record is then made forth and back.",
+        )
+        st.form_submit_button("Check on the simulated robot", type="primary")
+    if not entered["gear_ratio"].strip():
+        st.caption(
+            "Enter gear ratios, start pose and limits: without them there is no check and no file."
+        )
+        return
+    n = analysis.fit.n
+    given: dict[str, Any] = {
+        name: numbers_in(_LIMITS[name][0], text, count=None if name in ("start_deg", "axes") else n)
+        for name, text in entered.items()
+        if text.strip() or name not in _OPTIONAL
+    }
+    robot = RobotLimits(**given, robot=analysis.study.robot)
+    drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
+    settings = {"kind": _KINDS[kind], "scale": scale, "repeats": int(repeats), "rest_s": rest_s}
+    settings |= {"velocity_rad_s": drift}
+    played = _played(page.digest, page.method, pose, content(plan), settings, plan, analysis)
+    points = set_points(played, robot, file_format, study=analysis.study.name)
+    table(check_table(points))
+    st.caption(
+        f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
+        "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
+        "following, whichever is larger. Not run on hardware."
+    )
+    require_within_limits(points.rows, points.scale)
+    chosen = FORMATS[file_format]
+    name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
+    download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
+    with st.expander("Head of the file"):
+        st.code("\n".join(points.comments), language=None, height=360)
+
+
+def check_table(points: SetPoints) -> Table:
+    """Limit, peak and margin by joint and quantity."""
+    rows = points.rows
+    return {
+        "Joint": [str(row.joint) for row in rows],
+        "Quantity": [f"{row.quantity} ({row.unit})" for row in rows],
+        "Limit": [significant(row.limit) for row in rows],
+        "Peak": [significant(row.peak) for row in rows],
+        "Margin": [significant(row.margin, 3) + " ✗" * (row.margin < 0) for row in rows],
+        "Where": [row.where for row in rows],
+    }
+
+
+def _title(name: str) -> str:
+    return FORMATS[name].title
+
+
+@st.cache_resource(max_entries=16, show_spinner="Playing on the simulated robot")
+def _played(
+    digest: str,
+    method: str,
+    pose: str,
+    content: tuple[float, ...],
+    settings: dict[str, Any],
+    _plan: PlannedRecords,
+    _analysis: Analysis,
+) -> PlayedExperiment:
+    fit, inertia = _analysis.fit, _analysis.inertia(pose)
+    experiment = planned_experiment(_plan, inertia, fit.elasticity, **settings)
+    return run_in_background(play, experiment, inertia, fit.elasticity, friction=fit.friction)
