@@ -111,19 +111,19 @@ def random_trial(seed: int) -> Trial:
     inertia = Inertia(M=rng.uniform(5e-4, 3e-3, n), M2=3e-3 * M2)
     elasticity = Elasticity(K=rng.uniform(8, 60, n), D=rng.uniform(0.01, 0.1, n))
     count = 2
-    frequency = 10 ** rng.uniform(1.1, 1.6, count)
+    frequency = 10 ** rng.uniform(1.2, 1.6, count)
     torque = rng.normal(size=(count, n)) + 1j * rng.normal(size=(count, n))
     plan = planned_records(inertia, elasticity, frequency, torque_Nm=torque, duration_s=0.1)
     kind = str(rng.choice(KINDS))
     if frequency.max() < 1.3 * frequency.min():
         kind = "sines"
     ratio = rng.uniform(40, 180, n) * rng.choice([-1, 1], n)
-    drift = rng.uniform(-0.5, 0.5, n) * (rng.random() < 0.3)
+    drift = rng.uniform(-0.5, 0.5, n) * (rng.random() < 0.2)
     settings = {
         "kind": kind,
-        "ramp_s": float(rng.uniform(0.05, 0.2)),
-        "rest_s": float(rng.uniform(0.05, 0.3)),
-        "repeats": int(rng.random() < 0.1) + 1,
+        "ramp_s": float(rng.uniform(0.05, 0.15)),
+        "rest_s": float(rng.uniform(0.02, 0.15)),
+        "repeats": int(rng.random() < 0.05) + 1,
         "velocity_rad_s": drift,
     }
     start = rng.uniform(-90, 90, 6)

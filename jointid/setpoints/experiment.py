@@ -10,7 +10,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 
-_BLEND = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+_BLEND = np.poly1d([6.0, -15.0, 10.0, 0.0, 0.0, 0.0])
 """From 0 to 1 with first and second derivatives of 0 at both ends."""
 _SLOPE, _CURVATURE, _AREA = _BLEND.deriv(), _BLEND.deriv(2), _BLEND.integ()
 

@@ -52,14 +52,15 @@ class PlayedExperiment:
 
 
 class _Commanded(Reference):
-    """The set points as the reference of the simulated control, which starts at rest."""
+    """The motion, sampled at the rate of the simulated control, as its reference from rest."""
 
-    experiment: Experiment
+    motion: Motion
+    rate_hz: float
 
     def at(self, time: Floats) -> tuple[Floats, Floats]:
         """Position and acceleration, each (N, n, 1)."""
-        motion = self.experiment.motion(time)
-        return motion.position[:, :, None], motion.acceleration[:, :, None]
+        k = np.maximum(np.rint(time * self.rate_hz).astype(int), 0)
+        return self.motion.position[k, :, None], self.motion.acceleration[k, :, None]
 
 
 def play(
@@ -97,7 +98,7 @@ def play(
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
     exact = experiment.motion(time)
     reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)
-    reference.experiment = experiment
+    reference.motion, reference.rate_hz = exact, rate
     theta, tau = (log[:, :, 0] for log in robot.run(reference, 0, time.size, Measurement(), 0, None))
     acceleration = np.zeros_like(theta)
     acceleration[1:-1] = np.diff(theta, 2, axis=0) * rate**2
