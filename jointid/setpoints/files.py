@@ -11,7 +11,7 @@ from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
 from jointid.setpoints.head import head
 from jointid.setpoints.limit_check import check_limits
-from jointid.setpoints.played import PlayedExperiment, Series
+from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.wording import enumerated
 
@@ -65,11 +65,11 @@ def set_points(
     offset = 0.0 if chosen.from_start else start
     values = np.round(unit * (np.degrees(motion.position) + offset), chosen.decimals) + 0.0
     written = np.asarray(values / unit - offset, np.float64)[:, list(robot.moving)]
-    points = [Series("position", "set points", time, written)]
+    points = [Peaks.of("position", "set points", time, written)]
     for order, quantity in enumerate(("velocity", "acceleration"), start=1):
         exact = np.degrees(motion[order])[:, list(robot.moving)]
         slopes = np.diff(written, order, axis=0) / step**order
-        points += [Series(quantity, "set points", time, each) for each in (exact, slopes)]
+        points += [Peaks.of(quantity, "set points", time, each) for each in (exact, slopes)]
     rows = check_limits(played, robot, points)
     lines = head(played, robot, chosen, time.size, interval, rows, study)
     return SetPoints(interval, values, motion, robot, rows, experiment.scale, lines, chosen.write)

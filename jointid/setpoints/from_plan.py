@@ -15,7 +15,7 @@ from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
 KINDS = ("sines", "multisine", "sweep")
 """One run per record; all records at once; all frequencies one after the other."""
-LONGEST_S = 1800.0
+LONGEST_S = 600.0
 """Longest experiment that is played and written."""
 _FEWEST_PERIODS = 8
 """Fewest periods at full amplitude: the first ones settle, and a segment needs five steady ones."""
@@ -86,7 +86,7 @@ def planned_experiment(
     if experiment.duration_s > LONGEST_S:
         raise JointIdError(
             f"The experiment lasts {experiment.duration_s:.0f} s, at most {LONGEST_S:g} s are possible: "
-            "plan fewer or shorter records, or fewer repeats."
+            "write fewer or shorter records into a file, or fewer repeats."
         )
     return experiment
 

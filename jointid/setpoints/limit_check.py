@@ -9,7 +9,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.rounding import significant
-from jointid.setpoints.played import PlayedExperiment, Series
+from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
 
 _RESERVE = 0.99
@@ -44,7 +44,7 @@ class LimitRow:
 
 
 def check_limits(
-    played: PlayedExperiment, robot: RobotLimits, points: Sequence[Series]
+    played: PlayedExperiment, robot: RobotLimits, points: Sequence[Peaks]
 ) -> tuple[LimitRow, ...]:
     """Compare the played experiment and its set points with the limits of the robot.
 
@@ -53,8 +53,8 @@ def check_limits(
     played : PlayedExperiment
         Of n joints.
     robot : RobotLimits
-    points : sequence of Series
-        Set points and their derivatives, joint side, in degrees relative to the start pose.
+    points : sequence of Peaks
+        Those of the set points and their derivatives, joint side, in degrees relative to the start pose.
 
     Returns
     -------
@@ -63,10 +63,10 @@ def check_limits(
     """
     ratio, start = robot.gear_ratio, robot.start_deg[list(robot.moving)]
     zero, load = np.zeros(ratio.size), np.abs(robot.load_Nm)
-    series = list(points)
-    for each in played.series:
+    peaks = list(points)
+    for each in played.peaks:
         values = each.values if each.quantity == "torque" else np.degrees(each.values / ratio)
-        series.append(each._replace(values=values))
+        peaks.append(each._replace(values=values))
     tables = (
         ("lowest position", "°", "lower_deg", start),
         ("highest position", "°", "upper_deg", start),
@@ -79,13 +79,13 @@ def check_limits(
         for quantity, unit, limit, offset in tables:
             sign = {"lowest": -1.0, "highest": 1.0}.get(quantity.split()[0])
             peak, where = -np.inf, ""
-            for name, source, time, values in series:
+            for name, source, values, time in peaks:
                 if quantity.endswith(name):
                     column = np.abs(values[:, j]) if sign is None else sign * values[:, j]
                     k = int(np.argmax(column))
                     if column[k] > peak:
-                        run = played.experiment.run_at(time[k])
-                        peak, where = float(column[k]), f"{run}, {time[k]:.3f} s, {source}"
+                        run = played.experiment.run_at(time[k, j])
+                        peak, where = float(column[k]), f"{run}, {time[k, j]:.3f} s, {source}"
             at_rest = offset[j] + (played.coulomb_Nm[j] if quantity == "torque" else 0.0)
             reached = float(offset[j] + (sign or 1.0) * peak)
             bound = float(getattr(robot, limit)[j])

@@ -22,13 +22,20 @@ BANDWIDTH_HZ = 10.0
 """Default bandwidth of the simulated control."""
 
 
-class Series(NamedTuple):
-    """A quantity over time, "position", "velocity", "acceleration" or "torque", shape (N, n)."""
+class Peaks(NamedTuple):
+    """Lowest and highest values of a quantity, shape (2, n), and their times."""
 
     quantity: str
+    """Position, velocity, acceleration or torque."""
     source: str
-    time_s: Floats
     values: Floats
+    time_s: Floats
+
+    @classmethod
+    def of(cls, quantity: str, source: str, time: Floats, values: Floats) -> Peaks:
+        """Find the peaks of a series (N, n)."""
+        at = np.array([values.argmin(axis=0), values.argmax(axis=0)])
+        return cls(quantity, source, np.take_along_axis(values, at, axis=0), time[at])
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +54,8 @@ class PlayedExperiment:
     theta_rad: Floats
     """Motor angles under simulated control, the log of the experiment with ``tau_Nm``, (N, n)."""
     tau_Nm: Floats
-    series: tuple[Series, ...]
-    """Motion of motors and arm, and torques, on both robots, motor side."""
+    peaks: tuple[Peaks, ...]
+    """Peaks of the motion of motors and arm, and of torques, on both robots, motor side."""
 
 
 class _Commanded(Reference):
@@ -103,24 +110,22 @@ def play(
     acceleration = np.zeros_like(theta)
     acceleration[1:-1] = np.diff(theta, 2, axis=0) * rate**2
     controlled = Motion(theta, np.asarray(np.gradient(theta, 1 / rate, axis=0)), acceleration)
-    series = [Series("torque", "simulated control", time, tau)]
+    peaks = [Peaks.of("torque", "simulated control", time, tau)]
     for way, motors in (("exact following", exact), ("simulated control", controlled)):
         arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
-        series += [Series(*each) for each in _motions(way, time, motors, arm)]
+        peaks += _motion_peaks(way, time, motors, arm)
         if motors is exact:
             rubs = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
             torque = inertia.M * exact.acceleration + spring + rubs
-            series.append(Series("torque", way, time, torque))
-    return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(series))
+            peaks.append(Peaks.of("torque", way, time, torque))
+    return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
 
 
-def _motions(
-    way: str, time: Floats, motors: Motion, arm: Motion
-) -> Iterator[tuple[str, str, Floats, Floats]]:
-    """Series of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
+def _motion_peaks(way: str, time: Floats, motors: Motion, arm: Motion) -> Iterator[Peaks]:
+    """Peaks of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
     for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
         for quantity, values in list(motion._asdict().items())[:count]:
-            yield quantity, f"{part}, {way}", time, values
+            yield Peaks.of(quantity, f"{part}, {way}", time, values)
 
 
 def _arm(

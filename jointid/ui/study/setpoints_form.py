@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Analysis
 from jointid.rounding import significant
@@ -22,6 +23,7 @@ from jointid.ui.study.plan_form import content
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
+Number = TypeVar("Number", int, float)
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As the robot shows it."),
@@ -33,6 +35,7 @@ _LIMITS = {
     "load_Nm": ("Motor torques at rest (N·m)", "", "Such as gravity in the start pose; empty: none."),
     "axes": ("Axes of the robot", "1, 2", "Which axes the joints of the study are; empty: the first."),
 }
+_SUPERPOSED = "Against stiction: every record is then made forth and back."
 _OPTIONAL = ("load_Nm", "axes")
 _KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
 
@@ -53,23 +56,19 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     with st.form("setpoints", border=False):
         entered, places = {}, [column for _ in range(3) for column in st.columns(3)]
         for place, (name, (label, example, hint)) in zip(places, _LIMITS.items(), strict=True):
-            key = f"setpoints_{name}_{page.digest[:12]}"
-            entered[name] = place.text_input(label, key=key, placeholder=example, help=hint or None)
-        one, two, three = st.columns(3)
-        kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind")
-        file_format = two.selectbox("Format", list(FORMATS), format_func=_title, key="setpoints_format")
-        scale = three.number_input(
-            "Scale of the motion", 0.001, 100.0, 1.0, format="%g", key="setpoints_scale"
+            entered[name] = _text(place, label, "", f"{name}_{page.digest[:12]}", hint, example)
+        one, two, three, four = st.columns(4)
+        kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind", persist_state="session")
+        file_format = two.selectbox(
+            "Format", list(FORMATS), format_func=_title, key="setpoints_format", persist_state="session"
         )
-        one, two, three = st.columns(3)
-        repeats = one.number_input("Repeats", 1, 100, 1, key="setpoints_repeats")
-        rest_s = two.number_input("Rest between (s)", 0.1, 60.0, 1.0, format="%g", key="setpoints_rest")
-        superposed = three.text_input(
-            "Superposed velocities (°/s)",
-            "0",
-            key="setpoints_superposed",
-            help="Against stiction: every record is then made forth and back.",
-        )
+        interval = _text(three, "Interval (ms)", "", "interval", "Empty: the usual one of the format.")
+        scale = _number(four, "Scale of the motion", 1.0, (0.001, 100.0), "scale")
+        one, two, three, four = st.columns(4)
+        repeats = int(_number(one, "Repeats", 1, (1, 100), "repeats"))
+        ramp_s = _number(two, "Ramps (s)", 0.5, (0.05, 10.0), "ramp")
+        rest_s = _number(three, "Rest between (s)", 1.0, (0.1, 60.0), "rest")
+        superposed = _text(four, "Superposed velocities (°/s)", "0", "superposed", _SUPERPOSED)
         st.form_submit_button("Check on the simulated robot", type="primary")
     if not entered["gear_ratio"].strip():
         st.caption(
@@ -84,10 +83,11 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     }
     robot = RobotLimits(**given, robot=analysis.study.robot)
     drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
-    settings = {"kind": _KINDS[kind], "scale": scale, "repeats": int(repeats), "rest_s": rest_s}
-    settings |= {"velocity_rad_s": drift}
+    settings = {"kind": _KINDS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
+    settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
     played = _played(page.digest, page.method, pose, content(plan), settings, plan, analysis)
-    points = set_points(played, robot, file_format, study=analysis.study.name)
+    (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
+    points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
     table(check_table(points))
     st.caption(
         f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
@@ -115,11 +115,32 @@ def check_table(points: SetPoints) -> Table:
     }
 
 
+def _text(
+    place: DeltaGenerator, label: str, value: str, key: str, hint: str = "", example: str = ""
+) -> str:
+    return place.text_input(
+        label,
+        value,
+        key=f"setpoints_{key}",
+        help=hint or None,
+        placeholder=example,
+        persist_state="session",
+    )
+
+
+def _number(
+    place: DeltaGenerator, label: str, value: Number, limits: tuple[Number, Number], key: str
+) -> Number:
+    return place.number_input(
+        label, *limits, value, format="%g", key=f"setpoints_{key}", persist_state="session"
+    )
+
+
 def _title(name: str) -> str:
     return FORMATS[name].title
 
 
-@st.cache_resource(max_entries=16, show_spinner="Playing on the simulated robot")
+@st.cache_resource(max_entries=4, show_spinner="Playing on the simulated robot")
 def _played(
     digest: str,
     method: str,
