@@ -15,7 +15,7 @@ from plants import PAPER, PARALLELOGRAM, ROBOTS
 from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
-from jointid import JointIdError, MotorFriction, Study, analyse, motor_response
+from jointid import Inertia, JointIdError, MotorFriction, Study, analyse, motor_response
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import MappedLog, find_segments, study_from_logs
@@ -318,6 +318,26 @@ def test_the_load_at_rest_uses_up_torque() -> None:
         set_points(played(), loaded, "csv").text()
     with pytest.raises(JointIdError, match="check load and friction"):
         set_points(played(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
+
+
+def test_no_scale_helps_where_rest_exceeds_the_limit() -> None:
+    made = play(experiment(scale=1e-6), PARALLELOGRAM, PAPER, friction=MotorFriction(coulomb=0.5))
+    with pytest.raises(JointIdError, match="check load and friction"):
+        set_points(made, replace(WIDE, torque_Nm=np.array([0.3, 9.0])), "csv").text()
+
+
+def test_a_plan_without_motion_is_still() -> None:
+    none = planned_records(PARALLELOGRAM, PAPER, [4.0, 9.0], torque_Nm=[0.0, 0.0])
+    for kind in KINDS:
+        still = planned_experiment(none, PARALLELOGRAM, PAPER, kind=kind)
+        assert not still.motion(np.linspace(0, still.duration_s, 999)).position.any()
+
+
+def test_a_heavy_arm_on_small_rotors_is_played() -> None:
+    heavy = Inertia(M=[1e-4, 1e-4], M2=[[0.02, 0.001], [0.001, 0.01]])
+    records = planned_records(heavy, PAPER, [9.0], torque_Nm=[0.1, 0.1j], duration_s=0.5)
+    made = play(planned_experiment(records, heavy, PAPER), heavy, PAPER)
+    assert np.all(peaks(made)["torque", "simulated control"] < 1.0)
 
 
 @pytest.mark.parametrize("seed", range(share(100)))

@@ -14,7 +14,6 @@ from jointid.cli.output import print_json, print_table, status
 from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
-from jointid.rounding import significant
 
 
 @reported
@@ -49,6 +48,7 @@ def setpoints(
     """Write the suggested records as set points, after a check on the simulated robot."""
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment
+    from jointid.setpoints.limit_check import check_table
     from jointid.setpoints.played import play
     from jointid.setpoints.robot_limits import limits_from_toml
 
@@ -78,21 +78,12 @@ def setpoints(
             study=known.name,
         )
     write_file(output, points.text().encode())
-    if not as_json:
-        rows = [
-            [
-                f"{r.joint}",
-                r.quantity,
-                r.unit,
-                *(significant(x) for x in (r.limit, r.peak, r.margin)),
-                r.where,
-            ]
-            for r in points.rows
-        ]
-        header = ["joint", "quantity", "unit", "limit", "peak", "margin", "where"]
-        print_table(header, rows, right=(3, 4, 5))
     if as_json:
         check = [{**asdict(row), "margin": row.margin} for row in points.rows]
         print_json({"written": [str(output)], "duration_s": experiment.duration_s, "check": check})
-    else:
-        print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its head first.")
+        return
+    columns = check_table(points.rows)
+    print_table(
+        list(columns), [list(row) for row in zip(*columns.values(), strict=True)], right=(2, 3, 4)
+    )
+    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its head first.")

@@ -145,13 +145,13 @@ def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> I
             angle_rad=pattern / frequency[:, None],
             duration_s=2 / first,
         )
-        share = min(1.0, _room(np.abs(plan.torque_Nm), np.abs(grid.torque_Nm)))
+        share = _room(np.abs(plan.torque_Nm), np.abs(grid.torque_Nm))
         label = f"sweep {number + 1} ({first:.4g} to {last:.4g} Hz)"
         angle = share * pattern[None] / first
         yield label, np.array([first]), angle, float(plan.duration_s.max()), last
 
 
 def _room(allowed: Floats, used: Floats) -> float:
-    """Factor by which the largest values used may grow to those allowed, both (…, n)."""
+    """Factor up to 1 that limits the largest values used to those allowed, both (…, n)."""
     most, now = allowed.max(axis=0), np.abs(used).max(axis=0)
-    return float(np.min(most[now > 0] / now[now > 0], initial=np.inf))
+    return float(np.min(most[now > 0] / now[now > 0], initial=1.0))

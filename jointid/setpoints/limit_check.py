@@ -35,12 +35,17 @@ class LimitRow:
     @property
     def margin(self) -> float:
         """Distance to the limit, negative beyond it."""
-        return (self.limit - self.peak) * (-1 if self.quantity.startswith("lowest") else 1)
+        return self._below_limit(self.peak)
 
     @property
     def possible_scale(self) -> float:
-        """Factor by which the motion of an exceeded limit must change; not positive if none helps."""
-        return (self.limit - self.at_rest) / (self.peak - self.at_rest) if self.margin < 0 else np.inf
+        """Factor on the motion that just meets an exceeded limit; 0 when rest exceeds it already."""
+        if self.margin >= 0:
+            return np.inf
+        return max(self._below_limit(self.at_rest), 0.0) / abs(self.peak - self.at_rest or 1.0)
+
+    def _below_limit(self, value: float) -> float:
+        return (self.limit - value) * (-1 if self.quantity.startswith("lowest") else 1)
 
 
 def check_limits(
@@ -93,6 +98,18 @@ def check_limits(
     return tuple(rows)
 
 
+def check_table(rows: Sequence[LimitRow]) -> dict[str, list[str]]:
+    """Return limit, peak and margin by joint and quantity, as columns of text."""
+    return {
+        "Joint": [str(row.joint) for row in rows],
+        "Quantity": [f"{row.quantity} ({row.unit})" for row in rows],
+        "Limit": [significant(row.limit) for row in rows],
+        "Peak": [significant(row.peak) for row in rows],
+        "Margin": [significant(row.margin, 3) + " ✗" * (row.margin < 0) for row in rows],
+        "Where": [row.where for row in rows],
+    }
+
+
 def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
     """Refuse an experiment beyond a limit.
 
@@ -111,12 +128,12 @@ def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
     if worst.margin >= 0:
         return
     factor = _RESERVE * scale * worst.possible_scale
-    remedy = "The motion is not the cause: choose another start pose, or check load and friction."
     if factor > 0:
         place = 10.0 ** (np.floor(np.log10(factor)) - 1)
-        remedy = (
-            f"Set the scale of the motion to {np.floor(factor / place) * place:.3g} (now {scale:g})."
-        )
+        smaller = np.floor(factor / place) * place
+        remedy = f"Set the scale of the motion to {smaller:.3g} (now {scale:g})."
+    else:
+        remedy = "The motion is not the cause: choose another start pose, or check load and friction."
     raise JointIdError(
         f"The {worst.quantity} of joint {worst.joint} reaches {significant(worst.peak)} {worst.unit} "
         f"({worst.where}), its limit is {significant(worst.limit)} {worst.unit}.",

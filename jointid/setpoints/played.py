@@ -16,8 +16,10 @@ from jointid.setpoints.experiment import Experiment, Motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.robot import Reference, Robot
 
-_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD = 2000.0, 40
-"""Rate of the simulated control."""
+_RATE_HZ, _SAMPLES_PER_PERIOD = (2000.0, 20_000.0), 40
+"""Lowest and highest rate of the simulated control, and samples per period of the motion."""
+_DAMPING_STEP = 0.3
+"""Share of a rotor's velocity that the control removes within a sample; above 1 it is unstable."""
 BANDWIDTH_HZ = 10.0
 """Default bandwidth of the simulated control."""
 
@@ -98,7 +100,9 @@ def play(
     n, none = inertia.n, np.zeros(inertia.n)
     friction = friction or MotorFriction()
     coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
-    rate = max(_LOWEST_RATE_HZ, _SAMPLES_PER_PERIOD * experiment.highest_hz)
+    ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
+    steady_hz = min(2 * np.pi * bandwidth_hz * ratio / _DAMPING_STEP, _RATE_HZ[1])
+    rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
     controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
     rubbing = MotorFriction(coulomb, viscous, step_s=1 / rate)
     robot = Robot(inertia, elasticity, controller, rubbing)

@@ -8,15 +8,13 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Analysis
-from jointid.rounding import significant
-from jointid.setpoints.file_format import SetPoints
 from jointid.setpoints.files import FORMATS, set_points
 from jointid.setpoints.from_plan import KINDS, planned_experiment
-from jointid.setpoints.limit_check import require_within_limits
+from jointid.setpoints.limit_check import check_table, require_within_limits
 from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import Table, download, table
+from jointid.ui.shared.charts import download, table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.study.plan_form import content
@@ -88,7 +86,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     played = _played(page.digest, page.method, pose, content(plan), settings, plan, analysis)
     (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
     points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
-    table(check_table(points))
+    table(check_table(points.rows))
     st.caption(
         f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
         "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
@@ -100,19 +98,6 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
     with st.expander("Head of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
-
-
-def check_table(points: SetPoints) -> Table:
-    """Limit, peak and margin by joint and quantity."""
-    rows = points.rows
-    return {
-        "Joint": [str(row.joint) for row in rows],
-        "Quantity": [f"{row.quantity} ({row.unit})" for row in rows],
-        "Limit": [significant(row.limit) for row in rows],
-        "Peak": [significant(row.peak) for row in rows],
-        "Margin": [significant(row.margin, 3) + " ✗" * (row.margin < 0) for row in rows],
-        "Where": [row.where for row in rows],
-    }
 
 
 def _text(
