@@ -434,4 +434,4 @@ def test_the_command_writes_a_checked_file(
     assert found.time_s[-1] == pytest.approx(document["duration_s"], abs=0.002)
     assert studies[2].name in found.head
     assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # it exists
-    assert "margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
+    assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
