@@ -243,6 +243,17 @@ def test_the_played_motion_gives_k_and_d_back(kind: str) -> None:
     imported(log, kind)
 
 
+@pytest.mark.long
+def test_a_rest_without_any_noise_does_not_stop_the_importer() -> None:
+    """Only the arm rings down, by 1e-12 N·m, while the angles are constant to the last bit."""
+    found = read("csv", set_points(played(), WIDE, "csv").text(), START_DEG)
+    theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
+    torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
+    part = (found.time_s > 8) & (found.time_s < 12)
+    (segment,) = find_segments(MappedLog(found.time_s[part], theta[part], torque[part]))
+    assert segment.frequency_hz == pytest.approx(7.0, rel=1e-6)
+
+
 def imported(log: MappedLog, kind: str) -> None:
     segments = find_segments(log)
     lines = sorted(round(f, 2) for segment in segments for f in segment.lines_hz)
