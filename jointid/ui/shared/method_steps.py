@@ -32,10 +32,11 @@ PLAN = Step("pages/6_Plan.py", "Plan", "The records that would cut the error bar
 REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
 COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")
+GLOSSARY = Step("pages/12_Glossary.py", "Glossary", "The terms of these pages.")
 GROUPS = {
     "Data": (OVERVIEW, RECORDS, IMPORT, SIMULATE),
     "Method": (PHASORS, TRANSFER, ELASTICITY),
-    "Use": (CUT, PLAN, REPORT, COMPARE, FLEET),
+    "Use": (CUT, PLAN, REPORT, COMPARE, FLEET, GLOSSARY),
 }
 """The pages as the sidebar groups them."""
 METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
