@@ -58,7 +58,7 @@ FLOORS = [
     ["verdict"],
     ["study"],
     ["files", "cut"],
-    ["importing", "exporting"],
+    ["importing", "exporting", "setpoints"],
     ["fleet", "figures"],
     ["reporting"],
     ["cli", "ui"],
