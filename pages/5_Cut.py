@@ -17,6 +17,7 @@ from jointid.ui.cut.pictures import show_figure_7
 from jointid.ui.cut.settings import ask, nominal_name
 from jointid.ui.cut.time_series import show_time_series
 from jointid.ui.cut.tolerance import show_tolerance
+from jointid.ui.cut.tool_stiffness import show_tool_stiffness
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 
@@ -45,6 +46,8 @@ st.caption(
     "more. Grey is the reference path; the largest path error is below each shape."
 )
 show_figure_7(page, settings, outcome, name)
+
+show_tool_stiffness(page, analysis, robot)
 
 show_time_series(page, settings, outcome)
 

@@ -39,6 +39,7 @@ HOMES = {
     "rosbags": ["jointid/importing/read/*"],
     "threadpoolctl": ["jointid/small_matrices.py"],
     "lazy_loader": ["jointid/__init__.py", "jointid/*/__init__.py"],
+    "pinocchio": ["jointid/robot_models/descriptions.py"],
     "typer": ["jointid/cli/*"],
     "rich": ["jointid/cli/*"],
     "numpy": ["*"],
@@ -49,8 +50,9 @@ HOMES = {
 FLOORS = [
     ["errors"],
     ["arrays", "wording", "rounding", "version"],
-    ["small_matrices", "background"],
+    ["small_matrices", "background", "parsing"],
     ["records", "joints"],
+    ["robot_models"],
     ["phasors", "simulation"],
     ["transfer_matrix"],
     ["estimation"],
