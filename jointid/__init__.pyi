@@ -21,6 +21,7 @@ from .phasors.extract import Phasors as Phasors
 from .phasors.extract import extract_phasors as extract_phasors
 from .records import MotionRecord as MotionRecord
 from .records import SineRecord as SineRecord
+from .robot_models.model import RobotModel as RobotModel
 from .simulation.closed_loop import simulate_motion as simulate_motion
 from .simulation.closed_loop import simulate_records as simulate_records
 from .simulation.experiment import Controller as Controller

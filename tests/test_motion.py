@@ -76,7 +76,12 @@ def test_an_initial_state_does_not_change_the_answer() -> None:
 
 def test_offsets_and_drift_do_not_change_the_answer() -> None:
     moved = [
-        cut(r, slice(None), theta_rad=r.theta_rad + [3.0, -40.0], tau_Nm=r.tau_Nm + [0.4, -0.2])
+        cut(
+            r,
+            slice(None),
+            theta_rad=np.add(r.theta_rad, [3.0, -40.0]),
+            tau_Nm=np.add(r.tau_Nm, [0.4, -0.2]),
+        )
         for r in records(EXACT)
     ]
     assert np.abs(identify_motion(moved, GIVEN).estimate / fitted(EXACT).estimate - 1).max() < 1e-5

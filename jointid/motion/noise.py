@@ -36,7 +36,7 @@ _FLOOR = 1e-10
 def sensor_variances(
     parts: Sequence[UniformPart], highest_hz: float, M: Floats
 ) -> tuple[Floats, Floats]:
-    """Variance of each sample of the angles and torques (2n,), and the most that the torques' can be (n,).
+    """Variance of each sample of angles and torques (2n,), and the most that the torques' can be (n,).
 
     Parameters
     ----------
