@@ -17,11 +17,13 @@ from jointid.verdict.evidence import Evidence, Finding, note, number, percent, w
 from jointid.verdict.findings import all_well, of_records
 from jointid.verdict.rules_causes import half_a_sample, lag_size
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import LOOSE, inertias_off
+from jointid.verdict.rules_inertia import inertias_off
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 
 _EXPLAINED = 3.0
 """Misfit up to which the given inertias explain the data."""
+_LOOSE = 0.3
+"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 _COHERENT = 0.5
 """Median coherence within the band, below which torque and motion hardly belong together."""
 
@@ -97,7 +99,7 @@ def _wrong_inertias(evidence: Evidence) -> Iterator[Finding]:
         if fit.misfit <= _EXPLAINED:
             return
         try:
-            judged = identify_motion(evidence.records, list(evidence.inertias), inertia_std=LOOSE)
+            judged = identify_motion(evidence.records, list(evidence.inertias), inertia_std=_LOOSE)
         except JointIdError:
             return
     if judged.misfit <= _EXPLAINED:

@@ -21,7 +21,7 @@ from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_frict
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
-LOOSE = 0.3
+_LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
 _NEARLY = 0.01
@@ -79,7 +79,7 @@ def _judged(evidence: Evidence) -> ElasticityFit | None:
     if fit.misfit <= _EXPLAINED:
         return None
     try:
-        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=LOOSE)
+        return identify_elasticity(evidence.phasors, list(evidence.inertias), inertia_std=_LOOSE)
     except JointIdError:
         return None
 
@@ -155,7 +155,7 @@ def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> f
             method="maximum-likelihood",
             friction=fit.friction is not None,
             delay=fit.delay is not None,
-            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, LOOSE)),
+            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, _LOOSE)),
         )
     except JointIdError:
         return np.inf
