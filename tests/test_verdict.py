@@ -30,10 +30,10 @@ from jointid import (
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
-from jointid.verdict.link_side import fit_link_side, link_side_finding
-from jointid.verdict.plausibility import scale_findings
 from jointid.verdict.rules_causes import against_the_paper
+from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
+from jointid.verdict.wrong_data import wrong_data
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -210,7 +210,7 @@ def scaled(angle: Any = 1.0, torque: Any = 1.0) -> list[SineRecord]:
 
 def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | None:
     """What is said of scales, without an estimate having to be possible."""
-    found = scale_findings(extract_phasors(records), [inertia] * len(records))
+    found = wrong_data(extract_phasors(records), [inertia] * len(records))
     assert len(found) < 2
     return found[0] if found else None
 
@@ -805,10 +805,16 @@ def of_the_arm(n: int, *, noise: float, seed: int = 5) -> tuple[Phasors, Inertia
 def test_angles_of_the_arm_are_told(n: int, noise: float) -> None:
     phasors, inertia, elasticity = of_the_arm(n, noise=noise)
     inertias = [inertia] * phasors.omega.size
-    np.testing.assert_allclose(fit_link_side(phasors, inertias).K, elasticity.K, rtol=0.05)
-    (found,) = scale_findings(phasors, inertias)
+    scorer = Scorer.of(phasors, inertias)
+    as_arm = scorer.scores([replace(scorer.as_logged(), kind="arm angle")])
+    np.testing.assert_allclose(as_arm.K[0], elasticity.K, rtol=0.05)
+    (found,) = wrong_data(phasors, inertias)
     assert found.title == "The positions look like the arm's, not the motors'"
     assert "gear ratio of" not in found.detail
+
+
+def of_arm(found: Sequence[Finding]) -> list[Finding]:
+    return said(found, "positions look like the arm's") + said(found, "measured behind the gears")
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -819,15 +825,15 @@ def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
     phasors = extract_phasors(records)
     for M, M2 in ((1, 1), (1, 1.3), (1, 0.7), (1.5, 1), (0.5, 1), (1, 2)):
         wrong = Inertia(inertia.M * M, inertia.M2 * M2)
-        assert not link_side_finding(phasors, [wrong] * len(records))
+        assert not of_arm(wrong_data(phasors, [wrong] * len(records)))
     for factor in (-1.0, 2.0, 100.0, 180 / np.pi):
         turned = replace(phasors, q=phasors.q * factor)
-        assert not link_side_finding(turned, [inertia] * len(records))
+        assert not of_arm(wrong_data(turned, [inertia] * len(records)))
 
 
 def test_friction_is_not_called_the_arms_angle() -> None:
     records = list(rubbing())
-    assert not link_side_finding(extract_phasors(records), [PARALLELOGRAM] * len(records))
+    assert not of_arm(wrong_data(extract_phasors(records), [PARALLELOGRAM] * len(records)))
 
 
 @pytest.mark.long

@@ -66,6 +66,12 @@ _DOUBT = 0.005
 """Probability that the score of any part widens the error bars on an ideal robot."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_HALFWAY = 0.25
+"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+_USUAL = 0.05
+"""Probability of a misfit of the fundamentals that calls for no slow fit."""
+_MOST_STARTS = 2
+"""Start values from which a model is fitted."""
 _MOST_SLOW_FITS = 6
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
@@ -121,7 +127,7 @@ def _searched(search: _Search) -> Choice:
     if "friction" in search.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.optional)
     for start in _other_starts(search.phasors, search.prior):
-        other = replace(search, start=start, tried={}, slow_fits=0)
+        other = replace(search, start=start, tried={}, fits={}, slow_fits=0)
         other.fit(probe, start)
         if other.misfit(probe) < better:
             found = other.best()
@@ -139,6 +145,10 @@ def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
         K = own * omega**2
         starts.append(layout.named(layout.pack(K=K, D=0.05 * K / omega)))
     return starts
+
+
+def _is_slow(model: Model) -> bool:
+    return not set(GEAR_LAWS).isdisjoint(model.effects)
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -164,6 +174,8 @@ class _Search:
     """The others: "friction", "delay" and keys of ``EFFECTS``."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float, bool], FrictionWaveforms] = field(default_factory=dict)
+    fits: dict[Model, int] = field(default_factory=dict)
+    """Number of start values from which each model was fitted."""
     slow_fits: int = 0
 
     def best(self) -> Model:
@@ -175,15 +187,17 @@ class _Search:
         best = self._least(list(self.tried))
         while len(self.tried) < _MOST_FITS:
             found = [best]
-            for wider in self._extensions(best):
+            for wider in sorted(self._extensions(best), key=_is_slow):
                 leading = self._least(found)
                 explained = self.misfit(leading) < _EXPLAINED < self.misfit(best)
                 if explained and not {*wider.effects}.difference(best.effects).isdisjoint(LAWS):
                     continue
+                if _is_slow(wider) and leading != best and self._is_explained(leading):
+                    continue  # its score decides again
                 if leading.reversal != best.reversal and wider.reversal == best.reversal:
                     continue  # richer friction first: other parts absorb some of it
-                self._fit_wider(wider, best)
-                found.append(self._pruned(wider))
+                self._fit_wider(wider, best, leading)
+                found.append(self._pruned(wider) if self._is_kept(wider, best) else wider)
             better = self._least(found)
             if better == best:
                 break
@@ -193,7 +207,8 @@ class _Search:
     def fit(self, model: Model, start: Parameters) -> None:
         """Fit a model; of two fits from different starts the better one stays."""
         earlier = self.tried.get(model)
-        if not set(GEAR_LAWS).isdisjoint(model.effects):
+        self.fits[model] = self.fits.get(model, 0) + 1
+        if _is_slow(model):
             if self.slow_fits == _MOST_SLOW_FITS:
                 self.tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
                 return
@@ -214,13 +229,27 @@ class _Search:
         if not isinstance(earlier, LikelihoodEstimate) or estimate.misfit < earlier.misfit:
             self.tried[model] = estimate
 
-    def _fit_wider(self, wider: Model, narrow: Model) -> None:
-        """Fit with one more part, from the estimate without it or, where that is far off, the start."""
+    def _is_kept(self, wider: Model, narrow: Model) -> bool:
+        """Whether a wider model may last; a slow one with a part that is not significant does not."""
+        estimate = self.tried[wider]
+        if isinstance(estimate, JointIdError) or not _is_slow(wider):
+            return True
+        added = [part for part in wider.parts if part not in narrow.parts and part in self.optional]
+        return all(self._part_is_significant(wider, estimate, part) for part in added)
+
+    def _fit_wider(self, wider: Model, narrow: Model, leading: Model) -> None:
+        """Fit with one more part, from the estimate without it.
+
+        Where that is far off, the fit starts from that of the same parts with other friction, or else
+        as all do.
+        """
         if wider in self.tried:
             return
         found = self.tried[narrow]
         if self.misfit(narrow) >= _LOST:
-            self.fit(wider, self.start)
+            near = self.tried[leading]
+            alike = isinstance(near, LikelihoodEstimate) and leading.parts == wider.parts
+            self.fit(wider, near.named if alike and near.misfit < _LOST else self.start)
         if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
             self.fit(wider, found.named)
 
@@ -238,14 +267,42 @@ class _Search:
             if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
-        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:_TRIED_LAWS]
-        wider = [model.with_part(part) for part in clear if part in laws or part not in LAWS][:_TRIED]
+        tried_laws = 1 if self._is_explained(model) else _TRIED_LAWS
+        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:tried_laws]
+        wider = [
+            model.with_part(part)
+            for part in clear
+            if (part in laws or part not in LAWS) and self._is_promising(model, part, scored[part])
+        ][:_TRIED]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
             wider = [*wider, *sharper] if decisive else [*sharper, *wider]
         return [each for each in wider if each not in self.tried]
+
+    def _is_promising(self, model: Model, part: str, score: Score) -> bool:
+        """Whether a slow fit with one more part is worth its time, by the part's score.
+
+        It is not where the part cannot explain enough of the misfit to be kept, nor where the model
+        explains the data without it and K and D would hardly move. Its score still widens the errors.
+        """
+        found = self.tried[model]
+        if isinstance(found, JointIdError) or not _is_slow(model.with_part(part)):
+            return True
+        if part != "friction" and found.misfit > _EXPLAINED:
+            needed = _WORTH * (found.misfit - 1) * found.expected_cost
+            return score.gain > _HALFWAY * needed
+        sigma = np.sqrt(np.diag(found.elasticity_covariance))
+        return not self._is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))
+
+    def _is_explained(self, model: Model) -> bool:
+        """Whether noise explains what a model leaves, at the fundamentals as well."""
+        found = self.tried[model]
+        if isinstance(found, JointIdError) or found.misfit > _EXPLAINED:
+            return False
+        misfit, freedom = found.fundamental
+        return bool(chi2.sf(misfit * freedom, freedom) > _USUAL)
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
@@ -273,7 +330,8 @@ class _Search:
                 narrower.append(model.without(part).with_part("delay"))
             for narrow in narrower:
                 models.append(narrow)
-                if self.misfit(narrow) > _NEEDED * max(1.0, found.misfit):
+                far = self.misfit(narrow) > _NEEDED * max(1.0, found.misfit)
+                if far and self.fits.get(narrow, 0) < _MOST_STARTS:
                     self.fit(narrow, _with_delay(found))  # from other starts it may have diverged
         best = self._least(models)
         return best if best == model else self._pruned(best)
