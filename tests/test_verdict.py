@@ -385,7 +385,7 @@ def test_noise_that_biases_least_squares_is_told() -> None:
     assert not list(against_the_paper(evidence(sound(), SERIAL, method="least-squares")))
 
 
-@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 400 µs")])
+@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 0.4 ms")])
 def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
     case = evidence(sound(delay_s=delay_s, told=False), SERIAL, delay=True)
     (lag,) = said(findings(case), verb)
@@ -397,7 +397,7 @@ def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
 
 def test_lag_of_a_hold_is_recognised() -> None:
     case = evidence(sound(hold=True, told=False), SERIAL, delay=True)
-    (lag,) = said(findings(case), "The torque lags by 500 µs")
+    (lag,) = said(findings(case), "The torque lags by 0.5 ms")
     assert "torque_hold = true" in lag.remedy
 
 
@@ -711,7 +711,7 @@ def test_friction_and_lag_together_are_both_named() -> None:
     case = evidence(rubbing(), PARALLELOGRAM, friction=True)
     late = replace(case, fit=replace(case.fit, delay=4e-4, delay_error=2e-6))
     (both,) = said(against_the_paper(late), "Friction and torque lag matter")
-    assert "lags by 400 µs" in both.detail
+    assert "lags by 0.4 ms" in both.detail
     by_chance = replace(case, fit=replace(case.fit, delay=4e-8, delay_error=2e-6))
     assert said(against_the_paper(by_chance), "Friction matters")
 

@@ -313,7 +313,7 @@ def _minimise(
 def _attempt(
     problem: Problem, p: Floats, scale: Floats, most: float
 ) -> tuple[float, Floats, Floats] | None:
-    """The same as ``quadratic``; None where the cost is above ``most``, or parameters far off overflow."""
+    """The same as ``quadratic``; None where the cost is above ``most`` or overflows."""
     with np.errstate(all="ignore"):
         try:
             residual = WhitenedResidual.of(problem, p, scale)

@@ -62,8 +62,11 @@ _HOPELESS = 3e4
 _MOST_EFFECTS = 3
 _MOST_FITS = 24
 """Fits of one search; wrong data would take many more."""
-_DOUBT = 0.005
-"""Probability that the score of any part widens the error bars on an ideal robot."""
+_DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
+"""Probability that the score of any part widens the error bars on an ideal robot, and the same if it
+moves K or D far, which few parts do."""
+_FAR_OFF = 4.0
+"""Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
 _HALFWAY = 0.25
@@ -431,27 +434,33 @@ class _Search:
 
         The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
         out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
-        1994). A part that was not fitted counts in full where its score is nearly significant: one that
-        moves K by so many standard errors has a score of at least as many.
+        1994). A part that was not fitted counts in full where its score is nearly significant, sooner
+        where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
         """
         found = self.tried[best]
         size = 2 * self.phasors.n
         if isinstance(found, JointIdError):
             return np.zeros((size, size))
-        criterion, shifts = self.criterion(), []
-        doubt, misfit = _DOUBT / max(len(self.optional), 1), max(1.0, found.misfit)
+        criterion, shifts, misfit = self.criterion(), [], max(1.0, found.misfit)
+        sigma = np.sqrt(np.diag(found.elasticity_covariance))
+
+        def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
+            doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
+            return bool(2 * gain > chi2.isf(doubt / max(len(self.optional), 1), count))
+
         for model, estimate in self.tried.items():
             if model == best or not isinstance(estimate, LikelihoodEstimate):
                 continue
             weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
             added = set(model.parts).difference(best.parts)
             if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
-                gain = 2 * (found.whole_cost(misfit) - estimate.whole_cost(misfit))
-                weight = max(weight, float(gain > chi2.isf(doubt, estimate.p.size - found.p.size)))
+                gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
+                shift = estimate.elasticity - found.elasticity
+                weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
             shifts.append((weight, estimate.elasticity - found.elasticity))
         for part, score in self.scores(best).items():
-            clear = 2 * score.gain / misfit > chi2.isf(doubt, score.count)
-            if clear and best.with_part(part) not in self.tried:
+            doubtful = is_doubtful(score.gain / misfit, score.count, score.shift)
+            if doubtful and best.with_part(part) not in self.tried:
                 shifts.append((1.0, score.shift))
         equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
         total = 1 + sum(weight for weight, _ in equals)
@@ -475,4 +484,5 @@ class _Search:
             parameters=fitted.parameter_count if fitted else 0,
             criterion=criterion,
             chosen=chosen and fitted is not None,
+            parts=model.parts,
         )

@@ -384,9 +384,7 @@ class Residual:
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
 
 
-def _by_elements(
-    share: Complexes, angle: Complexes, rows: np.ndarray, columns: np.ndarray
-) -> Complexes:
+def _by_elements(share: Complexes, angle: Complexes, rows: np.ndarray, columns: np.ndarray) -> Complexes:
     """share · ∂M2 · angle for each distinct element of a symmetric matrix, shape (r, H, n, t)."""
     found = share[..., rows] * angle[..., None, columns]
     coupling = rows != columns

@@ -60,9 +60,11 @@ _ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias
 _DIVIDED, _TIMES = "divide it by {}", "multiply it by {}"
 CAUSES = (
     _unit(DEGREES, "position", "looks given in degrees",
-          "a position in degrees that was taken for radians (180/π = 57.3)", "deg", "multiply it by π/180"),
+          "a position in degrees that was taken for radians (180/π = 57.3)", "deg",
+          "multiply it by π/180"),
     _unit(1 / DEGREES, "position", "looks converted from degrees though it is in radians",
-          "a position in radians that was taken for degrees (180/π = 57.3)", "rad", "multiply it by 180/π"),
+          "a position in radians that was taken for degrees (180/π = 57.3)", "rad",
+          "multiply it by 180/π"),
     Cause(DEGREES**2, "position", "looks given in degrees, and its gear ratio 57.3 times too large",
           "degrees for radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
           "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
@@ -145,9 +147,7 @@ def finding_of(
     wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(np.split(hypothesis.scale, 2)[0], 1))
     effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
     if np.all(np.isclose(np.abs(factor[wrong]), 1)):
-        what, column = (
-            ("position", "theta_m{}_rad") if hypothesis.kind == "angle" else ("torque", "tau_m{}_Nm")
-        )
+        what = "position" if hypothesis.kind == "angle" else "torque"
         whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
@@ -169,7 +169,8 @@ def finding_of(
     titles, details, remedies = [], [], []
     for cause, joints in groups.items():
         whose = _joints(joints, factor.size)
-        is_ = f"{capitalised(whose)}: torque over acceleration is {_values(factor[joints])} times {_EXPECTED}."
+        values = f"{_values(factor[joints])} times {_EXPECTED}"
+        is_ = f"{capitalised(whose)}: torque over acceleration is {values}."
         if cause is None:
             titles.append(f"the scale of {whose} looks wrong")
             details.append(is_)
@@ -217,8 +218,8 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "gear torque": (
         "The torques look measured behind the gears, not at the motors",
         "Taken for the gears' torques, without what the rotors need, they give K of about {K}.",
-        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the motor's "
-        "acceleration to them.",
+        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
+        "motor's acceleration to them.",
         "edit mapping",
     ),
 }
@@ -257,7 +258,7 @@ def _proof(before: float, after: float) -> str:
         return f"As logged, the records {logged}; corrected, they leave {left} (1 is ideal)."
     return (
         f"As logged, the records {logged}; corrected, they still leave {left} (1 is ideal): friction, "
-        "which this check leaves out, or something else is wrong, too. Correct this first and look again."
+        "which this check leaves out, or something else is wrong, too. Correct this first."
     )
 
 

@@ -20,6 +20,8 @@ from jointid.verdict.wrong_data import low_frequency_inertia
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
+_ABSURD = 10.0
+"""Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
@@ -50,7 +52,10 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
             f"{number(np.sqrt(judged.misfit), 2)} times what noise explains, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
-    yield warning(
+    absurd = not exact and off[0][0] > _ABSURD
+    if absurd:
+        accounts += " So large an error is a wrong unit, a wrong torque constant or another robot."
+    yield (problem if absurd else warning)(
         "The inertias look wrong",
         f"{row.name} is given as {given} kg·m², the records have "
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
@@ -97,7 +102,18 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         scale = np.sqrt(np.outer(np.diag(given), np.diag(given)))
         off = np.abs((measured + measured.T) / 2 - given) / scale
         i, j = (int(k) for k in np.unravel_index(np.argmax(off), off.shape))
-        if off[i, j] > 0.2:
+        falling = np.flatnonzero(np.diag(measured) <= 0)
+        if falling.size:
+            where = f" in pose {pose}" if pose else ""
+            yield problem(
+                f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
+                "At the lowest frequencies its torque opposes the acceleration, as no inertia does. The "
+                f"residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                "Check the sign of the torque. If it is right, measure at higher frequencies, or where "
+                "neither gravity nor springs and hoses pull.",
+                1.0,
+            )
+        elif off[i, j] > 0.2:
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             where = f" in pose {pose}" if pose else ""
             yield problem(
