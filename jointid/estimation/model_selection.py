@@ -22,8 +22,9 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
+from jointid.estimation.start_values import at_resonances, without_inertias
 from jointid.joints import Inertia
-from jointid.phasors.extract import Phasors
+from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),
@@ -44,6 +45,8 @@ _NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
+_DOUBTFUL = 3.0
+"""Misfit from which the simplest model is fitted from start values without the given inertias, too."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
 _WORTH = 0.2
@@ -129,7 +132,7 @@ def _searched(search: _Search) -> Choice:
     probe = search.base
     if "friction" in search.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.optional)
-    for start in _other_starts(search.phasors, search.prior):
+    for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
         other = replace(search, start=start, tried={}, fits={}, slow_fits=0)
         other.fit(probe, start)
         if other.misfit(probe) < better:
@@ -137,17 +140,6 @@ def _searched(search: _Search) -> Choice:
             if other.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
-
-
-def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
-    """K with the arm's resonance at frequencies of the records, and a small D."""
-    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
-    layout, starts = ParameterLayout.of(phasors.n), []
-    for share in (0.5, 1.0, 0.0):
-        omega = float(np.quantile(phasors.omega, share))
-        K = own * omega**2
-        starts.append(layout.named(layout.pack(K=K, D=0.05 * K / omega)))
-    return starts
 
 
 def _is_slow(model: Model) -> bool:
@@ -184,6 +176,9 @@ class _Search:
     def best(self) -> Model:
         """Grow and prune from the base, or from the best model that is fitted already."""
         self.fit(self.base, self.start)
+        if self.misfit(self.base) > _DOUBTFUL and self.phasors.harmonics.shape[1] < MANY_HARMONICS:
+            for start in self.free_start():  # wrong inertias may lead the linear estimate astray
+                self.fit(self.base, start)
         rubbing = replace(self.base, reversal=0.0)
         if self.misfit(self.base) >= _LOST and "friction" in self.optional:
             self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
@@ -207,6 +202,11 @@ class _Search:
             best = better
         return best
 
+    def free_start(self) -> tuple[Parameters, ...]:
+        """Start values without uncertain inertias, if the records give any."""
+        start = without_inertias(self.phasors, self.prior) if self.prior.inertia_std else None
+        return () if start is None else (start,)
+
     def fit(self, model: Model, start: Parameters) -> None:
         """Fit a model; of two fits from different starts the better one stays."""
         earlier = self.tried.get(model)
@@ -229,7 +229,10 @@ class _Search:
         except JointIdError as error:
             self.tried.setdefault(model, error)
             return
-        if not isinstance(earlier, LikelihoodEstimate) or estimate.misfit < earlier.misfit:
+        worse = isinstance(earlier, LikelihoodEstimate) and earlier.whole_cost(1) < estimate.whole_cost(
+            1
+        )
+        if not worse:
             self.tried[model] = estimate
 
     def _is_kept(self, wider: Model, narrow: Model) -> bool:
