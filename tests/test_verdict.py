@@ -30,7 +30,7 @@ from jointid import (
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
-from jointid.verdict.rules_causes import against_the_paper
+from jointid.verdict.rules_causes import against_the_paper, torque_lags
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
 from jointid.verdict.wrong_data import wrong_data
@@ -834,6 +834,79 @@ def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
 def test_friction_is_not_called_the_arms_angle() -> None:
     records = list(rubbing())
     assert not of_arm(wrong_data(extract_phasors(records), [PARALLELOGRAM] * len(records)))
+
+
+def exchanged(*order: int) -> list[SineRecord]:
+    """Records with the torques in another order."""
+    return [remade(r, tau_Nm=r.tau_Nm[:, list(order)]) for r in sound()]
+
+
+@pytest.mark.parametrize(
+    ("records", "inertia", "title"),
+    [
+        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
+        (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
+        (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
+        (lambda: scaled(torque=0.5**0.5), SERIAL, "looks like an rms value where the peak is meant"),
+        (lambda: scaled(angle=1e6), SERIAL, "looks given in µrad, or time is probably in seconds"),
+        (
+            lambda: scaled(torque=2.0),
+            SERIAL,
+            "gear ratio, or the unit of the torque, looks wrong in all",
+        ),
+    ],
+)
+def test_exchanged_joints_and_units_that_inertias_absorb(
+    records: Any, inertia: Inertia, title: str
+) -> None:
+    """Uncertain inertias could explain some of them; K and D would then be wrong."""
+    study = Study(records(), inertia, inertia_std=0.05)
+    first = analyse(study).findings[0]
+    assert first.level == "problem"
+    assert title in first.title
+
+
+def test_torques_behind_the_gears_are_named() -> None:
+    """What a sensor at the joint shows: the motor's torque without that of its rotor."""
+    phasors = extract_phasors(sound())
+    square = phasors.omega[:, None] ** 2
+    gear = replace(phasors, tau=phasors.tau + square * SERIAL.M * phasors.q)
+    (found,) = wrong_data(gear, [SERIAL] * square.size)
+    assert "measured behind the gears" in found.title
+
+
+@pytest.mark.parametrize(("factor", "level"), [(1.3, "warning"), (1.7, "problem")])
+def test_inertias_beyond_belief_make_the_answer_unusable(factor: float, level: str) -> None:
+    study = Study(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor), inertia_std=0.05)
+    (found,) = said(analyse(study).findings, "inertias look wrong")
+    assert found.level == level
+
+
+def test_no_negative_inertia_is_suggested() -> None:
+    """Gravity on a light arm at low frequency: the torque opposes the acceleration."""
+    inertia = Inertia([1e-3], [[2e-3]])
+    frequencies, torques = campaign([2.0, 2.5, 3.1, 3.7, 4.6, 5.7], 1)
+    records = steady_records(
+        inertia, Elasticity([5.0], [0.01]), frequencies, torques, noise=(1e-6, 1e-4)
+    )
+    pulled = [remade(r, tau_Nm=r.tau_Nm + 8.0 * r.theta_rad) for r in records]
+    found = findings(evidence(pulled, inertia, method="weighted"))
+    assert not any(re.search(r"J\S* = −", f.detail) for f in found)
+    assert said(found, "A spring or gravity acts on joint 1") or said(found, "sign of the")
+
+
+def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
+    case = evidence(sound(delay_s=0.0005, told=False), SERIAL, method="auto")
+    assert case.fit.delay is not None
+    (chosen,) = (c for c in case.fit.candidates if c.chosen)
+    twin = replace(chosen, parts=("torque_filter",), chosen=False)
+    others = (chosen, twin)
+    (lag,) = said(torque_lags(replace(case, fit=replace(case.fit, candidates=others))), "torque lags")
+    assert lag.title == "The torque lags by 0.5 ms, or there is a torque filter"
+    assert "cannot tell these apart" in lag.detail
+    far = replace(twin, criterion=twin.criterion + 20)
+    (lag,) = torque_lags(replace(case, fit=replace(case.fit, candidates=(chosen, far))))
+    assert lag.title == "The torque lags by 0.5 ms"
 
 
 @pytest.mark.long

@@ -37,7 +37,7 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
-_EVALUATIONS, _LAW_EVALUATIONS = 150, 15
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 10
 """Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes eight."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
@@ -298,7 +298,9 @@ def _minimise(
                 if new is not None:
                     break
             expected = float(step @ (2 * gradient + normal @ step))  # of the cost, negative
-            if damping > 1e8 or left <= 0 or (roughly and -expected < least * misfit):
+            hopeless = roughly and -expected < least * misfit
+            hopeless |= misfit > _POOR and -expected < _STUCK * cost
+            if damping > 1e8 or left <= 0 or hopeless:
                 return p, normal
             damping = max(10 * damping, 1e-6)
         fall = cost - new[0]

@@ -63,8 +63,8 @@ _TRIED, _TRIED_LAWS = 5, 2
 _HOPELESS = 3e4
 """Misfit of wrong units, signs or gear ratios, beyond that of any nonlinear gear."""
 _MOST_EFFECTS = 3
-_MOST_FITS = 24
-"""Fits of one search; wrong data would take many more."""
+_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 16, 10.0
+"""Fits of one search, and the same while the misfit is poor; wrong data would take many more."""
 _DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
 """Probability that the score of any part widens the error bars on an ideal robot, and the same if it
 moves K or D far, which few parts do."""
@@ -183,13 +183,15 @@ class _Search:
         if self.misfit(self.base) >= _LOST and "friction" in self.optional:
             self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
         best = self._least(list(self.tried))
-        while len(self.tried) < _MOST_FITS:
+        while len(self.tried) < self._most_fits(best):
             found = [best]
             for wider in sorted(self._extensions(best), key=_is_slow):
                 leading = self._least(found)
                 explained = self.misfit(leading) < _EXPLAINED < self.misfit(best)
                 if explained and not {*wider.effects}.difference(best.effects).isdisjoint(LAWS):
                     continue
+                if len(self.tried) >= self._most_fits(leading):
+                    break
                 if _is_slow(wider) and leading != best and self._is_explained(leading):
                     continue  # its score decides again
                 if leading.reversal != best.reversal and wider.reversal == best.reversal:
@@ -201,6 +203,9 @@ class _Search:
                 break
             best = better
         return best
+
+    def _most_fits(self, best: Model) -> int:
+        return _MOST_POOR_FITS if self.misfit(best) > _POOR else _MOST_FITS
 
     def free_start(self) -> tuple[Parameters, ...]:
         """Start values without uncertain inertias, if the records give any."""
