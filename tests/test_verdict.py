@@ -875,7 +875,7 @@ def test_torques_behind_the_gears_are_named() -> None:
     assert "measured behind the gears" in found.title
 
 
-@pytest.mark.parametrize(("factor", "level"), [(1.3, "warning"), (1.7, "problem")])
+@pytest.mark.parametrize(("factor", "level"), [(1.3, "warning"), (2.2, "problem")])
 def test_inertias_beyond_belief_make_the_answer_unusable(factor: float, level: str) -> None:
     study = Study(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor), inertia_std=0.05)
     (found,) = said(analyse(study).findings, "inertias look wrong")

@@ -190,7 +190,8 @@ class SignSlope:
         rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
         inside = np.abs(x) < 0.25 * np.abs(rise)
         place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
-        x, rise, inside = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise, inside))
+        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
+        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
         waves = pairs(H, points).T
         rise = np.where(inside, rise, np.inf)
         turn = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])

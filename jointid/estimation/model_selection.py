@@ -18,6 +18,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice, Model
 from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
+from jointid.estimation.friction_start import friction_start
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
@@ -78,6 +79,9 @@ _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
+_MANY_ROWS = 20_000
+"""Equations, those of six joints in 50 records, from which one part is tried where the model explains
+the data: a fit takes seconds."""
 _MOST_SLOW_FITS = 6
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
@@ -115,7 +119,12 @@ def choose_model(
             effects.remove("motor_presliding")
         optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
     base = Model(0.0 if friction else None, delay)
-    return _searched(_Search(phasors, prior, linear, noise, base, tuple(optional)))
+    search = _Search(phasors, prior, linear, noise, base, tuple(optional))
+    if friction or "friction" in optional:
+        rubbing = friction_start(phasors, prior, linear)
+        if rubbing is not None:
+            search = replace(search, start=rubbing)
+    return _searched(search)
 
 
 def _searched(search: _Search) -> Choice:
@@ -175,13 +184,19 @@ class _Search:
 
     def best(self) -> Model:
         """Grow and prune from the base, or from the best model that is fitted already."""
-        self.fit(self.base, self.start)
-        if self.misfit(self.base) > _DOUBTFUL and self.phasors.harmonics.shape[1] < MANY_HARMONICS:
-            for start in self.free_start():  # wrong inertias may lead the linear estimate astray
-                self.fit(self.base, start)
         rubbing = replace(self.base, reversal=0.0)
-        if self.misfit(self.base) >= _LOST and "friction" in self.optional:
-            self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
+        if "coulomb" in self.start.layout and rubbing not in self.tried:
+            self.fit(rubbing, self.start)
+            rough = self.tried[rubbing]
+            if isinstance(rough, LikelihoodEstimate) and rough.misfit > _EXPLAINED:
+                self.fit(replace(self.base, reversal=0.03), rough.named)
+        else:
+            self.fit(self.base, self.start)
+            if self.misfit(self.base) > _DOUBTFUL and self.phasors.harmonics.shape[1] < MANY_HARMONICS:
+                for start in self.free_start():  # wrong inertias may lead the linear estimate astray
+                    self.fit(self.base, start)
+            if self.misfit(self.base) >= _LOST and "friction" in self.optional:
+                self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
         best = self._least(list(self.tried))
         while len(self.tried) < self._most_fits(best):
             found = [best]
@@ -258,9 +273,10 @@ class _Search:
             return
         found = self.tried[narrow]
         if self.misfit(narrow) >= _LOST:
-            near = self.tried[leading]
-            alike = isinstance(near, LikelihoodEstimate) and leading.parts == wider.parts
-            self.fit(wider, near.named if alike and near.misfit < _LOST else self.start)
+            near, start = self.tried[leading], self.start
+            if isinstance(near, LikelihoodEstimate) and leading.parts == wider.parts:
+                start = near.named if near.misfit < _LOST else start
+            self.fit(wider, start)
         if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
             self.fit(wider, found.named)
 
@@ -280,11 +296,12 @@ class _Search:
         ]
         tried_laws = 1 if self._is_explained(model) else _TRIED_LAWS
         laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:tried_laws]
+        tried = _TRIED if self.rows < _MANY_ROWS or found.misfit > _EXPLAINED else 1
         wider = [
             model.with_part(part)
             for part in clear
             if (part in laws or part not in LAWS) and self._is_promising(model, part, scored[part])
-        ][:_TRIED]
+        ][:tried]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]

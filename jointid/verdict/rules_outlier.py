@@ -14,7 +14,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.joint_equations import spring_equations
-from jointid.joints import Inertia, motor_impedance
+from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import DEGREES, GOOD
 from jointid.verdict.evidence import Evidence, Finding, number, problem
@@ -152,7 +152,7 @@ def _factor(
 ) -> tuple[Floats | None, bool]:
     """Real factors of each joint that make a record agree with K and D of the others."""
     s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
-    arm = np.asarray(np.linalg.inv(inertia.M2), np.float64)
+    arm = np.asarray(np.linalg.inv(dynamic_arm_inertia(s.imag, inertia)), np.float64)
     Z = motor_impedance(s, inertia.M, arm, K, D)[0][0]
     q, tau = phasors.q[i], phasors.tau[i]
     # One factor for all joints does not separate angle from torque: the usual signal is assumed.

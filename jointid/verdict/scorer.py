@@ -14,7 +14,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.joint_equations import inertia_arrays
-from jointid.joints import Inertia
+from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 
 _FLOOR = 1e-9
@@ -83,6 +83,8 @@ class Scorer:
     """Shape (r, n)."""
     M2: Floats
     """Shape (r, n, n)."""
+    gravity: Floats
+    """What gravity adds to M2 at the frequency of each record, shape (r, n, n)."""
 
     @classmethod
     def of(cls, phasors: Phasors, inertias: Sequence[Inertia]) -> Scorer:
@@ -91,13 +93,15 @@ class Scorer:
         largest = np.abs(phasors.z).max(axis=0).reshape(2, n)
         largest = np.where(largest > 0, largest, largest.max(axis=1, keepdims=True)).ravel()
         degrees_of_freedom = np.maximum(phasors.degrees_of_freedom, 2.0)
+        M2 = np.array([each.M2 for each in inertias])
         return cls(
             omega=phasors.omega,
             z=phasors.z,
             noise=phasors.covariance + np.diag((_FLOOR * largest) ** 2),
             inverse_bias=degrees_of_freedom / (degrees_of_freedom - 1),
             M=inertia_arrays(phasors, inertias)[0],
-            M2=np.array([each.M2 for each in inertias]),
+            M2=M2,
+            gravity=dynamic_arm_inertia(phasors.omega, inertias) - M2,
         )
 
     @property
@@ -134,14 +138,15 @@ class Scorer:
     def _equations(self, hypothesis: Hypothesis) -> tuple[Floats, Floats]:
         """Matrices of a and b for the logged z, each shape (r, n, 2n)."""
         n, s2, gear = self.n, -(self.omega[:, None, None] ** 2), hypothesis.gear
-        M2, M = self.M2 / np.outer(gear, gear), self.M[:, :, None] * np.eye(n)
-        eye, none = np.broadcast_to(np.eye(n), M2.shape), np.zeros(M2.shape)
+        M2, M = self.M2 / np.outer(gear, gear) + self.gravity, self.M[:, :, None] * np.eye(n)
+        none = np.zeros(M2.shape)
+        eye: Floats = np.eye(n) + none
         if hypothesis.kind == "arm angle":  # the motors turn by M2 s²q / (K + sD) more
             a, b = [-s2 * (M2 + M), eye], [s2 * s2 * M @ M2, none]
         else:
             if hypothesis.kind == "gear torque":  # without the torque that moves the rotors
                 M = none
-            arm = np.linalg.inv(M2)
+            arm = np.asarray(np.linalg.inv(M2), np.float64)
             a, b = [(eye + arm @ M) * s2, -arm], [-M * s2 * s2, s2 * eye]
         columns = np.argsort(hypothesis.order)
         return tuple(  # type: ignore[return-value]
