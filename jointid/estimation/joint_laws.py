@@ -19,7 +19,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.effects import GEAR_LAWS
 from jointid.estimation.parameters import Parameters
-from jointid.estimation.periods import pairs, phasors_of, samples_of
+from jointid.phasors.periods import pairs, phasors_of, samples_of
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
