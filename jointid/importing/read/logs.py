@@ -11,8 +11,8 @@ from typing import TypeAlias
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_LOG_BYTES, LogTable, require_small
 from jointid.importing.read.archives import is_archive, read_archive
-from jointid.importing.read.file_types import TEXT, is_zip, kind_of
 from jointid.importing.read.reader_process import ReaderProcess
+from jointid.importing.read.readers import TEXT, is_zip, kind_of
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 """Path or content of a log."""

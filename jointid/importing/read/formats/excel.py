@@ -11,6 +11,7 @@ from typing import Any
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
 from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
 
@@ -67,3 +68,13 @@ def _cell(cell: Any) -> str:
     if isinstance(cell, datetime.timedelta):
         return repr(cell.total_seconds())
     return " ".join(str(cell).split())
+
+
+READERS = {
+    "excel": Reader(
+        "a workbook",
+        begins_with(b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
+        read,
+        ("xlsx", "xlsm", "xlsb", "xls", "ods"),
+    )
+}
