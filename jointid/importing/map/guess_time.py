@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.importing.columns.column_words import WORDS, words_of
+from jointid.importing.columns.column_words import WORDS, states_quantity, words_of
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import SAMPLES, TIME_UNITS, unit_of
 from jointid.importing.map.mapping import TimeColumn
@@ -27,6 +27,8 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
     """
     best: tuple[float, LogColumn, int] | None = None
     for place, column in enumerate(table.columns):
+        if states_quantity(column):
+            continue
         values = column.values[np.isfinite(column.values)]
         late = _late_rows(values[:100_000], named=_says_time(column))
         if late is None:
@@ -34,7 +36,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         words = words_of(column.name)
         score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (_time_unit(column) in TIME_UNITS)
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
-        score += 0.5 * (place == 0) + 0.5 * _is_even(values)
+        score += 0.5 * (place == 0) + 0.5 * _is_even(values) + 0.5 * is_clock_like(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
     if best is None:
@@ -99,6 +101,11 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
     reasons.append(Reason("unit of time", why, sure))
     return TimeColumn(column.name, unit)
+
+
+def is_clock_like(values: Floats) -> bool:
+    """Whether values rise from row to row over a log of some length: no joint moves so."""
+    return values.size >= 50 and bool(np.all(np.diff(values) > 0))
 
 
 def _is_even(values: Floats) -> bool:
