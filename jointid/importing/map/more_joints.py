@@ -37,6 +37,8 @@ def join_by_number(
         if len(group) == 1 and number is not None:
             (role,) = group
             lone[role].setdefault(number, []).append(key)
+    if (0 in lone["position"]) != (0 in lone["torque"]):
+        return set()  # one kind counts from 0, the other from 1
     taken = {number_in(key) for key in complete}
     joined = set()
     for number, keys in lone["position"].items():

@@ -17,7 +17,7 @@ from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.delimited import columns_of
 
 _VARIABLE = re.compile(
-    r'<TraceVariable\b[^>]*?\bVarName="([^"]{1,400})"[^>]*>\s*<Values>([^<]*)</Values>\s*'
+    r'<TraceVariable\b[^>]{0,400}?\bVarName="([^"]{1,400})"[^>]{0,400}>\s*<Values>([^<]*)</Values>\s*'
     r"<Timestamps>([^<]*)</Timestamps>"
 )
 _MICROSECONDS = re.compile(r'Name="MicroSeconds"[^>]{0,200}>\s*True\s*<', re.IGNORECASE)

@@ -13,7 +13,7 @@ from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.delimited import columns_of
 
 _HEAD = re.compile(r"#? ?Sampling period is (\d{1,12}) n(?:Sec|s)")
-_PAIR = re.compile(r"(\S+)\s+([-+]\S+)")
+_PAIR = re.compile(r"(\S{1,200})\s{1,9}([-+]\S{1,60})")
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
+
 import numpy as np
 
 from jointid.errors import JointIdError
@@ -29,55 +32,54 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         When a header is cut, no segment has samples, or a cell has no number.
     """
     text = file_text(path)
-    head, found, rest = text.partition(_END)
-    if not found:
+    head, ended, rest = text.partition(_END)
+    if not ended:
         raise JointIdError(f"{file}: the header does not end: the file is cut off. Export it again.")
-    main = {
-        cells[0]: cells[1:]
-        for cells in (line.split("\t") for line in head.split("\n"))
-        if len(cells) > 1
-    }
-    named = {"Tab": "\t", "Comma": ","}
-    separator = named.get(main.get("Separator", ["Tab"])[0].strip(), "\t")
-    if separator != "\t":
-        main = {line.partition(separator)[0]: line.split(separator)[1:] for line in head.split("\n")}
-    decimal = main.get("Decimal_Separator", ["."])[0].strip() or "."
-    x_columns = main.get("X_Columns", ["One"])[0].strip()
+    separator = found[1] if (found := re.search(r"^Separator([\t,;])", head, re.MULTILINE)) else "\t"
+    main = dict(line.split(separator)[:2] for line in head.split("\n") if separator in line)
+    decimal = main.get("Decimal_Separator", ".").strip() or "."
     if decimal not in (".", ",") or decimal == separator:
         raise JointIdError(f'{file}: Decimal_Separator = "{decimal:.5}"; expected a point or a comma.')
     parts = rest.split(_END)
+    runs: list[list[list[Signal]]] = []
     # What precedes the end of a segment's header is the previous segment's data, then the header.
-    headers = [_own_header(part) for part in parts[:-1]]
-    segments = []
-    for number, (header, body) in enumerate(zip(headers, parts[1:], strict=True), start=1):
-        rows = _rows(body)
-        segments.append(
-            _segment(f"{file}: segment {number}", header, rows, separator, decimal, x_columns)
-        )
-    joined: list[list[Signal]] = []
-    for signals in segments:
-        last = joined[-1] if joined else []
-        if (
-            last
-            and [s.name for s in last] == [s.name for s in signals]
-            and all(b.time_s[0] > a.time_s[-1] for a, b in zip(last, signals, strict=True))
-        ):
-            joined[-1] = [
-                Signal(a.name, np.append(a.time_s, b.time_s), np.append(a.values, b.values), a.unit)
-                for a, b in zip(last, signals, strict=True)
-            ]
+    for number, (before, body) in enumerate(pairwise(parts), start=1):
+        where = f"{file}: segment {number}"
+        x_columns = main.get("X_Columns", "One").strip()
+        signals = _segment(where, _own_header(before), _rows(body), separator, decimal, x_columns)
+        if signals and runs and _goes_on(runs[-1][-1], signals):
+            runs[-1].append(signals)
         elif signals:
-            joined.append(signals)
+            runs.append([signals])
     tables = [
         table
-        for number, signals in enumerate(joined[:MAX_TABLES], start=1)
+        for number, run in enumerate(runs[:MAX_TABLES], start=1)
         for table in tables_of_signals(
-            file if len(joined) == 1 else f"{file}: segment {number}", signals
+            file if len(runs) == 1 else f"{file}: part {number}", _joined(run)
         )
     ]
     if not tables:
         raise JointIdError(f"{file} holds no samples: export the measurement again.")
-    return most_first(file, tables) if len(joined) > 1 else tuple(tables)
+    return most_first(file, tables) if len(runs) > 1 else tuple(tables)
+
+
+def _goes_on(before: list[Signal], after: list[Signal]) -> bool:
+    """Whether the samples of a segment follow those of the one before, of the same channels."""
+    return [s.name for s in before] == [s.name for s in after] and all(
+        b.time_s[0] > a.time_s[-1] for a, b in zip(before, after, strict=True)
+    )
+
+
+def _joined(run: list[list[Signal]]) -> list[Signal]:
+    return [
+        Signal(
+            parts[0].name,
+            np.concatenate([part.time_s for part in parts]),
+            np.concatenate([part.values for part in parts]),
+            parts[0].unit,
+        )
+        for parts in zip(*run, strict=True)
+    ]
 
 
 def _own_header(part: str) -> list[str]:

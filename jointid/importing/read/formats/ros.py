@@ -89,7 +89,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         return states
     if len(logs) == 1:
         return tuple(log.table(names[topic]) for topic, log in logs.items())
-    signals = [signal for topic, log in logs.items() for signal in log.signals(topic)]
+    start = min(log.start_ns for log in logs.values())
+    signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
     note = "Topics are put together at their times of recording."
     together = tables_of_signals(file, signals, (note,))
     complete = any(column.where == "effort" for table in states for column in table.columns)
@@ -157,9 +158,9 @@ class _TopicLog:
                 "them: record the state of one robot."
             )
 
-    def signals(self, topic: str) -> list[Signal]:
-        """Every column with its times of recording, under the name of the topic."""
-        time, table = np.array(self._recorded, dtype=np.int64), self._values()
+    def signals(self, topic: str, start_ns: int) -> list[Signal]:
+        """Every column with its times of recording since a start, under the name of the topic."""
+        time, table = np.array(self._recorded, dtype=np.int64) - start_ns, self._values()
         order = np.argsort(time, kind="stable")
         return [
             Signal(
@@ -171,6 +172,11 @@ class _TopicLog:
             for ((joint, quantity), k), unit in zip(self._columns.items(), self._units(), strict=True)
             if (known := np.isfinite(column := table[order, k])).any()
         ]
+
+    @property
+    def start_ns(self) -> int:
+        """Time of recording of the first message."""
+        return min(self._recorded)
 
     def _units(self) -> list[str]:
         return [dict(_QUANTITIES).get(quantity, "") for _, quantity in self._columns]
@@ -216,12 +222,12 @@ class _FieldLog(_TopicLog):
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, float]]:
-    """Numbers of a message by name: "data[3]", "wrench.torque.z"; layouts and headers are left out."""
+    """Numbers of a message by name: "data 3", "wrench.torque.z"; layouts and headers are left out."""
     if isinstance(value, int | float | np.number):
         yield name, float(value)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
-        for index, number in enumerate(value[:_MOST_JOINTS]):
-            yield f"{name}[{index}]", float(number)
+        for number, element in enumerate(value[:_MOST_JOINTS], start=1):
+            yield f"{name} {number}", float(element)
     elif is_dataclass(value):
         for field in fields(value):
             if not field.name.startswith("_") and field.name not in ("header", "layout"):
