@@ -80,8 +80,8 @@ FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
             [("pos_vel_mapper.pos_rel", "motor.foc.Iq_measured")],
         ),
         (
-            ["t", *(f"axis{k}.{n}" for k in (0, 1) for n in ("pos_vel.vel", "pos_vel.pos_rel", "torque"))],
-            [(f"axis{k}.pos_vel.pos_rel", f"axis{k}.torque") for k in (0, 1)],
+            ["t", *(f"axis{k}.{n}" for k in (0, 1) for n in ("map.vel", "map.pos_rel", "torque"))],
+            [(f"axis{k}.map.pos_rel", f"axis{k}.torque") for k in (0, 1)],
         ),
         (["t", "606Ch", "607Ah", "6064h", "6077h"], [("6064h", "6077h")]),
         (["t", "0x6064", "0x6864", "0x6877", "0x6077"], [("0x6064", "0x6077"), ("0x6864", "0x6877")]),

@@ -53,35 +53,34 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     kept = [field for field in table.schema if _is_number(field.type) or _is_list(field.type)]
     left_out = [field.name for field in table.schema if field not in kept]
     notes = (f"Columns without numbers, left out: {listed(left_out)}.",) if left_out else ()
-    columns = {field.name: table.column(field.name).combine_chunks() for field in kept}
+    rows, columns = table.num_rows, {field.name: table.column(field.name) for field in kept}
     lists = [field.name for field in kept if _is_list(field.type)]
     widths = {
         name: int(pa_compute.max(pa_compute.list_value_length(columns[name])).as_py() or 0)
         for name in lists
     }
     longest = max(widths.values(), default=0)
-    if longest >= FEWEST_ROWS and longest > table.num_rows:
-        tables = [
-            _run(file, columns, lists, row, notes) for row in range(min(table.num_rows, MAX_TABLES))
-        ]
+    del table  # a column at a time is copied below, and freed
+    if longest >= FEWEST_ROWS and longest > rows:
+        tables = [_run(file, columns, lists, row, notes) for row in range(min(rows, MAX_TABLES))]
         return tuple(run for run in tables if run is not None)
     found = []
-    require_few_values(file, table.num_rows * (len(kept) - len(lists) + sum(widths.values())))
+    require_few_values(file, rows * (len(kept) - len(lists) + sum(widths.values())))
     if sum(widths.values()) > MAX_COLUMNS:
         raise JointIdError(
             f"{file} has lists of {longest} numbers, more than the limit of {MAX_COLUMNS} columns."
         )
     for field in kept:
-        stated = _stated_unit(field)
+        stated, column = _stated_unit(field), columns.pop(field.name).combine_chunks()
         if field.name in widths:
-            values = _matrix(columns[field.name], widths[field.name])
+            values = _matrix(column, widths[field.name])
             bare, unit = split_unit(field.name)
             found += [
                 LogColumn(f"{bare} {k + 1}", numbers(values[:, k]), stated or unit, field.name)
                 for k in range(values.shape[1])
             ]
         else:
-            found.append(_column(field.name, columns[field.name], stated))
+            found.append(_column(field.name, column, stated))
     return (LogTable(file, tuple(found), notes),)
 
 

@@ -81,7 +81,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
 
 def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats] | None:
     """Read a body of regular lines; None if one is irregular."""
-    separator = layout.separator
+    separator, quotes = layout.separator, '"' in body
     if separator == BLANKS:
         body = re.sub(r"[ \t]+", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
         separator = "\t"
@@ -106,6 +106,8 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
                 decimal_point=layout.decimal,
             ),
         )
+        if quotes and table.num_rows != sum(bool(line.strip()) for line in body.split("\n")):
+            return None  # a quote that is not closed swallows the lines up to the next one
         return [np.asarray(column.to_numpy(), float) for column in table.columns]
     except ARROW_FAULTS:
         return None
