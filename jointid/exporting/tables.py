@@ -12,7 +12,7 @@ from jointid.answer import without
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_FORMULA = ("=", "+", "-", "@", "\t")
 """First characters by which a spreadsheet takes a text for a formula, and runs it."""
 
 
@@ -104,4 +104,7 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 
 
 def _plain(cell: object) -> object:
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA) else cell
+    if not isinstance(cell, str):
+        return cell
+    text = cell.replace("\r", " ")  # the writer leaves it bare: a spreadsheet begins a row there
+    return f"'{text}" if text.lstrip(" ").startswith(_FORMULA) else text

@@ -50,16 +50,20 @@ def pairs_by_shape(
     Returns
     -------
     list of tuple of LogColumn
-        Position and torque of each joint; empty when the columns are not 2n of this kind.
+        Position and torque of each joint, of one joint from an odd number of columns; empty when the
+        columns are not of this kind.
     """
     columns = [
         c for c in columns if np.nanmax(c.values) > np.nanmin(c.values) and not is_clock_like(c.values)
     ]
     columns = _without_velocities(table, time, columns)
     n, odd = divmod(len(columns), 2)
-    if odd or not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
+    if not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
+    if odd:  # one joint, of the smoothest column and the roughest
+        order = np.argsort(rough, kind="stable")
+        columns, rough, n = [columns[k] for k in order[[0, -1]]], rough[order[[0, -1]]], 1
     blocks = [(k, n + k) for k in range(n)]
     interleaved = [(2 * k, 2 * k + 1) for k in range(n)]
     layouts = [blocks, [(t, q) for q, t in blocks], interleaved, [(t, q) for q, t in interleaved]]
@@ -89,14 +93,15 @@ def _without_velocities(
     ):
         return [*columns]
     sizes = [float(np.abs(v).max()) for v in values]
-    slopes = [np.gradient(v / size, seconds) for v, size in zip(values, sizes, strict=True)]
+    values = [v / size for v, size in zip(values, sizes, strict=True)]  # squares of damage overflow
+    slopes = [np.gradient(v, seconds) for v in values]
 
     def is_slope(k: int) -> bool:
         for j, slope in enumerate(slopes):
             power = float(slope @ slope)
             factor = float(slope @ values[k]) / power if j != k and 0 < power < np.inf else 0.0
             left = float(np.linalg.norm(values[k] - factor * slope)) / float(np.linalg.norm(values[k]))
-            if left < _DERIVATIVE and abs(factor / sizes[j] - 1) < _DERIVATIVE:
+            if left < _DERIVATIVE and abs(factor * sizes[k] / sizes[j] - 1) < _DERIVATIVE:
                 return True
         return False
 
