@@ -13,6 +13,7 @@ import random
 import sys
 import tempfile
 import time
+import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -59,7 +60,9 @@ def outcomes(kind: str, data: bytes, seeds: Sequence[int]) -> Iterator[Outcome]:
         try:
             result = next(results)
             ended = isinstance(result, JointIdError) and any(part in str(result) for part in _ENDED)
-            said = check(result)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                said = check(result)
         except Exception as error:
             said = f"fault: {type(error).__name__}: {error!s:.200}"
             results = read_logs((source for source, s in zip(sources(), seeds, strict=True) if s > seed))
