@@ -19,6 +19,7 @@ from .joints import resonances as resonances
 from .phasors.extract import Phasors as Phasors
 from .phasors.extract import extract_phasors as extract_phasors
 from .records import SineRecord as SineRecord
+from .robot_models.model import RobotModel as RobotModel
 from .simulation.closed_loop import simulate_records as simulate_records
 from .simulation.experiment import Controller as Controller
 from .simulation.experiment import Excitation as Excitation
