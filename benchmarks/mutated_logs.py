@@ -57,15 +57,14 @@ def outcomes(kind: str, data: bytes, seeds: Sequence[int]) -> Iterator[Outcome]:
     for seed in seeds:
         begin = time.monotonic()
         ended = False
+        result = next(results)
         try:
-            result = next(results)
             ended = isinstance(result, JointIdError) and any(part in str(result) for part in _ENDED)
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 said = check(result)
         except Exception as error:
             said = f"fault: {type(error).__name__}: {error!s:.200}"
-            results = read_logs((source for source, s in zip(sources(), seeds, strict=True) if s > seed))
         yield Outcome(seed, said, ended, time.monotonic() - begin)
 
 

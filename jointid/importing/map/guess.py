@@ -169,7 +169,7 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
     whole = bool(np.all(values == np.round(values)))
-    span = float(np.ptp(values))
+    span = 2 * (0.5 * float(values.max()) - 0.5 * float(values.min()))
     if whole and span >= 20:
         return "counts", False, f"Whole numbers over a range of {span:g}: encoder counts."
     largest = float(np.abs(values).max())

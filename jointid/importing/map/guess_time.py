@@ -14,6 +14,8 @@ from jointid.wording import counted
 
 _MAX_LATE = 0.02
 """Share of steps back in a column named as time: a buffer written twice, an overflow."""
+_LARGEST = 1e100
+"""Larger values are damage; their differences overflow."""
 
 
 def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
@@ -30,6 +32,8 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
         if states_quantity(column):
             continue
         values = column.values[np.isfinite(column.values)]
+        if np.abs(values).max(initial=0.0) > _LARGEST:
+            continue
         late = _late_rows(values[:100_000], named=_says_time(column))
         if late is None:
             continue
@@ -105,7 +109,7 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
 
 def is_clock_like(values: Floats) -> bool:
     """Whether values rise from row to row over a log of some length: no joint moves so."""
-    return values.size >= 50 and bool(np.all(np.diff(values) > 0))
+    return values.size >= 50 and bool(np.all(values[1:] > values[:-1]))
 
 
 def _is_even(values: Floats) -> bool:

@@ -26,8 +26,8 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
     source : path or bytes
         Text table such as CSV, wide or long; exports of TwinCAT Scope, CODESYS, LabVIEW (.lvm, TDMS),
         dSPACE, halscope and WPILib; MDF, MATLAB .mat, HDF5, Parquet, Arrow, NumPy, JSON, Excel; ROS 2
-        bag (.db3, .mcap, or a bag's folder), ROS 1 bag; a format of a plug-in; or a zip archive of these.
-        The content decides, not the name.
+        bag (.db3, .mcap, or a bag's folder), ROS 1 bag; a format of a plug-in; or a zip of these. The
+        content decides, not the name.
     name : str, optional
         File name, for messages and ambiguous content; required with bytes.
 
