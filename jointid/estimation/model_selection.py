@@ -18,9 +18,9 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice, Model
 from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
-from jointid.estimation.friction_start import friction_start
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
+from jointid.estimation.linear_fit import friction_start
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
 from jointid.joints import Inertia

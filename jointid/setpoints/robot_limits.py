@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array, per_joint
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import parse_toml
+from jointid.parsing.checked_toml import parse_toml
 from jointid.wording import counted
 
 LIMIT_KEYS = {
