@@ -49,23 +49,31 @@ class Outcome:
 def outcomes(kind: str, data: bytes, seeds: Sequence[int]) -> Iterator[Outcome]:
     """Mutate and read a file once for every seed."""
 
-    def sources() -> Iterator[tuple[bytes, str]]:
-        for seed in seeds:
-            yield mutated(data, random.Random(seed * 1_000_003 + zlib.crc32(kind.encode()))), kind
+    def results(first: int) -> Iterator[object]:
+        changed = (random.Random(s * 1_000_003 + zlib.crc32(kind.encode())) for s in seeds[first:])
+        return read_logs((mutated(data, rng), kind) for rng in changed)
 
-    results = read_logs(sources())
-    for seed in seeds:
+    found = results(0)
+    for place, seed in enumerate(seeds):
         begin = time.monotonic()
         ended = False
-        result = next(results)
         try:
-            ended = isinstance(result, JointIdError) and any(part in str(result) for part in _ENDED)
-            with warnings.catch_warnings():
-                warnings.simplefilter("error")
-                said = check(result)
+            result = next(found)
         except Exception as error:
-            said = f"fault: {type(error).__name__}: {error!s:.200}"
+            said, found = f"fault: {type(error).__name__}: {error!s:.200}", results(place + 1)
+        else:
+            said = _checked(result)
+            ended = isinstance(result, JointIdError) and any(part in str(result) for part in _ENDED)
         yield Outcome(seed, said, ended, time.monotonic() - begin)
+
+
+def _checked(result: object) -> str:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            return check(result)
+    except Exception as error:
+        return f"fault: {type(error).__name__}: {error!s:.200}"
 
 
 def sample(count: int, first: int = 0) -> dict[str, list[Outcome]]:
