@@ -18,6 +18,7 @@ from .joints import motor_response as motor_response
 from .joints import resonances as resonances
 from .phasors.extract import Phasors as Phasors
 from .phasors.extract import extract_phasors as extract_phasors
+from .records import MotionRecord as MotionRecord
 from .records import SineRecord as SineRecord
 from .robot_models.model import RobotModel as RobotModel
 from .simulation.closed_loop import simulate_records as simulate_records
