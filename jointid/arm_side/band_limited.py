@@ -66,6 +66,7 @@ class BandLimited:
     q: Floats
     dq: Floats
     ddq: Floats
+    raw_deflection: Floats
     deflection: Floats
     """Motor minus arm, filtered, (N, n), rad; NaN without a sensor."""
 
@@ -112,6 +113,6 @@ def band_limited(record: MotionRecord, robot: RobotModel, band_hz: float | None 
     if record.jitter_s > 1e-6 * record.interval_s:
         q = CubicSpline(time, q)(grid)
         arm[:, seen] = CubicSpline(time, arm[:, seen])(grid)
-    deflection = np.full(q.shape, np.nan)
-    deflection[:, seen] = lowpass(q[:, seen] - arm[:, seen])
-    return BandLimited(lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), deflection)
+    raw, deflection = q - arm, np.full(q.shape, np.nan)
+    deflection[:, seen] = lowpass(raw[:, seen])
+    return BandLimited(lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), raw, deflection)

@@ -11,6 +11,7 @@ from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angle
 from jointid.arm_side.candidates import average, noise_of
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
+from jointid.arm_side.position_map import PositionMap, position_map
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, frozen
 from jointid.errors import JointIdError
@@ -38,7 +39,7 @@ class _Joint:
     skew_s: float
     skew_std_s: float
     residual_rad: float
-    halves: tuple[float, float]
+    position_map: PositionMap | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ class ArmSideFit:
     def predict(self, record: MotionRecord) -> Floats:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
 
-        In the band of the fit. Only the motor's motion is used; where the record has a sensor, the
+        In the band of the fit, with the tooth orders above it. Only the motor's motion is used; where the record has a sensor, the
         constant offset is the median of its own difference.
         """
         with one_thread():
@@ -95,6 +96,9 @@ class ArmSideFit:
             elastic -= elastic.mean(axis=0)
         result = np.full(record.theta_rad.shape, np.nan)
         for j in np.flatnonzero(np.isfinite(found).all(axis=0)):
+            joint = self.joints[j]
+            if joint is not None and joint.position_map is not None:
+                found[:, j] += joint.position_map(motion.raw[:, j])
             result[:, j] = np.interp(record.time_s, motion.time_s, found[:, j])
         if record.arm_rad is not None:
             measured = joint_angles(record, self.robot) - record.arm_rad
@@ -147,14 +151,15 @@ def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | N
     elastic = [np.zeros_like(m.q) for m in motions]
     motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]
     joints: list[_Joint | None] = [None] * robot.n
-    for _ in range(_ROUNDS):
+    for round_ in range(_ROUNDS):
+        last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
         torque, payload = [t for t, _ in both], [p for _, p in both]
         mean, root = payload_from_motors(motions, motor, torque, payload)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, joint.compliance if joint else _FIRST_COMPLIANCE)
+            _joint(j, given, motions, torque, payload, _magnitude(joint), last)
             for j, joint in enumerate(joints)
         ]
         for m, e in zip(motions, elastic, strict=True):
@@ -163,6 +168,11 @@ def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | N
                     e[:, j] = m.deflection[:, j] - joint.skew_s * m.dq[:, j]
                     e[:, j] -= e[:, j].mean()
     return _summary(joints, given, robot, band_hz, mean, root)
+
+
+def _magnitude(joint: _Joint | None) -> float:
+    """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
+    return max(joint.compliance, 1e-9) if joint else _FIRST_COMPLIANCE
 
 
 def _motor_torque(record: MotionRecord, motion: BandLimited, robot: RobotModel) -> Floats:
@@ -180,13 +190,14 @@ def _joint(
     torque: list[Floats],
     payload: list[Floats],
     compliance: float,
+    last: bool,
 ) -> _Joint | None:
     seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
     fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
     if fastest == 0.0:
         return None
     ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
-    y, columns, spans, halves = [], [], [], []
+    y, columns, spans, halves, every = [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
         terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
@@ -197,9 +208,10 @@ def _joint(
         offset[:, i] = 1.0
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
+        every.append(terms.columns)
         spans.append(rows.size)
         halves.append(np.arange(rows.size) < rows.size // 2)
-    data = Regression.of(np.concatenate(y), np.concatenate(columns))
+    data = Regression(np.concatenate(y), np.concatenate(columns))
     if data.y.size < _FEWEST:
         return None
     interval = step * m.lowpass.interval_s
@@ -209,22 +221,33 @@ def _joint(
     first = np.concatenate(halves)
     parts = []
     for rows_of in (first, ~first):
-        part = average(Regression.of(data.y[rows_of], data.columns[rows_of]), terms.groups, noise, 1e-12)
+        part = average(Regression(data.y[rows_of], data.columns[rows_of]), terms.groups, noise, 1e-12)
         parts.append((part.beta[0], part.covariance[0, 0]))
     (a, va), (b, vb) = parts
     variance += max(0.0, (a - b) ** 2 - va - vb) / 4
     skew = terms.groups["skew"].start
     residual = data.y - data.columns @ whole.beta
+    left = _left_over([motions[k] for k in seen], every, whole.beta, j) if last else None
     return _Joint(
         ripple,
         whole.beta,
-        max(c, 1e-9) if c > 0 else c,
+        float(c),
         float(np.sqrt(variance)),
         float(whole.beta[skew]),
         float(np.sqrt(whole.covariance[skew, skew])),
         float(np.sqrt(np.mean(residual**2))),
-        (a, b),
+        left,
     )
+
+
+def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int) -> PositionMap:
+    """Map of the residual of joint j, at rest as well, over its position."""
+    slow, fast = [], []
+    for m, columns in zip(motions, terms, strict=True):
+        residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
+        slow.append(residual - np.median(residual))
+        fast.append((m.raw_deflection[:, j] - m.deflection[:, j])[m.inner])
+    return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
 
 
 def _reason(joint: _Joint | None, sensor: bool) -> str:

@@ -26,11 +26,6 @@ class Regression:
     y: Floats
     columns: Floats
 
-    @classmethod
-    def of(cls, y: Floats, columns: Floats) -> Regression:
-        """Join data and columns."""
-        return cls(y, columns)
-
     def estimate(self, noise: float, std: Floats) -> Estimate:
         """Estimate coefficients in noise of one standard deviation.
 

@@ -44,7 +44,7 @@ def payload_from_motors(
             X = [change[rows, j].T, s, sign, sign * np.abs(s), v, v * np.abs(v), np.ones(rows.size)]
             columns.append(np.vstack(X).T)
             spans.append(rows.size)
-        data = Regression.of(np.concatenate(y), np.concatenate(columns))
+        data = Regression(np.concatenate(y), np.concatenate(columns))
         if data.y.size < 40:
             continue
         std = np.r_[np.ones(4), _SCALE_STD, np.full(5, np.inf)]

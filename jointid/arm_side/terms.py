@@ -54,7 +54,8 @@ class Terms:
     groups: dict[str, slice]
 
 
-def _waves(angle: Floats, orders: Floats) -> Floats:
+def waves(angle: Floats, orders: Floats) -> Floats:
+    """Cosines, then sines of each order over angles (N,), shape (N, 2 orders)."""
     phase = angle[:, None] * orders
     return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
 
@@ -111,9 +112,9 @@ def joint_terms(
         "skew": motion.dq[:, j, None],
         "payload": payload[:, j],
         "damping": lowpass(torque[:, j, None], 1),
-        "slow": lowpass(_waves(raw - ripple.start_rad, np.array(SLOW_HARMONICS, float))),
-        "motor": lowpass(_waves(motor, np.array(MOTOR_HARMONICS, float))),
-        "ripple": lowpass(_waves(raw - ripple.start_rad, ripple.wavenumbers)),
+        "slow": lowpass(waves(raw - ripple.start_rad, np.array(SLOW_HARMONICS, float))),
+        "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
+        "ripple": lowpass(waves(raw - ripple.start_rad, ripple.wavenumbers)),
     }
     for k in range(len(PRESLIDING_RAD)):
         parts[f"friction {k}"] = states[:, 2 * k, None]
