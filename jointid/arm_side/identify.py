@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
-from jointid.arm_side.candidates import average, noise_of
+from jointid.arm_side.candidates import Average, average, noise_of
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import PositionMap, position_map
@@ -23,6 +24,8 @@ LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
 _SLIP = 0.02
 """Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
+_OTHER_SLIPS = (0.0, 0.1)
+"""Other choices of that limit; what they change enters the error."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
 _ROUNDS = 3
@@ -197,44 +200,54 @@ def _joint(
     if fastest == 0.0:
         return None
     ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
-    y, columns, spans, halves, every = [], [], [], [], []
+    y, columns, speed, source, halves, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
         terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
         step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
         rows = np.arange(len(m.q))[m.inner][::step]
-        rows = rows[np.abs(m.dq[rows, j]) > _SLIP * fastest]
         offset = np.zeros((rows.size, len(seen)))
         offset[:, i] = 1.0
+        every.append(terms.columns)
         y.append(m.deflection[rows, j])
         columns.append(np.hstack([terms.columns[rows], offset]))
-        every.append(terms.columns)
-        spans.append(rows.size)
-        halves.append(np.arange(rows.size) < rows.size // 2)
+        speed.append(np.abs(m.dq[rows, j]) / fastest)
+        source.append(np.full(rows.size, i))
+        moving = np.cumsum(speed[-1] > _SLIP)
+        halves.append(moving < moving[-1] / 2)
     data = Regression(np.concatenate(y), np.concatenate(columns))
-    if data.y.size < _FEWEST:
+    record, ratio, first = np.concatenate(source), np.concatenate(speed), np.concatenate(halves)
+    interval, groups = step * m.lowpass.interval_s, terms.groups
+    used = ratio > _SLIP
+    if used.sum() < _FEWEST:
         return None
-    interval = step * m.lowpass.interval_s
-    noise = noise_of(data, terms.groups, list(np.cumsum(spans)[:-1]), interval, compliance)
-    whole = average(data, terms.groups, noise, compliance)
-    c, variance = whole.beta[0], whole.covariance[0, 0]
-    first = np.concatenate(halves)
-    parts = []
-    for rows_of in (first, ~first):
-        part = average(Regression(data.y[rows_of], data.columns[rows_of]), terms.groups, noise, 1e-12)
-        parts.append((part.beta[0], part.covariance[0, 0]))
-    (a, va), (b, vb) = parts
-    variance += max(0.0, (a - b) ** 2 - va - vb) / 4
-    skew = terms.groups["skew"].start
-    residual = data.y - data.columns @ whole.beta
-    left = _left_over([motions[k] for k in seen], every, whole.beta, j) if last else None
+
+    def fitted(rows: NDArray[np.bool_], noise: float | None = None) -> Average:
+        part = Regression(data.y[rows], data.columns[rows])
+        if noise is None:
+            spans = list(np.flatnonzero(np.diff(record[rows])) + 1)
+            noise = noise_of(part, groups, spans, interval, compliance)
+        return average(part, groups, noise, compliance)
+
+    whole = fitted(used)
+    beta, free = whole.beta, [0, groups["skew"].start]
+    covariance, left = whole.covariance[np.ix_(free, free)], None
+    if last:
+        spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
+        covariance = covariance + spread.T @ spread / (1 + len(_OTHER_SLIPS))
+        a, b = (fitted(used & half, whole.noise) for half in (first, ~first))
+        between = (a.beta[0] - b.beta[0]) ** 2 - a.covariance[0, 0] - b.covariance[0, 0]
+        covariance[0, 0] += max(0.0, between) / 4
+        left = _left_over([motions[k] for k in seen], every, beta, j)
+    residual = (data.y - data.columns @ beta)[used]
+    error = np.sqrt(np.diag(covariance))
     return _Joint(
         ripple,
-        whole.beta,
-        float(c),
-        float(np.sqrt(variance)),
-        float(whole.beta[skew]),
-        float(np.sqrt(whole.covariance[skew, skew])),
+        beta,
+        float(beta[0]),
+        float(error[0]),
+        float(beta[free[1]]),
+        float(error[1]),
         float(np.sqrt(np.mean(residual**2))),
         left,
     )
