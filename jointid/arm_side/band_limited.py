@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import convolve1d
+from scipy.ndimage import correlate1d
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -37,10 +37,13 @@ class GaussianFilter:
         """Samples at either end of a record that the filter completes by extrapolation."""
         return int(np.ceil(_REACH * self.width_s / self.interval_s))
 
-    def __call__(self, x: Floats, order: int = 0) -> Floats:
-        """Filter along the first axis, or return the first or second derivative."""
+    def __call__(self, x: Floats, order: int = 0, *, later_s: float = 0.0) -> Floats:
+        """Filter along the first axis, or return the first or second derivative.
+
+        ``later_s`` gives the signal that much later, exactly in the band; for order 0 only.
+        """
         m = self.reach
-        t = self.interval_s * np.arange(-m, m + 1)
+        t = self.interval_s * np.arange(-m, m + 1) - later_s
         kernel = np.exp(-0.5 * (t / self.width_s) ** 2)
         kernel /= kernel.sum()
         # moments set exactly: a ramp has the slope 1 and a parabola the curvature 1 on any sampling
@@ -51,7 +54,7 @@ class GaussianFilter:
             kernel = kernel * (t**2 - variance)
             kernel *= 2 / np.sum(kernel * t**2)
         ends = (2 * x[0] - x[m:0:-1], x, 2 * x[-1] - x[-2 : -m - 2 : -1])
-        filtered = convolve1d(np.concatenate(ends), kernel * (-1) ** order, axis=0)
+        filtered = correlate1d(np.concatenate(ends), kernel, axis=0)
         return np.asarray(filtered[m : m + len(x)])
 
 
@@ -67,8 +70,23 @@ class BandLimited:
     dq: Floats
     ddq: Floats
     raw_deflection: Floats
+    skew_s: Floats
+    """Skew that is taken out of the deflection, (n,), s."""
     deflection: Floats
-    """Motor minus arm, filtered, (N, n), rad; NaN without a sensor."""
+    """Motor minus arm that much later, filtered, (N, n), rad; NaN without a sensor."""
+
+    def aligned(self, skew_s: Floats) -> BandLimited:
+        """Return the record with the arm's samples moved to the time of the motor's, skew (n,)."""
+        deflection = self.deflection.copy()
+        for j in np.flatnonzero(np.isfinite(deflection).all(axis=0)):
+            arm = self.raw[:, j] - self.raw_deflection[:, j]
+            deflection[:, j] = self.q[:, j] - self.lowpass(arm, later_s=float(skew_s[j]))
+        return replace(self, skew_s=skew_s, deflection=deflection)
+
+    def by_skew(self, j: int, elastic: Floats) -> Floats:
+        """Deflection (N,) that the skew taken out of joint j makes, with ``elastic`` (N,) in its gear."""
+        arm = self.raw[:, j] - elastic
+        return np.asarray(self.lowpass(arm) - self.lowpass(arm, later_s=-float(self.skew_s[j])))
 
     @property
     def inner(self) -> slice:
@@ -115,4 +133,4 @@ def band_limited(record: MotionRecord, robot: RobotModel, band_hz: float | None 
         arm[:, seen] = CubicSpline(time, arm[:, seen])(grid)
     raw, deflection = q - arm, np.full(q.shape, np.nan)
     deflection[:, seen] = lowpass(raw[:, seen])
-    return BandLimited(lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), raw, deflection)
+    return BandLimited(lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), raw, np.zeros(q.shape[1]), deflection)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,8 @@ class _Joint:
     compliance: float
     compliance_std: float
     skew_s: float
+    aligned_s: float
+    """The part of the skew that was taken out before the fit."""
     skew_std_s: float
     residual_rad: float
     position_map: PositionMap | None
@@ -81,7 +83,8 @@ class ArmSideFit:
             return self._predict(record)
 
     def _predict(self, record: MotionRecord) -> Floats:
-        motion = band_limited(record, self.robot, self.band_hz)
+        skew = np.array([joint.aligned_s if joint else 0.0 for joint in self.joints])
+        motion = replace(band_limited(record, self.robot, self.band_hz), skew_s=skew)
         elastic = np.zeros_like(motion.q)
         found = np.full(motion.q.shape, np.nan)
         for _ in range(2):
@@ -95,7 +98,8 @@ class ArmSideFit:
                         if name.startswith("start"):
                             terms.columns[:, group] = 0
                     found[:, j] = terms.columns @ joint.beta[: terms.columns.shape[1]]
-                    elastic[:, j] = found[:, j] - joint.skew_s * motion.dq[:, j]
+                    elastic[:, j] = found[:, j]
+                    found[:, j] += motion.by_skew(j, elastic[:, j])
             elastic -= elastic.mean(axis=0)
         result = np.full(record.theta_rad.shape, np.nan)
         for j in np.flatnonzero(np.isfinite(found).all(axis=0)):
@@ -165,11 +169,10 @@ def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | N
             _joint(j, given, motions, torque, payload, _magnitude(joint), last)
             for j, joint in enumerate(joints)
         ]
-        for m, e in zip(motions, elastic, strict=True):
-            for j, joint in enumerate(joints):
-                if joint is not None and np.isfinite(m.deflection[:, j]).all():
-                    e[:, j] = m.deflection[:, j] - joint.skew_s * m.dq[:, j]
-                    e[:, j] -= e[:, j].mean()
+        if not last:
+            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+            motions = [m.aligned(skew) for m in motions]
+            elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
     return _summary(joints, given, robot, band_hz, mean, root)
 
 
@@ -246,7 +249,8 @@ def _joint(
         beta,
         float(beta[0]),
         float(error[0]),
-        float(beta[free[1]]),
+        float(beta[free[1]] + motions[0].skew_s[j]),
+        float(motions[0].skew_s[j]),
         float(error[1]),
         float(np.sqrt(np.mean(residual**2))),
         left,
@@ -259,7 +263,7 @@ def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j:
     for m, columns in zip(motions, terms, strict=True):
         residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
         slow.append(residual - np.median(residual))
-        fast.append((m.raw_deflection[:, j] - m.deflection[:, j])[m.inner])
+        fast.append((m.raw_deflection[:, j] - m.lowpass(m.raw_deflection[:, j]))[m.inner])
     return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
 
 

@@ -39,7 +39,8 @@ def payload_from_motors(
             step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
             rows = np.arange(len(m.q))[m.inner][::step]
             rows = rows[np.abs(m.dq[rows, j]) > _SLIP * np.abs(m.dq[:, j]).max()]
-            sign, v, s = np.sign(m.dq[rows, j]), m.dq[rows, j], model[rows, j]
+            sign = m.lowpass(np.sign(m.dq[:, j]))[rows]  # reversals as wide as in the torque
+            v, s = m.dq[rows, j], model[rows, j]
             y.append(tau[rows, j] - s)
             X = [change[rows, j].T, s, sign, sign * np.abs(s), v, v * np.abs(v), np.ones(rows.size)]
             columns.append(np.vstack(X).T)
