@@ -64,7 +64,9 @@ def random_truth(rng: np.random.Generator, **changes: object) -> Truth:
     return Truth(**(values | changes))  # type: ignore[arg-type]
 
 
-def motion_record(truth: Truth, seed: int, seconds: float = 20.0, rate_hz: float = 250.0) -> MotionRecord:
+def motion_record(
+    truth: Truth, seed: int, seconds: float = 20.0, rate_hz: float = 250.0
+) -> MotionRecord:
     """Joints 1 to 6 in slow random motion from rest to rest; sensors on the first three."""
     rng = np.random.default_rng(seed)
     T = rng.uniform(1.5, 3.0)

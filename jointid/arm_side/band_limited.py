@@ -21,8 +21,10 @@ _REACH = 4.0
 
 @dataclass(frozen=True)
 class GaussianFilter:
-    """Zero-phase low-pass filter; derivatives use the derivatives of the same kernel, so that no
-    signal is filtered more than another."""
+    """Zero-phase low-pass filter and its derivatives.
+
+    They use one kernel, so that no signal is filtered more than another.
+    """
 
     interval_s: float
     band_hz: float
@@ -84,7 +86,7 @@ class BandLimited:
         return replace(self, skew_s=skew_s, deflection=deflection)
 
     def by_skew(self, j: int, elastic: Floats) -> Floats:
-        """Deflection (N,) that the skew taken out of joint j makes, with ``elastic`` (N,) in its gear."""
+        """Deflection (N,) by the skew taken out of joint j, with ``elastic`` (N,) in its gear."""
         arm = self.raw[:, j] - elastic
         return np.asarray(self.lowpass(arm) - self.lowpass(arm, later_s=-float(self.skew_s[j])))
 
@@ -115,7 +117,7 @@ def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:
 def band_limited(record: MotionRecord, robot: RobotModel, band_hz: float | None = None) -> BandLimited:
     """Filter one record; the upper edge is ``band_hz``, else the record's own, else ``BAND_HZ``."""
     q = joint_angles(record, robot)[record.start :]
-    arm = np.full(q.shape, np.nan) if record.arm_rad is None else record.arm_rad[record.start :]
+    arm = np.full(q.shape, np.nan) if record.arm_rad is None else record.arm_rad[record.start :].copy()
     time = record.time_s[record.start :]
     if band_hz is None:
         band_hz = BAND_HZ if record.band_hz is None else record.band_hz[1]
@@ -133,4 +135,6 @@ def band_limited(record: MotionRecord, robot: RobotModel, band_hz: float | None 
         arm[:, seen] = CubicSpline(time, arm[:, seen])(grid)
     raw, deflection = q - arm, np.full(q.shape, np.nan)
     deflection[:, seen] = lowpass(raw[:, seen])
-    return BandLimited(lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), raw, np.zeros(q.shape[1]), deflection)
+    return BandLimited(
+        lowpass, grid, q, lowpass(q), lowpass(q, 1), lowpass(q, 2), raw, np.zeros(q.shape[1]), deflection
+    )

@@ -76,8 +76,9 @@ class ArmSideFit:
     def predict(self, record: MotionRecord) -> Floats:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
 
-        In the band of the fit, with the tooth orders above it. Only the motor's motion is used; where the record has a sensor, the
-        constant offset is the median of its own difference.
+        In the band of the fit, with the tooth orders above it. Only the motor's motion is used;
+        where the record has a sensor, the constant offset is the median of its own difference.
+        Positions beyond those of the fit are extrapolated.
         """
         with one_thread():
             return self._predict(record)
@@ -102,7 +103,7 @@ class ArmSideFit:
                     found[:, j] += motion.by_skew(j, elastic[:, j])
             elastic -= elastic.mean(axis=0)
         result = np.full(record.theta_rad.shape, np.nan)
-        for j in np.flatnonzero(np.isfinite(found).all(axis=0)):
+        for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
             joint = self.joints[j]
             if joint is not None and joint.position_map is not None:
                 found[:, j] += joint.position_map(motion.raw[:, j])
@@ -228,7 +229,7 @@ def _joint(
     def fitted(rows: NDArray[np.bool_], noise: float | None = None) -> Average:
         part = Regression(data.y[rows], data.columns[rows])
         if noise is None:
-            spans = list(np.flatnonzero(np.diff(record[rows])) + 1)
+            spans = (np.flatnonzero(np.diff(record[rows])) + 1).tolist()
             noise = noise_of(part, groups, spans, interval, compliance)
         return average(part, groups, noise, compliance)
 
@@ -275,8 +276,8 @@ def _reason(joint: _Joint | None, sensor: bool) -> str:
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         return (
-            f"K is not identifiable from this motion: torque/deflection is known to {relative:.0%} only. "
-            "Its torque varies too little, or together with the transmission error. Move through poses "
+            f"K is not identifiable from this motion: its error is {relative:.0%}. "
+            "The joint's torque varies too little, or only together with the transmission error. Move through poses "
             "of different gravity, or faster."
         )
     return ""
@@ -292,7 +293,10 @@ def _summary(
 ) -> ArmSideFit:
     n = robot.n
     sensors = np.array(
-        [any(r.arm_rad is not None and np.isfinite(r.arm_rad[:, j]).all() for r in given) for j in range(n)]
+        [
+            any(r.arm_rad is not None and np.isfinite(r.arm_rad[:, j]).all() for r in given)
+            for j in range(n)
+        ]
     )
     reasons = tuple(_reason(joint, bool(sensors[j])) for j, joint in enumerate(joints))
     K, error, skew, skew_error, residual = np.full((5, n), np.nan)

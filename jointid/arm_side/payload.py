@@ -10,7 +10,7 @@ from jointid.arrays import Floats
 
 _SCALE_STD = 0.3
 """Spread of the torque constant and of the gear's efficiency."""
-_SLIP = 0.02
+_SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
 _MEMORY_S = 0.5
 _ROUNDS = 3
@@ -60,14 +60,16 @@ def payload_from_motors(
         information = np.zeros((4, 4))
         information[np.ix_(seen, seen)] = np.linalg.inv(fitted.covariance[:4, :4][np.ix_(seen, seen)])
         opinions.append((information - np.diag(seen * 1.0), information @ fitted.beta[:4]))
-    mean = np.linalg.solve(sum(A for A, _ in opinions), sum(b for _, b in opinions))
+    information = np.sum([A for A, _ in opinions], axis=0)
+    mean = np.asarray(np.linalg.solve(information, np.sum([b for _, b in opinions], axis=0)), float)
     # joints that contradict each other are all less certain than their noise (Birge's ratio)
     excess = sum(_distance(A, b, mean) for A, b in opinions[1:]) / max(1, 3 * (len(opinions) - 1) - 4)
     precision, right = opinions[0][0], opinions[0][1]
     for A, b in opinions[1:]:
         precision, right = precision + A / max(1.0, excess), right + b / max(1.0, excess)
     covariance = np.linalg.inv(precision)
-    return covariance @ right, np.linalg.cholesky((covariance + covariance.T) / 2)
+    root = np.linalg.cholesky((covariance + covariance.T) / 2)
+    return np.asarray(covariance @ right), np.asarray(root, float)
 
 
 def _distance(information: Floats, right: Floats, mean: Floats) -> float:

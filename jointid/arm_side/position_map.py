@@ -39,9 +39,7 @@ class PositionMap:
         return np.asarray(inside * slow + waves(q, self.orders) @ self.order_waves)
 
 
-def position_map(
-    q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats]
-) -> PositionMap:
+def position_map(q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats]) -> PositionMap:
     """Fit the map to what a model leaves over.
 
     Parameters
@@ -60,7 +58,9 @@ def position_map(
     noise = np.sqrt(10.0) * max(float(y.std()), 1e-7)
     fitted = data.estimate(noise, np.full(2 * _MOST_WAVES, _WAVE_RAD))
     orders, coefficients = _tooth_orders(angle, np.concatenate(fast))
-    return PositionMap(basis, (float(angle.min()), float(angle.max())), fitted.beta, orders, coefficients)
+    return PositionMap(
+        basis, (float(angle.min()), float(angle.max())), fitted.beta, orders, coefficients
+    )
 
 
 def _tooth_orders(q: Floats, y: Floats) -> tuple[Floats, Floats]:
@@ -68,7 +68,8 @@ def _tooth_orders(q: Floats, y: Floats) -> tuple[Floats, Floats]:
     step = max(0.5, 1.0 / float(np.ptp(q) + 1e-9))
     count = int((_FINEST_ORDER - _COARSEST_ORDER) / step)
     found: list[float] = []
-    coefficients, left = np.zeros(0), y
+    coefficients: Floats = np.zeros(0)
+    left = y
     for _ in range(_MOST_ORDERS):
         power = _power(q, left, _COARSEST_ORDER, step, count)
         if power.max() < _CLEAR * power.mean():
@@ -77,7 +78,7 @@ def _tooth_orders(q: Floats, y: Floats) -> tuple[Floats, Floats]:
         near = _power(q, left, peak - step, 0.1 * step, 21)
         found.append(peak + step * (0.1 * int(np.argmax(near)) - 1.0))
         columns = waves(q, np.array(found))
-        coefficients = np.linalg.lstsq(columns, y, rcond=None)[0]
+        coefficients = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], float)
         left = y - columns @ coefficients
     return np.array(found), coefficients
 

@@ -43,7 +43,7 @@ class Ripple:
     @property
     def wavenumbers(self) -> Floats:
         """Radians per radian of the joint, shape (count,)."""
-        return 2 * np.pi * np.arange(self.first, self.count + 1) / self.period_rad
+        return np.asarray(2 * np.pi * np.arange(self.first, self.count + 1) / self.period_rad, float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def _presliding(q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
     """Dahl's friction state between −1 and 1 from rest, and what remains of an unknown first state."""
     step = np.diff(q, prepend=q[0])
     decay = np.exp(-np.abs(step) / reach_rad)
-    state, forgotten = np.zeros_like(q), np.cumprod(decay)
+    state, forgotten = np.zeros_like(q), np.asarray(np.cumprod(decay), float)
     for i in range(1, q.size):
         sign = np.sign(step[i])
         state[i] = sign + (state[i - 1] - sign) * decay[i] if sign else state[i - 1]
