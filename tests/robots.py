@@ -2,76 +2,9 @@
 
 from __future__ import annotations
 
-SIX_AXES = """
-name = "Heavy six-axis robot"
-[base]
-rotation = "x 180 deg"
-[payload]
-mass = 120.0
-mass_std = 40.0
-center = [0.02, 0.0, 0.15]
-inertia = [6.0, 7.0, 5.0, 0.1, 0.0, 0.2]
-[[link]]
-d = -0.6
-a = 0.33
-alpha_deg = 90.0
-gear_ratio = 240.0
-rotor_inertia = 0.009
-mass = 380.0
-center = [-0.30, 0.16, -0.01]
-inertia = [16.0, 28.0, 31.0, -1.5, 0.1, 4.0]
-[[link]]
-d = -0.18
-a = 1.1
-alpha_deg = 0.0
-zero_deg = -90.0
-gear_ratio = 260.0
-rotor_inertia = 0.011
-mass = 330.0
-center = [-0.68, 0.0, 0.02]
-inertia = [7.0, 85.0, 84.0, 0.4, 0.2, -4.0]
-[[link]]
-d = 0.18
-a = 0.04
-alpha_deg = -90.0
-offset_deg = 90.0
-zero_deg = 90.0
-gear_ratio = 250.0
-rotor_inertia = 0.011
-mass = 100.0
-center = [-0.02, -0.02, -0.08]
-inertia = [10.0, 9.5, 2.0, 0.1, -0.6, -0.1]
-[[link]]
-d = -0.95
-a = 0.0
-alpha_deg = 90.0
-gear_ratio = 215.0
-rotor_inertia = 0.0018
-mass = 36.0
-center = [0.0, 0.23, 0.0]
-inertia = [0.43, 0.22, 0.43, 0.0, -0.01, 0.0]
-[[link]]
-d = 0.0
-a = 0.0
-alpha_deg = -90.0
-gear_ratio = 235.0
-rotor_inertia = 0.0018
-mass = 32.0
-center = [0.0, -0.08, -0.01]
-inertia = [0.28, 0.23, 0.26, 0.0, -0.02, 0.0]
-[[link]]
-d = -0.23
-a = 0.0
-alpha_deg = 180.0
-gear_ratio = 150.0
-rotor_inertia = 0.0018
-mass = 18.0
-center = [0.0, 0.0, -0.05]
-inertia = [0.1, 0.1, 0.15, 0.0, 0.0, 0.0]
-[counterbalance]
-joint = 2
-gas_energy_J = 14000.0
-"""
+from pathlib import Path
+
+SIX_AXES = (Path(__file__).parents[1] / "sample_data" / "six_axis_robot.toml").read_text("utf-8")
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">

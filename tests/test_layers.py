@@ -60,7 +60,7 @@ FLOORS = [
     ["verdict"],
     ["study"],
     ["files", "cut"],
-    ["importing", "exporting"],
+    ["importing", "exporting", "setpoints"],
     ["fleet", "figures"],
     ["reporting"],
     ["cli", "ui"],

@@ -301,7 +301,7 @@ def test_wrong_arguments() -> None:
         ROBOT.torque(np.zeros((3, 6)), np.zeros((4, 6)), np.zeros(6))
     with pytest.raises(JointIdError, match="cannot be read"):
         RobotModel.load("/nowhere/robot.urdf")
-    with pytest.raises(JointIdError, match="gear_ratio.* has 2 values"):
+    with pytest.raises(JointIdError, match=r"gear_ratio.* has 2 values"):
         RobotModel.parse("six.toml", SIX_AXES.encode(), gear_ratio=[1, 2])
 
 

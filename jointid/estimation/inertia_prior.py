@@ -38,6 +38,8 @@ class InertiaPrior:
     """Distinct arm inertias, shape (p, n, n), kg·m²."""
     added: Floats
     """Exactly known part of each M2, shape (p, n, n), kg·m²."""
+    gravity: Floats
+    """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
     rest: Floats
     """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray
@@ -93,13 +95,14 @@ class InertiaPrior:
                     f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
                 )
         M, rotor = _distinct([one.M for one in each])
-        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added]) for one in each])
+        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added, one.gravity]) for one in each])
         rest, part = _distinct(list(parts[:, 0]))
         return cls(
             given=inertia if isinstance(inertia, Inertia) else tuple(each),
             M=M,
-            M2=parts.sum(axis=1),
+            M2=parts[:, 0] + parts[:, 1],
             added=parts[:, 1],
+            gravity=parts[:, 2],
             rest=rest,
             rotor=rotor,
             pose=pose,
@@ -173,7 +176,7 @@ class InertiaPrior:
     def inertias(self, M: Floats, M2: Floats) -> list[Inertia]:
         """Inertia of each record from distinct M, shape (m, n), and M2, shape (p, n, n)."""
         pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
-        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p]) for m, p in set(pairs)}
+        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p], self.gravity[p]) for m, p in set(pairs)}
         return [distinct[pair] for pair in pairs]
 
 

@@ -1,6 +1,7 @@
 """Residual torque of the model at the motors at every harmonic, its covariance and its Jacobian.
 
-At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2, both with
+At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2 + G with
+the known stiffness G of gravity, both with
 the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual
 is r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without
 effects s²M + X is the inverse of equation (16) times s². Nonlinear laws add w to the deflection of the
@@ -251,7 +252,7 @@ class Residual:
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
         problem, p, s = self.problem, self.p, self.problem.s[:, :1]
-        arm = inverse(problem.arm_inertia(p))[problem.prior.pose, None]
+        arm = s[..., None, None] ** 2 * _ideal_compliance(problem, p, s)
         rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
         Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
         return np.asarray((Z[:, 0] @ self.position[..., None])[..., 0])
@@ -393,14 +394,22 @@ def _motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
 
 def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
-    s, M2 = problem.s[..., None, None], problem.arm_inertia(p)
     if not any(name in problem.layout for name in ARM_EFFECTS):
-        return np.asarray(inverse(M2)[problem.prior.pose, None] / (s * s))
-    A = s * s * M2[problem.prior.pose, None]
+        return _ideal_compliance(problem, p, problem.s)
+    s, pose = problem.s[..., None, None], problem.prior.pose
+    A = s * s * problem.arm_inertia(p)[pose, None] + problem.prior.gravity[pose, None]
     own = s[..., 0] * p.effect("arm_viscous") - s[..., 0] ** 4 * p.effect("link") + p.effect("gravity")
     for j in range(problem.n):
         A[..., j, j] += own[..., j]
     return inverse(np.asarray(A))
+
+
+def _ideal_compliance(problem: Problem, p: Parameters, s: Complexes) -> Complexes:
+    """The same without effects, at s of shape (r, H)."""
+    squared, M2, prior = (s * s)[..., None, None], problem.arm_inertia(p), problem.prior
+    if not prior.gravity.any():
+        return np.asarray(inverse(M2)[prior.pose, None] / squared)
+    return inverse(np.asarray(squared * M2[prior.pose, None] + prior.gravity[prior.pose, None]))
 
 
 def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:

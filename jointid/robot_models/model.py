@@ -172,7 +172,7 @@ class RobotModel(RobotDescription):
         return self._loaded.inertia_matrix(angles + self.zero)
 
     def inertia(self, q: ArrayLike) -> Inertia:
-        """Inertia at joint angles of shape (n,), motor side: M the rotors, M2 the links.
+        """Inertia at joint angles of shape (n,), motor side: M the rotors, M2 the links, and gravity.
 
         Raises
         ------
@@ -182,7 +182,9 @@ class RobotModel(RobotDescription):
         C = self._known_coupling()
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        return Inertia(M=self.rotor_inertia, M2=C.T @ self.joint_inertia(q) @ C)
+        return Inertia(
+            self.rotor_inertia, C.T @ self.joint_inertia(q) @ C, gravity=self.motor_gravity_stiffness(q)
+        )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
         """Derivative of the static torque with respect to the joint angles, shape (n, n), N·m/rad.

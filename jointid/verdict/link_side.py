@@ -19,7 +19,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import identify_elasticity
-from jointid.joints import Elasticity, Inertia, motor_response
+from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Finding, number, percent, problem
 from jointid.wording import listed
@@ -91,7 +91,7 @@ def fit_link_side(phasors: Phasors, inertias: Sequence[Inertia]) -> LinkSide:
     """
     omega, q, tau = phasors.omega[:, None], phasors.q, phasors.tau
     M = np.array([i.M for i in inertias])
-    f = -(omega**2) * np.einsum("rij,rj->ri", np.array([i.M2 for i in inertias]), q)
+    f = -(omega**2) * np.einsum("rij,rj->ri", dynamic_arm_inertia(phasors.omega, inertias), q)
     rest = tau - f + omega**2 * M * q  # residual of rigid joints
     g = -(omega**2) * M * f  # rest = g / (K + iω D)
     size = np.sqrt(np.mean(np.abs(tau) ** 2, axis=0))

@@ -222,7 +222,8 @@ def _mend(
     if np.all(hypothesis.gear == 1):
         return mended, inertias
     reflected = {
-        id(i): Inertia(i.M, i.M2 / np.outer(hypothesis.gear, hypothesis.gear)) for i in inertias
+        id(i): Inertia(i.M, i.M2 / np.outer(hypothesis.gear, hypothesis.gear), gravity=i.gravity)
+        for i in inertias
     }
     return mended, [reflected[id(i)] for i in inertias]
 
@@ -278,8 +279,11 @@ def _snapped(ratio: float) -> float:
 def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floats | None:
     """Return the matrix (n, n) that maps acceleration to torque at ω → 0, as measured; None if too few.
 
-    The springs' share grows with ω²; it is taken off by extrapolation over the lowest frequencies.
+    The springs' share grows with ω²; it is taken off by extrapolation over the lowest frequencies. The
+    torque of gravity is subtracted.
     """
+    gravity = np.einsum("rij,rj->ri", np.array([i.gravity for i in inertias]), phasors.q)
+    tau = phasors.tau - gravity
     n = phasors.n
     groups = phasors.by_frequency()
     acceleration = -(phasors.omega[:, None] ** 2) * phasors.q
@@ -295,7 +299,7 @@ def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floa
             continue
         real = np.concatenate([(A / size).real, (A / size).imag])
         if np.linalg.cond(real) < 1e4:
-            b = np.concatenate([phasors.tau[rows].real, phasors.tau[rows].imag])
+            b = np.concatenate([tau[rows].real, tau[rows].imag])
             inertia = (np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T
             size = np.abs(np.diag(inertia))
             return np.asarray(inertia) if np.all((size > LEAST) & (size < LARGEST)) else None

@@ -95,7 +95,10 @@ def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
         for b in range(a + 1, fit.n):
             order = np.arange(fit.n)
             order[[a, b]] = b, a
-            swapped = [Inertia(i.M[order], i.M2[np.ix_(order, order)]) for i in evidence.inertias]
+            swapped = [
+                Inertia(i.M[order], i.M2[np.ix_(order, order)], gravity=i.gravity)
+                for i in evidence.inertias
+            ]
             names = f"joints {a + 1} and {b + 1}"
             tried += [
                 (
@@ -109,7 +112,9 @@ def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
             ]
     for j in range(fit.n):
         sign = np.where(np.arange(fit.n) == j, -1.0, 1.0)
-        mirrored = [Inertia(i.M, i.M2 * np.outer(sign, sign)) for i in evidence.inertias]
+        mirrored = [
+            Inertia(i.M, i.M2 * np.outer(sign, sign), gravity=i.gravity) for i in evidence.inertias
+        ]
         title = f"Joint {j + 1} looks reversed against the others"
         tried.append((_misfit(evidence, mirrored, np.arange(fit.n)), title))
     best, title = min(tried)

@@ -15,7 +15,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.joint_equations import spring_equations
-from jointid.joints import Inertia, motor_impedance
+from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Evidence, Finding, number, problem
 
@@ -162,7 +162,7 @@ def _factor(
 ) -> tuple[Floats | None, bool]:
     """Real factors of each joint that make a record agree with K and D of the others."""
     s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
-    arm = np.asarray(np.linalg.inv(inertia.M2), np.float64)
+    arm = np.asarray(np.linalg.inv(dynamic_arm_inertia(s.imag, inertia)), np.float64)
     Z = motor_impedance(s, inertia.M, arm, fit.K, fit.D)[0][0]
     q, tau = phasors.q[i], phasors.tau[i]
     # One factor for all joints does not separate angle from torque: the usual signal is assumed.
