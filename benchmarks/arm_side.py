@@ -31,9 +31,11 @@ def table(title: str, payload_known: bool, cases: int, **changes: float) -> None
         left += list(rest[:, :SENSORS].std(axis=0) / ARC_SECOND)
     pull = np.array(pulls)
     print(
-        f"{title:34s} {cases:5d} {pull.size:5d} {refused:7d} {np.median(errors):8.2f} {np.max(errors):7.2f}"
+        f"{title:34s} {cases:5d} {pull.size:5d} {refused:7d} {np.median(errors):8.2f}"
+        f" {np.max(errors):7.2f}"
         f" {np.mean(pull):6.2f} {np.sqrt(np.mean(pull**2)):6.2f} {np.sum(np.abs(pull) > 2):4d}"
-        f" {np.sum(np.abs(pull) > 3):4d} {np.max(skews):9.4f} {np.median(left):7.1f} {np.max(left):7.1f}",
+        f" {np.sum(np.abs(pull) > 3):4d} {np.max(skews):9.4f}"
+        f" {np.median(left):7.1f} {np.max(left):7.1f}",
         flush=True,
     )
 

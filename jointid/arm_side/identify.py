@@ -277,8 +277,8 @@ def _reason(joint: _Joint | None, sensor: bool) -> str:
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         return (
             f"K is not identifiable from this motion: its error is {relative:.0%}. "
-            "The joint's torque varies too little, or only together with the transmission error. Move through poses "
-            "of different gravity, or faster."
+            "The joint's torque varies too little, or only together with the transmission error. "
+            "Move through poses of different gravity, or faster."
         )
     return ""
 
