@@ -53,7 +53,7 @@ FLOORS = [
     ["small_matrices", "background", "parsing"],
     ["records", "joints"],
     ["robot_models"],
-    ["phasors", "simulation"],
+    ["phasors", "simulation", "arm_side"],
     ["transfer_matrix"],
     ["estimation"],
     ["answer", "uncertainty"],
