@@ -14,7 +14,7 @@ from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit, padded
 from jointid.phasors.segment import Segment
-from jointid.phasors.sensor_steps import may_have_steps, step_variance
+from jointid.phasors.sensor_steps import hidden_variance, may_have_steps, step_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
 from jointid.phasors.spectrum import largest_line_hz
@@ -66,9 +66,15 @@ class Phasors:
     """Frequency of the motor angle, from the drift of its phase, shape (r,), Hz."""
     labels: tuple[str, ...]
     """Name of each record, for messages and plots."""
-    segments: tuple[Segment | None, ...] = ()
-    """Segment of each row that comes from a motion record; None for a sine. Its harmonics are those of
-    its length, zero outside its band."""
+    segments: Sequence[Segment | None] | np.ndarray = ()
+    """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
+    Its harmonics are those of its length, zero outside its band."""
+
+    def __post_init__(self) -> None:
+        rows = np.full(np.size(self.omega), None, dtype=object)
+        if len(self.segments):
+            rows[:] = self.segments
+        object.__setattr__(self, "segments", rows)
 
     @classmethod
     def joined(cls, parts: Sequence[Phasors]) -> Phasors:
@@ -81,14 +87,12 @@ class Phasors:
                 each = [padded(array, most) for array in each]
             arrays[name] = np.concatenate(each)
         labels = tuple(label for part in parts for label in part.labels)
-        rows = [part.segments or (None,) * part.omega.size for part in parts]
-        return cls(**arrays, labels=labels, segments=tuple(each for row in rows for each in row))
+        return cls(**arrays, labels=labels, segments=np.concatenate([p.segments for p in parts]))
 
     @property
     def motion(self) -> np.ndarray:
         """Which rows come from motion records, shape (r,)."""
-        rows = self.segments or (None,) * self.omega.size
-        return np.array([segment is not None for segment in rows])
+        return np.array([segment is not None for segment in self.segments], dtype=bool)
 
     @property
     def torque_size(self) -> Floats:
@@ -164,7 +168,7 @@ class Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
         arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name not in _PER_ROW}
-        segments = tuple(self.segments[i] for i in index) if self.segments else ()
+        segments = np.asarray(self.segments, dtype=object)[index]
         return Phasors(**arrays, labels=tuple(self.labels[i] for i in index), segments=segments)
 
 
@@ -207,6 +211,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
     for record in np.flatnonzero(stepped | _visible(fits)).tolist():
         covariance[record] += step_variance(records[record], fits[record])
+    covariance[:, :, range(n), range(n)] += hidden_variance(records)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]

@@ -115,7 +115,7 @@ def _torque_lags(evidence: Evidence) -> Iterator[Finding]:
     yield note(
         f"The torque {'lags' if fit.delay > 0 else 'leads'} by {size}",
         f"That is {number(abs(fit.delay) / interval)} samples, and is accounted for.",
-        half_a_sample(evidence, fit.delay)
+        half_a_sample(evidence)
         or f"If the drive explains it, state torque_delay_s = {number(fit.delay)} in study.toml.",
         0.01,
         "edit mapping",
