@@ -46,10 +46,7 @@ class FreeFriction:
     def projection(self, W: Complexes) -> Projection:
         """Return the projection for the whitening matrices W, shape (r, H, n, n)."""
         return Projection(
-            tuple(
-                (records, shapes[:, 0], *_whitened(shapes, W[records]))
-                for records, shapes in self.groups
-            )
+            tuple((records, shapes, *_whitened(shapes, W[records])) for records, shapes in self.groups)
         )
 
 
@@ -58,7 +55,7 @@ class Projection:
     """Projection of whitened rows onto the complement of the free waveforms."""
 
     groups: tuple[tuple[np.ndarray, Complexes, Floats, Floats, Floats], ...]
-    """Records, fundamentals of their waveforms (g, n, k), whitened waveforms of unit length (g, m, k),
+    """Records, their waveforms (g, H, n, k), whitened waveforms of unit length (g, m, k),
     their length (g, k) and their Gram matrix (g, k, k)."""
 
     def rest(self, rows: Floats) -> Floats:
@@ -78,14 +75,12 @@ class Projection:
             found += float(np.trace(np.linalg.solve(gram, bare), axis1=1, axis2=2).sum())
         return round(found)
 
-    def fundamental(self, rows: Floats) -> Complexes | float:
-        """Fundamental of the free friction fitted to the rows (r, 2Hn, 1), shape (r, n)."""
-        if not self.groups:
-            return 0.0
-        found = np.zeros((len(rows), self.groups[0][1].shape[1]), complex)
-        for records, first, free, length, gram in self.groups:
+    def fitted(self, rows: Floats, n: int) -> Complexes:
+        """Free friction fitted to the rows (r, 2Hn, 1), shape (r, H, n)."""
+        found = np.zeros((len(rows), rows.shape[1] // (2 * n), n), complex)
+        for records, shapes, free, length, gram in self.groups:
             size = _sizes(free, gram, rows[records])[..., 0] / np.where(length > 0, length, np.inf)
-            found[records] = np.einsum("rnk,rk->rn", first, size)
+            found[records] = np.einsum("rhnk,rk->rhn", shapes, size)
         return found
 
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.free_friction import FreeFriction
-from jointid.estimation.periods import phasors_of, samples_of, waves
 from jointid.phasors.extract import Phasors
+from jointid.phasors.periods import phasors_of, samples_of, waves
 
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""

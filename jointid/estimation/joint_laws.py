@@ -11,15 +11,17 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.effects import GEAR_LAWS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.parameters import Parameters
-from jointid.estimation.periods import phasors_of, samples_of
+from jointid.gears.gear import Gear
+from jointid.gears.torsion_curve import TorsionCurve
+from jointid.phasors.periods import phasors_of, samples_of
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
@@ -39,6 +41,16 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
+_SIGNIFICANT = 3.5
+"""Standard errors from which a joint has a law that is fitted to all joints."""
+_GEAR_FIELDS = {
+    "cubic": ("cubic", "cubic"),
+    "backlash": ("backlash_rad", "backlash"),
+    "hysteresis": ("hysteresis_Nm", "hysteresis"),
+    "presliding": ("presliding_rad", "hysteresis"),
+    "loss_factor": ("loss_factor", "loss_factor"),
+}
+"""Field of ``Gear`` for each parameter, and the parameter that shows whether the law is present."""
 _GEAR = ("K", "D", "cubic", "backlash", "hysteresis", "presliding")
 """Parameters of a gear."""
 
@@ -166,6 +178,33 @@ class JointLaws:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
+
+
+def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:
+    """Gears of n joints with the laws that are significant at each, from their torsion curves' range.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (P, P)
+        Of the parameters.
+    """
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = {}
+    for name, (field, judge) in _GEAR_FIELDS.items():
+        if name in p.layout:
+            clear = np.abs(p[judge]) > _SIGNIFICANT * error[p.layout[judge]]
+            if EFFECTS[judge].positive:
+                clear &= p[judge] > 0
+            found[field] = np.where(clear, p[name], 0.0).tolist()
+    return tuple(
+        Gear(
+            K=max(float(p.K[j]), 0.0),
+            tried_rad=float(curve.amplitude_rad.max()),
+            tried_Nm=float(curve.amplitude_Nm.max()),
+            **{field: values[j] for field, values in found.items()},
+        )
+        for j, curve in enumerate(curves)
+    )
 
 
 def _points(H: int) -> int:

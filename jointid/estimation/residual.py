@@ -225,7 +225,7 @@ class Residual:
         X = inverse(compliance)
         lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * _filtered(s, p)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
-        own = _motor_stiffness(problem, p)
+        own = motor_stiffness(problem, p)
         E = np.zeros((*X.shape[:3], 2 * n), complex)
         E[..., :n] = -X
         for j in range(n):
@@ -321,7 +321,7 @@ class Residual:
             "lag": lag,
             "torque_filter": lag / (1 + s * np.abs(p.effect("torque_filter"))),
             "torque_scale": tau,
-            "position_filter": -_motor_stiffness(problem, p) * s * smooth[..., :n],
+            "position_filter": -motor_stiffness(problem, p) * s * smooth[..., :n],
             "M": -s * s * q,
         }
         if problem.friction is not None:
@@ -384,7 +384,7 @@ def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, C
     return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
 
 
-def _motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
+def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]
