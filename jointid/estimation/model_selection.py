@@ -58,7 +58,7 @@ _DECISIVE = 0.3
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _HOPELESS = 3e4
-"""Misfit of wrong units, signs or gear ratios, beyond that of any nonlinear gear."""
+"""Misfit of wrong units, signs or gear ratios, of which no law explains a decisive share."""
 _MOST_EFFECTS = 3
 _MOST_FITS = 24
 """Fits of one search; wrong data would take many more."""
@@ -66,6 +66,8 @@ _DOUBT = 0.005
 """Probability that the score of any part widens the error bars on an ideal robot."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_BENT = 4.0
+"""Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
 _MOST_SLOW_FITS = 6
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
@@ -99,6 +101,7 @@ def choose_model(
     optional: list[str] = []
     if not exactly:
         effects = [name for name in EFFECTS if gear == "auto" or name not in GEAR_LAWS]
+        effects = [name for name in effects if name != "piecewise"]  # in place of a cubic law
         if np.any(phasors.drift):  # a superposed motion that does not reverse
             effects.remove("motor_presliding")
         optional = ["friction"] * (not friction) + ["delay"] * (not delay) + effects
@@ -172,6 +175,9 @@ class _Search:
         rubbing = replace(self.base, reversal=0.0)
         if self.misfit(self.base) >= _LOST and "friction" in self.optional:
             self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
+        for law in ("cubic", "backlash"):  # and so does a gear that is far from linear
+            if self.misfit(self.base) >= _LOST and law in self.optional:
+                self.fit(self.base.with_part(law), self.start)
         best = self._least(list(self.tried))
         while len(self.tried) < _MOST_FITS:
             found = [best]
@@ -238,13 +244,18 @@ class _Search:
             if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
-        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:_TRIED_LAWS]
+        least = _DECISIVE * found.cost if found.misfit > _HOPELESS else 0.0
+        laws = [part for part in clear if part in LAWS and scored[part].gain > least][:_TRIED_LAWS]
         wider = [model.with_part(part) for part in clear if part in laws or part not in LAWS][:_TRIED]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
             wider = [*wider, *sharper] if decisive else [*sharper, *wider]
+        if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / np.sqrt(
+            max(found.expected_cost, 1.0)
+        ):
+            wider.insert(0, model.without("cubic").with_part("piecewise"))
         return [each for each in wider if each not in self.tried]
 
     def scores(self, model: Model) -> dict[str, Score]:

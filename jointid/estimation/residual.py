@@ -24,16 +24,22 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
-_PRESLIDING, _PRESLIDING_START = ("presliding", "bristle"), 0.03
-"""Presliding deflections and angles, and their start value over the largest deflection or angle."""
+_SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.35}
+"""Presliding deflections and angles, and wind-ups at changes of slope: start values over the largest
+deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
+_FLATTEST = 0.1
+"""Least slope of a piecewise linear gear, over K."""
+_BENDS = {"piecewise": 0.73, "second_bend": 1.33}
+"""Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +92,15 @@ class Problem:
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
-        for name in _PRESLIDING:
+        for name in _SHAPES:
             if name in self.layout and self.laws is not None:
                 share = p[name] / self.laws.units(p)[name]
                 if np.any((share < _SHARPEST) | (share > _SLOWEST)):
                     return False
+        if "piecewise" in self.layout:
+            least = np.minimum(p["piecewise"], p["piecewise"] + p["second_bend"])
+            if np.any(p.K + least < _FLATTEST * p.K):
+                return False
         if "M2" not in self.layout:
             return True
         matrices = self.prior.symmetric(p["M2"]), self.arm_inertia(p)
@@ -102,9 +112,12 @@ class Problem:
         shapes = {block.name: block.shape for block in self.layout.blocks}
         given = {block.name: values[block.name] for block in values.layout.blocks}
         same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
-        for name in _PRESLIDING:
+        for name, share in _SHAPES.items():
             if name in self.layout and self.laws is not None:
-                means[name] = _PRESLIDING_START * self.laws.units(values)[name]
+                means[name] = share * self.laws.units(values)[name]
+        if "piecewise" in self.layout and self.laws is not None and "cubic" in given:
+            rise = given["cubic"] * self.laws.units(values)["knee"] ** 2
+            means |= {name: share * rise for name, share in _BENDS.items()}
         return self.layout.pack(**(means | same))
 
     def pull(self, vector: Floats) -> tuple[Floats, Floats]:
@@ -171,7 +184,8 @@ def make_problem(
         inertial = (s * s)[..., None] * prior.M[prior.rotor, None]
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
         variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
-        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance)
+        locked = np.sqrt(stiffness / np.einsum("pjj->pj", prior.M2))[prior.pose]
+        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance, locked)
     return Problem(
         s=s,
         z=z,
@@ -211,6 +225,8 @@ class Residual:
     """Torque through the gears by the balance at the motors, shape (r, H, n), N·m."""
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
+    wound: WoundGears | None
+    """Wind-up of nonlinear gears."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:
@@ -239,14 +255,17 @@ class Residual:
             torque -= sliding_friction(problem.friction, p, s.shape[1])
         if "motor_presliding" in problem.layout and problem.laws is not None:
             torque -= p["motor_presliding"] * problem.laws.presliding(p["bristle"], s.shape[1])
-        law = np.zeros_like(q), np.zeros_like(q)
+        law, wound = (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
-            law = problem.laws.deflection(torque, p), np.zeros_like(q)
             if "arm_coulomb" in problem.layout:
                 law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(torque, arm)
+            moved = q - (arm @ (torque - law[1])[..., None])[..., 0]
+            wound = problem.laws.wound(torque, moved, gear, p)
+            if wound is not None:
+                law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance, torque, law)
+        return cls(problem, p, r, V, CE, gear, arm, X, lag, advance, torque, law, wound)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
@@ -278,10 +297,12 @@ class Residual:
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        J[..., layout["K"]] = by_gear * (1 + p.effect("loss_factor") * _loss(problem.s))[..., None, :]
-        J[..., layout["D"]] = by_gear * s[..., None]
+        stiffness = {"K": 1 + p.effect("loss_factor") * _loss(problem.s), "D": s}
         if "loss_factor" in layout:
-            J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem.s))[..., None, :]
+            stiffness["loss_factor"] = p.K * _loss(problem.s)
+        stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
+        for name, value in stiffness.items():
+            J[..., layout[name]] = by_gear * value[..., None, :]
         self._differentiate_arm(J, f - self.law[1])
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.torque, self.arm)
@@ -289,7 +310,7 @@ class Residual:
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
-        slopes = {} if problem.laws is None else problem.laws.slopes(self.torque, p, own)
+        slopes = {} if problem.laws is None else problem.laws.slopes(self.wound, p, stiffness, own)
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through

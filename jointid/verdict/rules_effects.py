@@ -35,6 +35,10 @@ _REMEDIES = {
         "A gear hardens or softens",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
+    "piecewise": (
+        "A gear has three slopes",
+        "K holds for small deflections. Measure at the amplitude that the work needs.",
+    ),
     "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
 }

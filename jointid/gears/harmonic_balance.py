@@ -1,0 +1,165 @@
+"""Harmonic balance: the wind-up of nonlinear gears in periodic motion, from torques and motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.gears.laws import GearLaws
+from jointid.phasors.periods import phasors_of, samples_of, synthesis
+
+_POINTS = 8
+"""Samples over a period for each harmonic."""
+_LEAST_HARMONICS = 16
+"""Harmonics that decide the number of samples where there are fewer."""
+_NEWTON, _CONVERGED = 8, 1e-7
+"""Most Newton steps for the wind-up, and the step over the largest wind-up that ends them."""
+_RESOLVED = 1e-9
+"""Least move between samples, over the largest deflection."""
+
+
+@dataclass(frozen=True, eq=False)
+class WoundGears:
+    """Solution of κ δ + g(δ) = f for gears with the linear dynamic stiffness κ and the torque g beyond it.
+
+    A deflection is smooth, the torque through a play is not: where the arm moves less than the gear
+    winds up by the same torque, below its resonance with the motor locked, the harmonics of δ follow
+    from those of the torque; above, from the motions of motor and arm.
+    """
+
+    stiffness: Complexes
+    """κ, shape (r, n, H)."""
+    beyond: Complexes
+    """Phasors of g, shape (r, n, H)."""
+    samples: Floats
+    """Deflection over a period, shape (r, n, t), rad."""
+    low: np.ndarray
+    """Harmonics whose deflection follows from the torque, shape (r, n, m)."""
+    spread: Floats
+    """Real and imaginary parts of g by those of δ at these harmonics, shape (r, n, 2m, 2H)."""
+    inverse: Floats
+    """Parts of δ by those of the torque, shape (r, n, 2m, 2m)."""
+
+    @classmethod
+    def solve(
+        cls, laws: GearLaws, stiffness: Complexes, f: Complexes, moved: Complexes, low: np.ndarray
+    ) -> WoundGears:
+        """Solve by Newton steps from the linear deflection.
+
+        Parameters
+        ----------
+        laws : GearLaws
+            Arrays of shape (n, 1).
+        stiffness, f, moved : ndarray, shape (r, n, H)
+            κ, the torque, and the deflection by the motions of motor and arm.
+        low : ndarray, shape (r, n, m)
+            Harmonics whose deflection follows from the torque.
+        """
+        H, m = f.shape[2], low.shape[2]
+        points = _POINTS * max(H, _LEAST_HARMONICS)
+        delta = moved.copy()
+        delta[..., :m] = np.where(low, (f / stiffness)[..., :m], moved[..., :m])
+        both = np.concatenate([low, low], axis=2)
+        own = np.zeros((*low.shape[:2], 2 * m, 2 * m))
+        k, j = stiffness[..., :m], np.arange(m)
+        own[..., j, j] = own[..., m + j, m + j] = k.real
+        own[..., j, m + j], own[..., m + j, j] = -k.imag, k.imag
+        size = np.abs(delta).max(axis=2, keepdims=True)
+        for _ in range(_NEWTON):
+            samples = samples_of(delta, points)
+            beyond, slope = beyond_linear(laws, samples, H)
+            spread = _spread(slope, m, H)
+            inward = own + spread[..., [*range(m), *range(H, H + m)]].swapaxes(2, 3)
+            inward = np.where(both[..., None], inward, np.eye(2 * m))
+            inverse = np.linalg.inv(inward)
+            left = np.where(low, (f - stiffness * delta - beyond)[..., :m], 0)
+            step = _complex(inverse @ _parts(left)[..., None])[..., 0]
+            delta[..., :m] += step
+            if m == 0 or not np.any(np.abs(step) > _CONVERGED * size):
+                break
+        return cls(stiffness, beyond, samples, low, spread, inverse)
+
+    @property
+    def law(self) -> Complexes:
+        """w, the deflection beyond that of the linear gear under the same torque, (r, n, H), rad."""
+        return -self.beyond / self.stiffness
+
+    def change(
+        self, f: Complexes | float = 0.0, beyond: Complexes | float = 0.0, stiffness: Complexes | float = 0.0
+    ) -> Complexes:
+        """Change of w, shape (r, n, H), with changes of the torque, of g at given δ, and of κ."""
+        m, H = self.low.shape[2], self.beyond.shape[2]
+        linear = stiffness * (self.delta if np.any(stiffness) else 0.0)
+        left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., :m]
+        wound = self.inverse @ _parts(np.where(self.low, left, 0))[..., None]
+        through = (wound.swapaxes(2, 3) @ self.spread)[..., 0, :]
+        whole = beyond + through[..., :H] + 1j * through[..., H:]
+        return np.asarray((self.beyond * (stiffness / self.stiffness) - whole) / self.stiffness)
+
+    @property
+    def delta(self) -> Complexes:
+        """Phasors of the deflection, shape (r, n, H), rad."""
+        return phasors_of(self.samples, self.beyond.shape[2])
+
+
+def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Floats]:
+    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and its slope at the samples.
+
+    Play, changes of slope and hysteresis are averaged over each step between samples, in which the
+    deflection moves uniformly, by their energy and by Dahl's exponential: an edge within a step is exact.
+    """
+    found = phasors_of(laws.smooth(delta), H) if laws.hardens else np.zeros((*delta.shape[:-1], H), complex)
+    slope = laws.smooth_slope(delta) if laws.hardens else np.zeros_like(delta)
+    if not (laws.plays or laws.bent or laws.hysteretic):
+        return found, slope
+    points = delta.shape[-1]
+    move = delta - np.roll(delta, 1, axis=-1)
+    least = _RESOLVED * np.abs(delta).max(axis=-1, keepdims=True) + np.finfo(float).tiny
+    move = np.where(np.abs(move) < least, np.copysign(least, move), move)
+    torque = laws.kinked(delta)
+    energy = laws.kinked_energy(delta)
+    mean = (energy - np.roll(energy, 1, axis=-1)) / move
+    if laws.hysteretic:
+        z = dahl(delta, laws.sharpness)
+        change = z - np.roll(z, 1, axis=-1)
+        average = np.sign(move) - change / np.where(
+            laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0
+        )
+        mean, torque = mean + laws.level * average, torque + laws.level * z
+    turn = np.arange(1, H + 1) / points
+    found = found + phasors_of(mean, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
+    steep = (torque - np.roll(torque, 1, axis=-1)) / move
+    return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1))
+
+
+def dahl(delta: Floats, sharpness: Floats) -> Floats:
+    """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
+    step = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
+    decay = np.exp(-np.abs(step) * sharpness[..., 0])
+    drive = np.sign(step) * (1 - decay)
+    z, last = np.zeros(step.shape), np.zeros(step.shape[1:])
+    for k in range(len(step)):
+        last = drive[k] + decay[k] * last
+    last /= np.maximum(1 - np.prod(decay, axis=0), 1e-9)
+    for k in range(len(step)):
+        z[k] = last
+        last = drive[k] + decay[k] * last
+    return np.moveaxis(z, 0, -1)
+
+
+def _spread(slope: Floats, m: int, H: int) -> Floats:
+    """Parts of the torque's H harmonics by those of the deflection's first m, for a slope over time."""
+    waves = synthesis(H, slope.shape[-1])
+    inner = waves[[*range(m), *range(H, H + m)]]
+    return np.asarray((slope[..., None, :] * inner) @ waves.T * (2 / slope.shape[-1]))
+
+
+def _parts(z: Complexes) -> Floats:
+    return np.concatenate([z.real, z.imag], axis=-1)
+
+
+def _complex(parts: Floats) -> Complexes:
+    m = parts.shape[2] // 2
+    return np.asarray(parts[:, :, :m] + 1j * parts[:, :, m:])

@@ -1,0 +1,109 @@
+"""Laws of many gears as arrays: torques beyond those of linear springs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.gears.gear import Gear, knees
+
+@dataclass(frozen=True, eq=False)
+class GearLaws:
+    """Springs f = K e + cubic e³ + bends + level z of gears; arrays that broadcast to one shape."""
+
+    K: Floats
+    cubic: Floats
+    half_play: Floats
+    level: Floats
+    sharpness: Floats
+    """Inverse of the presliding deflection; 0 without hysteresis."""
+    knees: tuple[Floats, Floats]
+    """Deflections at which the slope changes."""
+    bends: tuple[Floats, Floats]
+    """Changes of the slope there."""
+
+    def __post_init__(self) -> None:
+        present = {
+            "hardens": self.cubic, "plays": self.half_play, "hysteretic": self.level,
+            "bent": np.abs(self.bends[0]).max() + np.abs(self.bends[1]).max(),
+        }  # fmt: skip
+        for name, values in present.items():
+            object.__setattr__(self, name, bool(np.any(values)))
+
+    hardens: bool = False
+    plays: bool = False
+    hysteretic: bool = False
+    bent: bool = False
+
+    @classmethod
+    def of(cls, gears: Sequence[Gear], ratio: Floats | float = 1.0) -> GearLaws:
+        """Laws of n gears, each array of shape (n, 1), seen from behind gear ratios of shape (n,)."""
+        n = np.abs(np.broadcast_to(np.asarray(ratio, float), (len(gears),)))
+        names = ("K", "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad")
+        K, cubic, play, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
+        at, bends = np.moveaxis(np.array([knees(gear) for gear in gears]), 0, -1)
+        column = (slice(None), None)
+        return cls.made(
+            *(v[column] for v in (n**2 * K, n**4 * cubic, play / n, n * level, presliding / n)),
+            [(x / n)[column] for x in at],
+            [(n**2 * x)[column] for x in bends],
+        )
+
+    @classmethod
+    def made(
+        cls,
+        K: Floats,
+        cubic: Floats,
+        play: Floats,
+        level: Floats,
+        presliding: Floats,
+        at: Sequence[Floats],
+        bends: Sequence[Floats],
+    ) -> GearLaws:
+        """Laws from their parameters, arrays of one shape."""
+        sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
+        return cls(K, cubic, 0.5 * play, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
+
+    def smooth(self, delta: Floats) -> Floats:
+        """Torque of the cubic stiffness."""
+        return np.asarray(self.cubic * self._beyond_play(delta) ** 3)
+
+    def smooth_slope(self, delta: Floats) -> Floats:
+        """Slope of ``smooth``."""
+        return np.asarray(3 * self.cubic * self._beyond_play(delta) ** 2)
+
+    def kinked(self, delta: Floats) -> Floats:
+        """Torque beyond K δ of play and changes of slope."""
+        e = self._beyond_play(delta)
+        torque = self.K * (e - delta)
+        for at, bend in zip(self.knees, self.bends, strict=True):
+            torque = torque + bend * _beyond(e, at) if self.bent else torque
+        return np.asarray(torque)
+
+    def kinked_energy(self, delta: Floats) -> Floats:
+        """Integral of ``kinked`` over the deflection."""
+        e = self._beyond_play(delta)
+        energy = self.K * (e * e - delta * delta)
+        for at, bend in zip(self.knees, self.bends, strict=True):
+            energy = energy + bend * _beyond(e, at) ** 2 if self.bent else energy
+        return np.asarray(0.5 * energy)
+
+    def beyond_linear(self, delta: Floats, loop: Floats) -> Floats:
+        """Torque in addition to K δ, with the hysteresis in the state ``loop``."""
+        return np.asarray(self.smooth(delta) + self.kinked(delta) + self.level * loop)
+
+    def loop(self, before: Floats, move: Floats) -> Floats:
+        """State z of the hysteresis after a move of the deflection in one direction."""
+        sign = np.sign(move)
+        return np.asarray(sign + (before - sign) * np.exp(-np.abs(move) * self.sharpness))
+
+    def _beyond_play(self, delta: Floats) -> Floats:
+        return _beyond(delta, self.half_play) if self.plays else delta
+
+
+def _beyond(x: Floats, edge: Floats) -> Floats:
+    """Part of x beyond ± edge; np.clip is slower on small arrays."""
+    return np.asarray(x - np.minimum(np.maximum(x, -edge), edge))
