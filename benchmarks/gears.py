@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,12 @@ from jointid import Gear, Study, extract_phasors, identify_elasticity
 Row = dict[str, Cell]
 FIELDS = {"cubic": "cubic", "backlash_rad": "backlash_rad", "hysteresis_Nm": "hysteresis_Nm"}
 """Field of ``Gear`` for the law's field of the simulated robot."""
-NAMES = {"knee_rad": "piecewise", "cubic": "hardening", "backlash_rad": "backlash", "hysteresis_Nm": "hysteresis"}
+NAMES = {
+    "knee_rad": "piecewise",
+    "cubic": "hardening",
+    "backlash_rad": "backlash",
+    "hysteresis_Nm": "hysteresis",
+}
 LEAST, MOST = 0.1, 3.0
 """Noise of the torque, % of its amplitude."""
 
@@ -273,7 +278,11 @@ def linear_rows(runs: int) -> Iterator[Row]:
 
 
 TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]] = {
-    "hardening": ("Hardening, torque at the peak deflection over the linear one", COLUMNS, rows(HARDENING)),
+    "hardening": (
+        "Hardening, torque at the peak deflection over the linear one",
+        COLUMNS,
+        rows(HARDENING),
+    ),
     "slopes": ("Two slopes", COLUMNS, rows(SLOPES)),
     "backlash": ("Backlash, play over the peak-to-peak deflection", COLUMNS, rows(BACKLASH)),
     "hysteresis": ("Dahl hysteresis, level over the peak torque", COLUMNS, rows(HYSTERESIS)),

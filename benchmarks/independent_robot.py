@@ -140,7 +140,9 @@ class Experiment:
     substeps: int = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "substeps", int(np.ceil(1 / self.sample_rate_hz / self.max_step_s - 1e-9)))
+        object.__setattr__(
+            self, "substeps", int(np.ceil(1 / self.sample_rate_hz / self.max_step_s - 1e-9))
+        )
 
     @property
     def step_s(self) -> float:

@@ -71,7 +71,7 @@ class JointLaws:
 
     @classmethod
     def of(
-        cls, s: Complexes, angle: Complexes, torque: Complexes, variance: Floats, locked: Floats
+        cls, s: Complexes, angle: Complexes, torque: Complexes, variance: Floats, arm: Floats
     ) -> JointLaws:
         """Collect the signals.
 
@@ -82,14 +82,17 @@ class JointLaws:
             Of the motors, and through the gears.
         variance : ndarray, shape (r, H, 2n)
             Of both.
-        locked : ndarray, shape (r, n)
-            Resonances with the motors locked, rad/s.
+        arm : ndarray, shape (r, n, n)
+            M2⁻¹ of every record.
         """
         n, H = angle.shape[2], angle.shape[1]
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
         clear[:, 0] = True
         samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
-        low = np.abs(s)[:, None] < locked[..., None]
+        arm_angle = (arm @ torque[:, 0, :, None])[..., 0] / s[:, :1] ** 2
+        size = np.maximum(np.abs(angle[:, 0] - arm_angle), np.finfo(float).tiny)
+        locked = np.median(np.sqrt(np.abs(arm_angle) / size) * np.abs(s[:, :1]), axis=0)
+        low = np.abs(s)[:, None] < locked[:, None]
         low = low[..., : max(int(low.sum(axis=2).max()), 0)]
         return cls(s, clear[..., n:], np.asarray(np.abs(torque[:, 0]).max(axis=0)), samples, low)
 
@@ -169,7 +172,9 @@ class JointLaws:
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
-        return phasors_of(dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]), H).swapaxes(1, 2)
+        return phasors_of(dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]), H).swapaxes(
+            1, 2
+        )
 
     def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""

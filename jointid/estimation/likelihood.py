@@ -38,8 +38,8 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
-_EVALUATIONS, _LAW_EVALUATIONS = 150, 15
-"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes eight."""
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 40
+"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes ten."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12

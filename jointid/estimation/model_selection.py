@@ -68,7 +68,9 @@ _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
-_MOST_SLOW_FITS = 6
+_FAR_LAWS, _ROUGH = ("cubic", "backlash", "hysteresis"), 0.1
+"""Laws that are fitted where the linear fit is lost, and damping over stiffness at their start."""
+_MOST_SLOW_FITS = 8
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
@@ -144,6 +146,21 @@ def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
     return starts
 
 
+def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+
+    The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    """
+    s = 1j * phasors.omega[:, None]
+    torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
+    arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
+    delta = phasors.q - arm
+    product = torque * delta.conj() / np.abs(arm) ** 2
+    K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
+    layout = ParameterLayout.of(phasors.n)
+    return layout.named(layout.pack(K=np.abs(K), D=_ROUGH * np.abs(K / phasors.omega.max())))
+
+
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
     """The parameters, with the mean of the lags as the delay where there are lags."""
     p = estimate.named
@@ -175,9 +192,9 @@ class _Search:
         rubbing = replace(self.base, reversal=0.0)
         if self.misfit(self.base) >= _LOST and "friction" in self.optional:
             self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
-        for law in ("cubic", "backlash"):  # and so does a gear that is far from linear
-            if self.misfit(self.base) >= _LOST and law in self.optional:
-                self.fit(self.base.with_part(law), self.start)
+        for law in _FAR_LAWS:  # and so does a gear that is far from linear
+            if min(self.misfit(m) for m in self.tried) >= _LOST and law in self.optional:
+                self.fit(self.base.with_part(law), _by_motion(self.phasors, self.prior))
         best = self._least(list(self.tried))
         while len(self.tried) < _MOST_FITS:
             found = [best]

@@ -36,6 +36,8 @@ _SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.3
 deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
+_LARGEST = 4.0
+"""Upper bound on play and hysteresis over the largest linear wind-up and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
@@ -96,6 +98,10 @@ class Problem:
             if name in self.layout and self.laws is not None:
                 share = p[name] / self.laws.units(p)[name]
                 if np.any((share < _SHARPEST) | (share > _SLOWEST)):
+                    return False
+        for name in ("backlash", "hysteresis"):
+            if name in self.layout and self.laws is not None:
+                if np.any(np.abs(p[name]) > _LARGEST * self.laws.units(p)[name]):
                     return False
         if "piecewise" in self.layout:
             least = np.minimum(p["piecewise"], p["piecewise"] + p["second_bend"])
@@ -184,8 +190,8 @@ def make_problem(
         inertial = (s * s)[..., None] * prior.M[prior.rotor, None]
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
         variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
-        locked = np.sqrt(stiffness / np.einsum("pjj->pj", prior.M2))[prior.pose]
-        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance, locked)
+        arm = inverse(prior.M2)[prior.pose]
+        laws = JointLaws.of(s, z[..., :n], z[..., n:] - inertial * z[..., :n], variance, arm)
     return Problem(
         s=s,
         z=z,

@@ -74,7 +74,7 @@ class Gear:
         share = {
             "hardening": abs(self.cubic) * size**2,
             "piecewise": self.K2 and abs(_bend(self, size)) / size,
-            "backlash": 0.5 * self.backlash_rad * self.K / size,
+            "backlash": 0.5 * self.backlash_rad * (self.K or 1.0) / size,
             "hysteresis": self.hysteresis_Nm / size,
         }
         present = sorted((name for name in share if share[name]), key=lambda name: -share[name])
@@ -101,7 +101,7 @@ class Gear:
         torque = np.asarray(torque_Nm, dtype=np.float64)
         size = np.abs(torque)
         flattest = np.sqrt(self.K / (-3 * self.cubic)) if self.cubic < 0 else np.inf
-        slope = min(self.K, *((self.K2, self.K3) if self.K2 else ()))
+        slope = min(self.K, self.K2, self.K3) if self.K2 else self.K
         low = np.full(size.shape, 0.5 * self.backlash_rad)
         high = low + np.minimum(size / slope if self.cubic >= 0 else np.inf, flattest)
         for _ in range(_BISECTIONS):
@@ -133,7 +133,7 @@ def knees(gear: Gear) -> tuple[tuple[float, float], tuple[float, float]]:
     """Deflections at T1 and T2, rad, and the changes of slope there, N·m/rad."""
     if not gear.K2:
         return (0.0, 0.0), (0.0, 0.0)
-    first = gear.T1_Nm / gear.K
+    first = gear.T1_Nm / (gear.K or gear.K2)
     return (first, first + (gear.T2_Nm - gear.T1_Nm) / gear.K2), (gear.K2 - gear.K, gear.K3 - gear.K2)
 
 

@@ -71,6 +71,8 @@ class WoundGears:
             samples = samples_of(delta, points)
             beyond, slope = beyond_linear(laws, samples, H)
             spread = _spread(slope, m, H)
+            if laws.hysteretic:
+                spread = spread + _loop_spread(laws, samples, m, H)
             inward = own + spread[..., [*range(m), *range(H, H + m)]].swapaxes(2, 3)
             inward = np.where(both[..., None], inward, np.eye(2 * m))
             inverse = np.linalg.inv(inward)
@@ -87,7 +89,10 @@ class WoundGears:
         return -self.beyond / self.stiffness
 
     def change(
-        self, f: Complexes | float = 0.0, beyond: Complexes | float = 0.0, stiffness: Complexes | float = 0.0
+        self,
+        f: Complexes | float = 0.0,
+        beyond: Complexes | float = 0.0,
+        stiffness: Complexes | float = 0.0,
     ) -> Complexes:
         """Change of w, shape (r, n, H), with changes of the torque, of g at given δ, and of κ."""
         m, H = self.low.shape[2], self.beyond.shape[2]
@@ -105,12 +110,14 @@ class WoundGears:
 
 
 def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Floats]:
-    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and its slope at the samples.
+    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and the slope of all but the loop.
 
     Play, changes of slope and hysteresis are averaged over each step between samples, in which the
     deflection moves uniformly, by their energy and by Dahl's exponential: an edge within a step is exact.
     """
-    found = phasors_of(laws.smooth(delta), H) if laws.hardens else np.zeros((*delta.shape[:-1], H), complex)
+    found = (
+        phasors_of(laws.smooth(delta), H) if laws.hardens else np.zeros((*delta.shape[:-1], H), complex)
+    )
     slope = laws.smooth_slope(delta) if laws.hardens else np.zeros_like(delta)
     if not (laws.plays or laws.bent or laws.hysteretic):
         return found, slope
@@ -122,12 +129,12 @@ def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Flo
     energy = laws.kinked_energy(delta)
     mean = (energy - np.roll(energy, 1, axis=-1)) / move
     if laws.hysteretic:
-        z = dahl(delta, laws.sharpness)
+        z = dahl(delta, laws.sharpness)  # its slope depends on all moves before: ``_loop_spread``
         change = z - np.roll(z, 1, axis=-1)
         average = np.sign(move) - change / np.where(
             laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0
         )
-        mean, torque = mean + laws.level * average, torque + laws.level * z
+        mean = mean + laws.level * average
     turn = np.arange(1, H + 1) / points
     found = found + phasors_of(mean, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
     steep = (torque - np.roll(torque, 1, axis=-1)) / move
@@ -136,17 +143,38 @@ def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Flo
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    step = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
-    decay = np.exp(-np.abs(step) * sharpness[..., 0])
-    drive = np.sign(step) * (1 - decay)
-    z, last = np.zeros(step.shape), np.zeros(step.shape[1:])
-    for k in range(len(step)):
+    move = _moves(delta)
+    decay = np.exp(-np.abs(move) * sharpness[..., 0])
+    return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
+
+
+def _moves(delta: Floats) -> Floats:
+    """Moves to the next sample, first axis time."""
+    return np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
+
+
+def _periodic(decay: Floats, drive: Floats) -> Floats:
+    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time."""
+    z, last = np.zeros_like(drive), np.zeros(drive.shape[1:])
+    for k in range(len(drive)):
         last = drive[k] + decay[k] * last
     last /= np.maximum(1 - np.prod(decay, axis=0), 1e-9)
-    for k in range(len(step)):
+    for k in range(len(drive)):
         z[k] = last
         last = drive[k] + decay[k] * last
-    return np.moveaxis(z, 0, -1)
+    return z
+
+
+def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
+    """As ``_spread``, for the torque of the hysteresis, which depends on all moves before."""
+    waves = synthesis(H, delta.shape[-1])
+    inner = waves[[*range(m), *range(H, H + m)]]
+    move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
+    decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
+    gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
+    changes = _periodic(decay[..., None], gain[..., None] * _moves(inner)[:, None, None])
+    parts = np.moveaxis(changes, 0, -1) @ waves.T * (2 / delta.shape[-1])
+    return np.asarray(laws.level[..., None] * parts)
 
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.gears.gear import Gear, knees
 
+
 @dataclass(frozen=True, eq=False)
 class GearLaws:
     """Springs f = K e + cubic e³ + bends + level z of gears; arrays that broadcast to one shape."""
@@ -95,6 +96,17 @@ class GearLaws:
         """Torque in addition to K δ, with the hysteresis in the state ``loop``."""
         return np.asarray(self.smooth(delta) + self.kinked(delta) + self.level * loop)
 
+    def wound(self, delta: Floats, loop: Floats, move: Floats) -> tuple[Floats, Floats]:
+        """Torque without damping after a move to a deflection, and its slope."""
+        after = self.loop(loop, move) if self.hysteretic else loop
+        e = self._beyond_play(delta)
+        slope = np.where(e == 0, 0.0, self.K) if self.plays else self.K
+        for at, bend in zip(self.knees, self.bends, strict=True):
+            slope = slope + bend * (np.abs(e) > at)
+        sign = np.sign(move)
+        slope = slope + 3 * self.cubic * e * e + self.level * self.sharpness * (1 - sign * after)
+        return self.K * delta + self.beyond_linear(delta, after), np.asarray(slope)
+
     def loop(self, before: Floats, move: Floats) -> Floats:
         """State z of the hysteresis after a move of the deflection in one direction."""
         sign = np.sign(move)
@@ -107,3 +119,17 @@ class GearLaws:
 def _beyond(x: Floats, edge: Floats) -> Floats:
     """Part of x beyond ± edge; np.clip is slower on small arrays."""
     return np.asarray(x - np.minimum(np.maximum(x, -edge), edge))
+
+
+class GearState:
+    """Gears in a simulation, with the state of their hysteresis."""
+
+    def __init__(self, laws: GearLaws, delta: Floats) -> None:
+        self._laws, self._delta, self._loop = laws, delta.reshape(len(delta), -1), 0.0 * laws.K
+
+    def torque(self, delta: Floats) -> Floats:
+        """Torque beyond K δ at the next deflection, shape (n, runs)."""
+        if self._laws.hysteretic:
+            self._loop = self._laws.loop(self._loop, delta - self._delta)
+            self._delta = delta
+        return self._laws.beyond_linear(delta, self._loop)

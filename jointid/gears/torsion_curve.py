@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.phasors.periods import samples_of
+from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 256
 """Samples of a period."""
@@ -39,6 +39,18 @@ class TorsionCurve:
     def amplitude_Nm(self) -> Floats:
         """Half the peak-to-peak torque of each record, shape (records,), N·m."""
         return np.asarray(0.5 * np.ptp(self.torque_Nm, axis=1))
+
+    @property
+    def stiffness(self) -> tuple[Floats, Floats, Floats]:
+        """Real part of torque over wind-up at the fundamental, its noise, and the torque amplitude.
+
+        Each shape (records,); N·m/rad, N·m/rad and N·m.
+        """
+        delta, torque = (phasors_of(v, 1)[:, 0] for v in (self.deflection_rad, self.torque_Nm))
+        size = np.maximum(np.abs(delta), np.finfo(float).tiny)
+        K = (torque / np.where(delta == 0, size, delta)).real
+        noise = np.hypot(self.torque_noise_Nm, np.abs(K) * self.deflection_noise_rad) / size
+        return np.asarray(K), np.asarray(noise), np.abs(torque)
 
 
 def torsion_curves(
