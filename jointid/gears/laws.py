@@ -78,19 +78,22 @@ class GearLaws:
 
     def kinked(self, delta: Floats) -> Floats:
         """Torque beyond K δ of play and changes of slope."""
-        e = self._beyond_play(delta)
-        torque = self.K * (e - delta)
-        for at, bend in zip(self.knees, self.bends, strict=True):
-            torque = torque + bend * _beyond(e, at) if self.bent else torque
+        torque = -self.K * self._within_play(delta)
+        if self.bent:
+            e = self._beyond_play(delta)
+            for at, bend in zip(self.knees, self.bends, strict=True):
+                torque = torque + bend * _beyond(e, at)
         return np.asarray(torque)
 
     def kinked_energy(self, delta: Floats) -> Floats:
         """Integral of ``kinked`` over the deflection."""
-        e = self._beyond_play(delta)
-        energy = self.K * (e * e - delta * delta)
-        for at, bend in zip(self.knees, self.bends, strict=True):
-            energy = energy + bend * _beyond(e, at) ** 2 if self.bent else energy
-        return np.asarray(0.5 * energy)
+        part = self._within_play(delta)
+        energy = -self.K * part * (delta - 0.5 * np.abs(part) * np.sign(delta))
+        if self.bent:
+            e = self._beyond_play(delta)
+            for at, bend in zip(self.knees, self.bends, strict=True):
+                energy = energy + 0.5 * bend * _beyond(e, at) ** 2
+        return np.asarray(energy)
 
     def beyond_linear(self, delta: Floats, loop: Floats) -> Floats:
         """Torque in addition to K δ, with the hysteresis in the state ``loop``."""
@@ -112,8 +115,15 @@ class GearLaws:
         sign = np.sign(move)
         return np.asarray(sign + (before - sign) * np.exp(-np.abs(move) * self.sharpness))
 
+    def _within_play(self, delta: Floats) -> Floats:
+        """Deflection within the play; of a negative one, as a fit may try, with the other sign."""
+        if not self.plays:
+            return np.zeros_like(delta)
+        edge = np.abs(self.half_play)
+        return np.asarray(np.sign(self.half_play) * np.minimum(np.maximum(delta, -edge), edge))
+
     def _beyond_play(self, delta: Floats) -> Floats:
-        return _beyond(delta, self.half_play) if self.plays else delta
+        return delta - self._within_play(delta) if self.plays else delta
 
 
 def _beyond(x: Floats, edge: Floats) -> Floats:
