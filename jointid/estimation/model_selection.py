@@ -69,7 +69,8 @@ _OCCAM = 1 / 20
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
 _FAR_LAWS, _ROUGH = ("cubic", "backlash", "hysteresis"), 0.1
-"""Laws that are fitted where the linear fit is lost, and damping over stiffness at their start."""
+"""Laws that are fitted where the linear fit is lost; at their start damping over stiffness, and
+hysteresis over the largest torque and deflection."""
 _MOST_SLOW_FITS = 8
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
@@ -157,8 +158,15 @@ def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     delta = phasors.q - arm
     product = torque * delta.conj() / np.abs(arm) ** 2
     K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
-    layout = ParameterLayout.of(phasors.n)
-    return layout.named(layout.pack(K=np.abs(K), D=_ROUGH * np.abs(K / phasors.omega.max())))
+    layout = ParameterLayout.of(phasors.n, effects=["hysteresis"])
+    return layout.named(
+        layout.pack(
+            K=np.abs(K),
+            D=_ROUGH * np.abs(K / phasors.omega.max()),
+            hysteresis=_ROUGH * np.abs(torque).max(axis=0),
+            presliding=_ROUGH * np.abs(delta).max(axis=0),
+        )
+    )
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:

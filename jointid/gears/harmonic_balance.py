@@ -14,8 +14,8 @@ _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
-_NEWTON, _CONVERGED = 8, 1e-7
-"""Most Newton steps for the wind-up, and the step over the largest wind-up that ends them."""
+_NEWTON, _CONVERGED = 24, 1e-7
+"""Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
 _RESOLVED = 1e-9
 """Least move between samples, over the largest deflection."""
 
@@ -66,21 +66,26 @@ class WoundGears:
         k, j = stiffness[..., :m], np.arange(m)
         own[..., j, j] = own[..., m + j, m + j] = k.real
         own[..., j, m + j], own[..., m + j, j] = -k.imag, k.imag
-        size = np.abs(delta).max(axis=2, keepdims=True)
-        for _ in range(_NEWTON):
+        size = np.abs(f).max(axis=2) + np.finfo(float).tiny
+        before, least = delta.copy(), np.full(size.shape, np.inf)
+        step = np.zeros((*size.shape, m), complex)
+        for turn in range(_NEWTON):
             samples = samples_of(delta, points)
             beyond, slope = beyond_linear(laws, samples, H)
             spread = _spread(slope, m, H)
             if laws.hysteretic:
                 spread = spread + _loop_spread(laws, samples, m, H)
             inward = own + spread[..., [*range(m), *range(H, H + m)]].swapaxes(2, 3)
-            inward = np.where(both[..., None], inward, np.eye(2 * m))
-            inverse = np.linalg.inv(inward)
+            inverse = np.linalg.inv(np.where(both[..., None], inward, np.eye(2 * m)))
             left = np.where(low, (f - stiffness * delta - beyond)[..., :m], 0)
-            step = _complex(inverse @ _parts(left)[..., None])[..., 0]
-            delta[..., :m] += step
-            if m == 0 or not np.any(np.abs(step) > _CONVERGED * size):
+            size_left = np.linalg.norm(left, axis=2)
+            if turn == _NEWTON - 1 or not np.any(size_left > _CONVERGED * size):
                 break
+            better = (size_left < least)[..., None]  # where it is not, half the step before
+            least = np.minimum(size_left, least)
+            before[..., :m] = np.where(better, delta[..., :m], before[..., :m])
+            step = np.where(better, _complex(inverse @ _parts(left)[..., None])[..., 0], 0.5 * step)
+            delta[..., :m] = before[..., :m] + step
         return cls(stiffness, beyond, samples, low, spread, inverse)
 
     @property
