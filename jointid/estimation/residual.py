@@ -99,10 +99,10 @@ class Problem:
                 share = p[name] / self.laws.units(p)[name]
                 if np.any((share < _SHARPEST) | (share > _SLOWEST)):
                     return False
-        for name in ("backlash", "hysteresis"):
-            if name in self.layout and self.laws is not None:
-                if np.any(np.abs(p[name]) > _LARGEST * self.laws.units(p)[name]):
-                    return False
+        units = {} if self.laws is None else self.laws.units(p)
+        bounded = [name for name in ("backlash", "hysteresis") if name in self.layout]
+        if any(np.any(np.abs(p[name]) > _LARGEST * units[name]) for name in bounded):
+            return False
         if "piecewise" in self.layout:
             least = np.minimum(p["piecewise"], p["piecewise"] + p["second_bend"])
             if np.any(p.K + least < _FLATTEST * p.K):

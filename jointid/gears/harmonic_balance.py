@@ -22,7 +22,7 @@ _RESOLVED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class WoundGears:
-    """Solution of κ δ + g(δ) = f for gears with the linear dynamic stiffness κ and the torque g beyond it.
+    """Solution of κ δ + g(δ) = f for gears with linear dynamic stiffness κ and the torque g beyond.
 
     A deflection is smooth, the torque through a play is not: where the arm moves less than the gear
     winds up by the same torque, below its resonance with the motor locked, the harmonics of δ follow
@@ -115,10 +115,11 @@ class WoundGears:
 
 
 def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Floats]:
-    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and the slope of all but the loop.
+    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and its slope without the loop.
 
     Play, changes of slope and hysteresis are averaged over each step between samples, in which the
-    deflection moves uniformly, by their energy and by Dahl's exponential: an edge within a step is exact.
+    deflection moves uniformly, by their energy (the discrete gradient of Gonzalez, Journal of Nonlinear
+    Science 6, 1996) and by Dahl's exponential: an edge within a step is exact.
     """
     found = (
         phasors_of(laws.smooth(delta), H) if laws.hardens else np.zeros((*delta.shape[:-1], H), complex)

@@ -46,12 +46,10 @@ class GearLaws:
         names = ("K", "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad")
         K, cubic, play, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
         at, bends = np.moveaxis(np.array([knees(gear) for gear in gears]), 0, -1)
-        column = (slice(None), None)
-        return cls.made(
-            *(v[column] for v in (n**2 * K, n**4 * cubic, play / n, n * level, presliding / n)),
-            [(x / n)[column] for x in at],
-            [(n**2 * x)[column] for x in bends],
-        )
+        arm = (n**2 * K, n**4 * cubic, play / n, n * level, presliding / n)
+        K, cubic, play, level, presliding = (v[:, None] for v in arm)
+        at, bends = (at / n)[..., None], (n**2 * bends)[..., None]
+        return cls.made(K, cubic, play, level, presliding, (at[0], at[1]), (bends[0], bends[1]))
 
     @classmethod
     def made(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jointid.answer import EFFECT_PARAMETERS, effect_values
-from jointid.rounding import with_error
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.rounding import significant, with_error
 from jointid.verdict.evidence import Evidence, Finding, note
+from jointid.wording import enumerated
 
 _REMEDIES = {
     "arm_viscous": ("There is viscous friction at the arm", ""),
@@ -44,6 +46,9 @@ _REMEDIES = {
 }
 """Title and remedy by effect, that is by its first parameter."""
 
+_DOUBT = 10.0
+"""Difference of the criterion up to which a model is a rival of the chosen one."""
+
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Every effect that the chosen model has, with its size."""
@@ -56,5 +61,28 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             for j, (size, error) in enumerate(zip(sizes, errors, strict=True), start=1)
         )
         title, remedy = _REMEDIES[name]
+        if name in GEAR_LAWS:
+            remedy = f"{remedy} {_settled_by(evidence)}".strip()
         detail = f"{label[:1].upper()}{label[1:]}: {values} {unit}".rstrip()
         yield note(title, f"{detail}. The answer accounts for it.", remedy, 0.01)
+
+
+def _settled_by(evidence: Evidence) -> str:
+    """Range of torque that was tried, and the records that settle a doubt between two laws."""
+    fit = evidence.fit
+    tried = enumerated(
+        [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
+    )
+    own = {EFFECTS[law].name for law in GEAR_LAWS if law in fit.parameters.layout}
+    best = min((c.criterion for c in fit.candidates if c.chosen), default=0.0)
+    rivals = {
+        EFFECTS[law].name
+        for law in GEAR_LAWS
+        for c in fit.candidates
+        if c.criterion < best + _DOUBT and EFFECTS[law].name in c.name
+    } - own
+    doubt = (
+        f" Another law, {enumerated(sorted(rivals))}, explains the records almost as well: records of a "
+        "second amplitude, half as large, settle it."
+    )
+    return f"Tried up to {tried}.{doubt if rivals else ''}"

@@ -110,8 +110,8 @@ def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
             results.gears,
             f"{stem}_gears.csv",
             "text/csv",
-            hint="Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D Lookup "
-            "Table in Simulink, a CombiTable1Ds in Modelica, or an own controller.",
+            hint="Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
+            "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller.",
         )
         if analysis.transfer_matrices:
             download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
