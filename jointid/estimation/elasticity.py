@@ -386,8 +386,8 @@ def _fit(
 
 def _linear_curves(phasors: Phasors, prior: InertiaPrior) -> tuple[TorsionCurve, ...]:
     """Torsion curves with the inertias as given, and without friction."""
-    s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1))
-    squared = s[..., None] ** 2
+    s: Complexes = np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1))
+    squared: Complexes = s[..., None] * s[..., None]
     arm = inverse(prior.M2)[prior.pose, None] / squared[..., None]
-    own = np.asarray(squared * prior.M[prior.rotor, None])
+    own: Complexes = np.asarray(squared * prior.M[prior.rotor, None])
     return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)

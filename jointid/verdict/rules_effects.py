@@ -81,8 +81,9 @@ def _settled_by(evidence: Evidence) -> str:
         for c in fit.candidates
         if c.criterion < best + _DOUBT and EFFECTS[law].name in c.name
     } - own
-    doubt = (
-        f" Another law, {enumerated(sorted(rivals))}, explains the records almost as well: records of a "
-        "second amplitude, half as large, settle it."
+    if not rivals:
+        return f"Tried up to {tried}."
+    return (
+        f"Tried up to {tried}. Another law, {enumerated(sorted(rivals))}, explains the records almost as "
+        "well: records of a second amplitude, half as large, settle it."
     )
-    return f"Tried up to {tried}.{doubt if rivals else ''}"
