@@ -6,7 +6,13 @@ from jointid import JointIdError
 from jointid.cut.robot import cut_robot
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.animation import show_animation
-from jointid.ui.cut.panels import headline, show_assumptions, show_meaning, show_rule
+from jointid.ui.cut.panels import (
+    headline,
+    show_assumptions,
+    show_gears,
+    show_meaning,
+    show_rule,
+)
 from jointid.ui.cut.pictures import show_figure_7
 from jointid.ui.cut.settings import ask, nominal_name
 from jointid.ui.cut.time_series import show_time_series
@@ -41,6 +47,7 @@ st.subheader(headline(outcome), anchor=False)
 show_rule(outcome.robot)
 show_animation(outcome, name, dark=page.dark)
 show_meaning(outcome, settings)
+show_gears(page, settings, outcome.robot)
 
 st.subheader("Three corner zones", anchor=False)
 st.caption(
