@@ -147,7 +147,8 @@ def found(case: Case, runs: int, first: int = 0) -> list[Found]:
 COLUMNS = {
     "gears": "", "runs": ".0f", "laws right": ".0f", "law off, median %": ".2f",
     "law off, most %": ".1f", "torque off, most %": ".2f", "K off, most %": ".2f",
-    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f", "95 % holds": ".1f", "silent wrong": ".0f", "with alarm": ".0f",
+    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f", "95 % holds": ".1f",
+    "silent wrong": ".0f", "with alarm": ".0f",
     "CPU s, median": ".2f", "CPU s, most": ".2f", "models": "",
 }  # fmt: skip
 

@@ -12,7 +12,7 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class JointLaws:
     """Motor angles over a period, shape (r, n, t), rad."""
     low: np.ndarray
     """Harmonics at which the arm moves less than the gear winds up, shape (r, n, m)."""
+    latest: list[Complexes] = field(default_factory=list)
+    """Wind-up at these harmonics as last solved, from which the next solution starts."""
 
     @classmethod
     def of(
@@ -129,7 +131,11 @@ class JointLaws:
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            return WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low)
+            start = self.latest[-1] if self.latest else None
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, start)
+        delta = found.delta[..., : self.low.shape[2]]
+        self.latest[:] = [delta] if np.isfinite(delta).all() else []
+        return found
 
     def slopes(
         self,

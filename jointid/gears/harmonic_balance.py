@@ -14,7 +14,7 @@ _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
-_NEWTON, _CONVERGED = 24, 1e-7
+_NEWTON, _CONVERGED = 24, 1e-6
 """Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
 _RESOLVED = 1e-9
 """Least move between samples, over the largest deflection."""
@@ -44,9 +44,15 @@ class WoundGears:
 
     @classmethod
     def solve(
-        cls, laws: GearLaws, stiffness: Complexes, f: Complexes, moved: Complexes, low: np.ndarray
+        cls,
+        laws: GearLaws,
+        stiffness: Complexes,
+        f: Complexes,
+        moved: Complexes,
+        low: np.ndarray,
+        start: Complexes | None = None,
     ) -> WoundGears:
-        """Solve by Newton steps from the linear deflection.
+        """Solve by Newton steps, from the linear deflection where no better one is known.
 
         Parameters
         ----------
@@ -56,11 +62,15 @@ class WoundGears:
             κ, the torque, and the deflection by the motions of motor and arm.
         low : ndarray, shape (r, n, m)
             Harmonics whose deflection follows from the torque.
+        start : ndarray, shape (r, n, m), optional
+            Their deflection at similar parameters.
         """
         H, m = f.shape[2], low.shape[2]
         points = _POINTS * max(H, _LEAST_HARMONICS)
         delta = moved.copy()
-        delta[..., :m] = np.where(low, (f / stiffness)[..., :m], moved[..., :m])
+        delta[..., :m] = np.where(
+            low, (f / stiffness)[..., :m] if start is None else start, moved[..., :m]
+        )
         both = np.concatenate([low, low], axis=2)
         own = np.zeros((*low.shape[:2], 2 * m, 2 * m))
         k, j = stiffness[..., :m], np.arange(m)

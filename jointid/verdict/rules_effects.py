@@ -84,6 +84,6 @@ def _settled_by(evidence: Evidence) -> str:
     if not rivals:
         return f"Tried up to {tried}."
     return (
-        f"Tried up to {tried}. Another law, {enumerated(sorted(rivals))}, explains the records almost as "
-        "well: records of a second amplitude, half as large, settle it."
+        f"Tried up to {tried}. Another law, {enumerated(sorted(rivals))}, explains the records almost "
+        "as well: records of a second amplitude, half as large, settle it."
     )
