@@ -123,13 +123,14 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
     assert seen.headings[1:] == [
         "Answer",
         "Verdict",
+        "Torsion curves of the gears",
         "Model over measurement",
         "What it is worth on the path",
         "How it was obtained",
         "Records",
         "To the last digit",
     ]
-    assert seen.images == 4  # Figures 3, 4, 5 and 7 of the paper
+    assert seen.images == 6  # two torsion curves, Figures 3, 4, 5 and 7 of the paper
     outcome = study_outcome(analyses[2])
     assert outcome is not None
     assert f"{millimetres(outcome.before_m)} before" in html

@@ -198,12 +198,12 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
     """
     error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     found = {}
-    for name, (field, judge) in _GEAR_FIELDS.items():
+    for name, (target, judge) in _GEAR_FIELDS.items():
         if name in p.layout:
             clear = np.abs(p[judge]) > _SIGNIFICANT * error[p.layout[judge]]
             if EFFECTS[judge].positive:
                 clear &= p[judge] > 0
-            found[field] = np.where(clear, p[name], 0.0).tolist()
+            found[target] = np.where(clear, p[name], 0.0).tolist()
     if "piecewise" in p.layout:
         found |= _slopes(p)
     return tuple(
