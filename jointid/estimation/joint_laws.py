@@ -205,7 +205,7 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
                 clear &= p[judge] > 0
             found[target] = np.where(clear, p[name], 0.0).tolist()
     if "piecewise" in p.layout:
-        found |= _slopes(p)
+        found |= _slopes(p, error)
     return tuple(
         Gear(
             K=max(float(p.K[j]), 0.0),
@@ -217,12 +217,14 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
     )
 
 
-def _slopes(p: Parameters) -> dict[str, list[float]]:
-    """Three slopes and their torques as in catalogues."""
+def _slopes(p: Parameters, error: Floats) -> dict[str, list[float]]:
+    """Three slopes and their torques as in catalogues; zero at joints without a significant change."""
+    bends = ("piecewise", "second_bend")
+    clear = np.any([np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in bends], axis=0)
     K2 = p.K + p["piecewise"]
     T1 = p.K * p["knee"]
     found = {"K2": K2, "K3": K2 + p["second_bend"], "T1_Nm": T1, "T2_Nm": T1 + K2 * p["second_knee"]}
-    return {name: values.tolist() for name, values in found.items()}
+    return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
 
 
 def _points(H: int) -> int:

@@ -39,7 +39,9 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
     traces: list[Trace] = []
     frequency = np.log(curve.frequency_hz)
     span = max(float(np.ptp(frequency)), 1e-9)
-    for r in drawn_records(curve.amplitude_Nm):
+    shown = drawn_records(curve.amplitude_Nm)
+    named = {min(shown, key=lambda r: frequency[r]), max(shown, key=lambda r: frequency[r])}
+    for r in shown:
         share = (frequency[r] - frequency.min()) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (curve.deflection_rad, curve.torque_Nm))
         name = f"{curve.frequency_hz[r]:.3g} Hz"
@@ -50,7 +52,8 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
         colour = _SCALE[round(float(share))]
         traces.append(line(1e3 * both, edge, name, colour, fill="toself", fillcolor=colour, **band))
         hover = f"%{{x:.4g}} mrad<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{name}</extra>"
-        traces.append(line(1e3 * x, y, name, colour, line={"width": 1.2}, hovertemplate=hover))
+        style = {"line": {"width": 1.2}, "hovertemplate": hover, "showlegend": r in named}
+        traces.append(line(1e3 * x, y, name, colour, **style))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 401)
     hover = "%{x:.4g} mrad<br>%{y:.4g} N·m<extra>fitted law</extra>"
     law = {"line": {"width": 3}, "hovertemplate": hover}
