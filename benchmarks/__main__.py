@@ -31,6 +31,8 @@ LONG = {
     "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",
+    "setpoints": "10,000 random experiments as set points: no limit exceeded in a written file",
+    "mutated_logs": "100,000 damaged logs over all readers: only tables and JointIdError",
     "friction": "what friction and an untold delay do to the estimators",
     "app": "the app in a real browser",
     "sessions": "twenty people at one server",

@@ -1,3 +1,5 @@
+from .arm_side.identify import ArmSideFit as ArmSideFit
+from .arm_side.identify import identify_arm_side as identify_arm_side
 from .cut.arm import PlanarArm as PlanarArm
 from .cut.rectangle import rectangle as rectangle
 from .cut.tracking import TrackingRun as TrackingRun
@@ -20,7 +22,9 @@ from .joints import motor_response as motor_response
 from .joints import resonances as resonances
 from .phasors.extract import Phasors as Phasors
 from .phasors.extract import extract_phasors as extract_phasors
+from .records import MotionRecord as MotionRecord
 from .records import SineRecord as SineRecord
+from .robot_models.model import RobotModel as RobotModel
 from .simulation.closed_loop import simulate_records as simulate_records
 from .simulation.experiment import Controller as Controller
 from .simulation.experiment import Excitation as Excitation

@@ -10,11 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag, eigh
 
 from jointid.arrays import Complexes, Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.small_matrices import inverse
 from jointid.wording import counted
+
+_SLOWEST = 1e-3
+"""Frequency that stands for zero where gravity acts, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,9 @@ class Inertia:
     added : array_like, shape (n, n), optional
         The part of M2 that is known exactly, kg·m²: a payload of known mass at a known place. What is
         said of M2's uncertainty holds for M2 − added. By default zero.
+    gravity : array_like, shape (n, n), optional
+        Stiffness of gravity, the derivative of the static torque by the joint angles, motor side,
+        N·m/rad; exact. By default zero: a horizontal arm.
 
     Raises
     ------
@@ -44,8 +51,16 @@ class Inertia:
     """Arm inertia matrix, shape (n, n), kg·m²."""
     added: Floats
     """Exactly known part of M2, shape (n, n), kg·m²; zero without one."""
+    gravity: Floats
+    """Stiffness of gravity, shape (n, n), N·m/rad; zero without it."""
 
-    def __init__(self, M: ArrayLike, M2: ArrayLike, added: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        M: ArrayLike,
+        M2: ArrayLike,
+        added: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+    ) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
         n = rotor.size
         if n == 0:
@@ -59,6 +74,7 @@ class Inertia:
         object.__setattr__(self, "M", rotor)
         object.__setattr__(self, "M2", arm)
         object.__setattr__(self, "added", frozen(known))
+        object.__setattr__(self, "gravity", _gravity(gravity, n))
 
     @property
     def n(self) -> int:
@@ -79,7 +95,36 @@ class Inertia:
             When it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
-        return Inertia(self.M, self.M2 + more, self.added + more)
+        return Inertia(self.M, self.M2 + more, self.added + more, self.gravity)
+
+
+def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) -> Floats:
+    """Return M2 − gravity/ω², shape (f, n, n): torque over acceleration of the arm at a frequency.
+
+    Parameters
+    ----------
+    omega : array_like, shape (f,)
+        Angular frequencies, rad/s; 0 counts as 0.001 rad/s where gravity acts.
+    inertia : Inertia or sequence of Inertia
+        One for all frequencies, or one for each.
+    """
+    each = [inertia] if isinstance(inertia, Inertia) else inertia
+    M2, gravity = np.array([i.M2 for i in each]), np.array([i.gravity for i in each])
+    squared = np.maximum(np.abs(np.asarray(omega, float)), _SLOWEST) ** 2
+    if not gravity.any():
+        return np.broadcast_to(M2, (squared.size, *M2.shape[1:]))
+    return np.asarray(M2 - gravity / squared[:, None, None])
+
+
+def _gravity(values: ArrayLike | None, n: int) -> Floats:
+    if values is None:
+        return frozen(np.zeros((n, n)))
+    matrix = finite_array("gravity (stiffness of gravity, N·m/rad)", values, ndim=2)
+    if matrix.shape != (n, n):
+        raise JointIdError(f"gravity has shape {matrix.shape}: expected ({n}, {n}).")
+    if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
+        raise JointIdError("gravity must be symmetric: it is the second derivative of an energy.")
+    return frozen((matrix + matrix.T) / 2)
 
 
 def _symmetric(name: str, what: str, values: ArrayLike, n: int) -> Floats:
@@ -184,7 +229,7 @@ def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -
 
 
 def motor_impedance(
-    s: Complexes, M: Floats, arm: Floats, K: Floats, D: Floats
+    s: Complexes, M: Floats, arm: Floats | Complexes, K: Floats, D: Floats
 ) -> tuple[Complexes, Complexes]:
     """Torque over angle at the motors, Z = s²(M + S⁻¹), the inverse of equation (16) times s².
 
@@ -229,7 +274,7 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
         Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
     """
     s2, spring = _laplace(omega, inertia, elasticity)
-    dynamic = inertia.M2 * s2[:, None, None] + _diagonal(spring)
+    dynamic = inertia.M2 * s2[:, None, None] + inertia.gravity + _diagonal(spring)
     response = np.full(dynamic.shape, np.inf + 0j)
     regular = np.abs(np.linalg.det(dynamic)) > 0
     response[regular] = s2[regular, None, None] * np.linalg.inv(dynamic[regular])
@@ -269,15 +314,28 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
 def _natural_frequencies_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
     """Spring deflections x obey ẍ = −(M⁻¹ + M2⁻¹)K x; a motor held still counts as M⁻¹ = 0."""
     _require_same_joints(inertia, elasticity)
+    if inertia.gravity.any():
+        return _frequencies_with_gravity_hz(inertia, elasticity, moving)
     mobility = np.linalg.inv(inertia.M2) + np.diag(np.where(moving, 1 / inertia.M, 0.0))
     root = np.sqrt(elasticity.K)
     squared = np.linalg.eigvalsh(root[:, None] * mobility * root)
     return np.sqrt(np.maximum(squared, 0.0)) / (2 * np.pi)  # rounding may be below zero
 
 
+def _frequencies_with_gravity_hz(inertia: Inertia, elasticity: Elasticity, moving: np.ndarray) -> Floats:
+    """The n highest of the arm and the moving motors: the others are the slow swings under gravity."""
+    K = np.diag(elasticity.K)
+    stiffness = np.block([[K, -K], [-K, K + inertia.gravity]])
+    kept = np.concatenate([moving, np.ones(inertia.n, bool)])
+    mass = block_diag(np.diag(inertia.M), inertia.M2)
+    squared = eigh(stiffness[np.ix_(kept, kept)], mass[np.ix_(kept, kept)], eigvals_only=True)
+    return np.asarray(np.sqrt(np.maximum(squared[-inertia.n :], 0.0)) / (2 * np.pi))
+
+
 def _arm_compliance(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> Complexes:
     s2, spring = _laplace(omega, inertia, elasticity)
-    return np.asarray(np.linalg.inv(inertia.M2) + _diagonal(s2[:, None] / spring))
+    arm = np.linalg.inv(dynamic_arm_inertia(np.ravel(omega), inertia))
+    return np.asarray(arm + _diagonal(s2[:, None] / spring))
 
 
 def _laplace(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -> tuple[Complexes, Complexes]:

@@ -1,4 +1,4 @@
-"""Log of one sine experiment: motor position and torque of n joints over time."""
+"""Logs of one experiment: motor position and torque of n joints over time."""
 
 from __future__ import annotations
 
@@ -12,10 +12,100 @@ from jointid.errors import JointIdError
 from jointid.wording import counted
 
 _GLANCE = 64
+_FEWEST = 16
+"""Samples of the shortest motion record: fewer leave no equation beside the terms of its ends."""
 
 
 @dataclass(frozen=True, eq=False)
-class SineRecord:
+class JointRecord:
+    """Fields and checks that a sine and any other motion have in common."""
+
+    time_s: Floats
+    """Sample times, shape (N,), s."""
+    theta_rad: Floats
+    """Motor angles, shape (N, n), each joint contiguous in memory, rad."""
+    tau_Nm: Floats
+    """Motor torques, shape (N, n), each joint contiguous in memory, N·m."""
+    torque_hold: bool = False
+    torque_delay_s: float = 0.0
+    start_s: float | None = None
+    pose: str | None = None
+    label: str = ""
+    start: int = field(init=False, repr=False)
+    """Index of the first sample used."""
+    interval_s: float = field(init=False)
+    """Mean sample interval of the samples used, s."""
+    jitter_s: float = field(init=False)
+    """Largest distance of a used sample time from its place on the uniform grid, s."""
+
+    def __post_init__(self) -> None:
+        delay = float(finite_array("torque_delay_s", self.torque_delay_s, ndim=0))
+        time = finite_array("time_s", self.time_s, ndim=1)
+        theta = _channels("theta_rad", self.theta_rad, time.size)
+        tau = _channels("tau_Nm", self.tau_Nm, time.size)
+        if theta.shape != tau.shape:
+            raise JointIdError(
+                f"theta_rad has {counted(theta.shape[1], 'joint')} and tau_Nm {tau.shape[1]}: "
+                "give position and torque of the same joints."
+            )
+        _require_increasing(time)
+        if not isinstance(self.torque_hold, bool | np.bool_):
+            raise JointIdError(f"torque_hold = {self.torque_hold!r}: expected true or false.")
+        if not isinstance(self.label, str) or not isinstance(self.pose, str | None):
+            raise JointIdError(f"label and pose must be text, got {self.label!r} and {self.pose!r}.")
+        start = self._first_sample(time)
+        used = time[start:]
+        interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
+        self._set(
+            time_s=time,
+            theta_rad=theta,
+            tau_Nm=tau,
+            torque_hold=bool(self.torque_hold),
+            torque_delay_s=delay,
+            start=start,
+            interval_s=interval,
+            jitter_s=float(np.abs(used - used[0] - interval * np.arange(used.size)).max()),
+        )
+
+    def _set(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def _first_sample(self, time: Floats) -> int:
+        if self.start_s is None:
+            return 0
+        begin = float(finite_array("start_s", self.start_s, ndim=0))
+        start = int(np.searchsorted(time, begin - 1e-9))
+        if start >= time.size:
+            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
+        return start
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return int(self.theta_rad.shape[1])
+
+    @property
+    def samples(self) -> int:
+        """Number of samples used, those from ``start`` on."""
+        return self.time_s.size - self.start
+
+    @property
+    def constant(self) -> np.ndarray:
+        """Whether all used samples of a signal are equal, shape (2n,): the angles, then the torques."""
+        return np.array([_is_constant(c[self.start :]) for c in (*self.theta_rad.T, *self.tau_Nm.T)])
+
+
+@dataclass(frozen=True, eq=False)
+class _OfOneFrequency:
+    """The first field of a sine record; its place in the bases makes it the first argument."""
+
+    frequency_hz: float
+    """Excitation frequency, Hz."""
+
+
+@dataclass(frozen=True, eq=False)
+class SineRecord(JointRecord, _OfOneFrequency):
     """A log of n joints that move in a sine of one known frequency under closed-loop control.
 
     Parameters
@@ -47,50 +137,16 @@ class SineRecord:
         one period of data after ``start_s``, or a frequency at or above half the sample rate.
     """
 
-    frequency_hz: float
-    """Excitation frequency, Hz."""
-    time_s: Floats
-    """Sample times, shape (N,), s."""
-    theta_rad: Floats
-    """Motor angles, shape (N, n), each joint contiguous in memory, rad."""
-    tau_Nm: Floats
-    """Motor torques, shape (N, n), each joint contiguous in memory, N·m."""
-    torque_hold: bool = False
-    torque_delay_s: float = 0.0
-    start_s: float | None = None
-    pose: str | None = None
-    label: str = ""
-    start: int = field(init=False, repr=False)
-    """Index of the first sample used."""
-    interval_s: float = field(init=False)
-    """Mean sample interval of the samples used, s."""
-    jitter_s: float = field(init=False)
-    """Largest distance of a used sample time from its place on the uniform grid, s."""
-
     def __post_init__(self) -> None:
         frequency = float(finite_array("frequency_hz", self.frequency_hz, ndim=0))
-        delay = float(finite_array("torque_delay_s", self.torque_delay_s, ndim=0))
-        time = finite_array("time_s", self.time_s, ndim=1)
-        theta = _channels("theta_rad", self.theta_rad, time.size)
-        tau = _channels("tau_Nm", self.tau_Nm, time.size)
-        if theta.shape != tau.shape:
-            raise JointIdError(
-                f"theta_rad has {counted(theta.shape[1], 'joint')} and tau_Nm {tau.shape[1]}: "
-                "give position and torque of the same joints."
-            )
         if frequency <= 0:
             raise JointIdError(f"frequency_hz = {frequency:g} Hz: must be positive.")
-        _require_increasing(time)
-        if not isinstance(self.torque_hold, bool | np.bool_):
-            raise JointIdError(f"torque_hold = {self.torque_hold!r}: expected true or false.")
-        if not isinstance(self.label, str) or not isinstance(self.pose, str | None):
-            raise JointIdError(f"label and pose must be text, got {self.label!r} and {self.pose!r}.")
-        start = self._first_sample(time)
-        used = time[start:]
-        interval = float((used[-1] - used[0]) / (used.size - 1)) if used.size > 1 else 0.0
-        if used.size * interval * frequency < 1 - 1e-9:
+        self._set(frequency_hz=frequency)
+        super().__post_init__()
+        used, interval = self.time_s.size - self.start, self.interval_s
+        if used * interval * frequency < 1 - 1e-9:
             raise JointIdError(
-                f"{used.size} usable samples last {used.size * interval:.4g} s, less than one period "
+                f"{used} usable samples last {used * interval:.4g} s, less than one period "
                 f"of {frequency:g} Hz ({1 / frequency:.4g} s). Record longer, or check frequency_hz "
                 "and the unit of time_s (seconds)."
             )
@@ -99,39 +155,6 @@ class SineRecord:
                 f"frequency_hz = {frequency:g} Hz is at or above half the sample rate of "
                 f"{1 / interval:.4g} Hz. Check frequency_hz and the unit of time_s (seconds)."
             )
-        grid = used[0] + interval * np.arange(used.size)
-        values = {
-            "frequency_hz": frequency,
-            "time_s": time,
-            "theta_rad": theta,
-            "tau_Nm": tau,
-            "torque_hold": bool(self.torque_hold),
-            "torque_delay_s": delay,
-            "start": start,
-            "interval_s": interval,
-            "jitter_s": float(np.abs(used - grid).max()),
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    def _first_sample(self, time: Floats) -> int:
-        if self.start_s is None:
-            return 0
-        begin = float(finite_array("start_s", self.start_s, ndim=0))
-        start = int(np.searchsorted(time, begin - 1e-9))
-        if start >= time.size:
-            raise JointIdError(f"start_s = {begin:g} s lies after the last sample at {time[-1]:g} s.")
-        return start
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return int(self.theta_rad.shape[1])
-
-    @property
-    def samples(self) -> int:
-        """Number of samples used, those from ``start`` on."""
-        return self.time_s.size - self.start
 
     @property
     def omega(self) -> float:
@@ -139,14 +162,79 @@ class SineRecord:
         return 2 * np.pi * self.frequency_hz
 
     @property
-    def constant(self) -> np.ndarray:
-        """Whether all used samples of a signal are equal, shape (2n,): the angles, then the torques."""
-        return np.array([_is_constant(c[self.start :]) for c in (*self.theta_rad.T, *self.tau_Nm.T)])
-
-    @property
     def periods(self) -> float:
         """Number of periods of the samples used; need not be whole."""
         return self.samples * self.interval_s * self.frequency_hz
+
+
+@dataclass(frozen=True, eq=False)
+class MotionRecord(JointRecord):
+    """A log of n joints in any motion around one pose: a sweep, random motion, the robot's own moves.
+
+    Parameters
+    ----------
+    time_s, theta_rad, tau_Nm, torque_hold, torque_delay_s, start_s, pose, label
+        As in ``SineRecord``.
+    arm_rad : array_like, shape (N, n), optional
+        Joint angles at the arm side, rad; a column of NaN for a joint without a sensor.
+    band_hz : (float, float), optional
+        Lowest and highest frequency to use, Hz. None: chosen from the record.
+
+    Raises
+    ------
+    JointIdError
+        On shapes that disagree, values that are not finite, times that do not increase, fewer than
+        16 samples after ``start_s``, or a band that is empty or reaches half the sample rate.
+    """
+
+    arm_rad: Floats | None = None
+    """Joint angles at the arm side, shape (N, n), rad; NaN columns where there is no sensor."""
+    band_hz: tuple[float, float] | None = None
+    """Lowest and highest frequency to use, Hz; None: chosen from the record."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.samples < _FEWEST:
+            raise JointIdError(
+                f"A motion record needs at least {_FEWEST} samples, this one has {self.samples}: "
+                "record longer, or correct start_s."
+            )
+        self._set(arm_rad=self._checked_arm(), band_hz=self._checked_band())
+
+    def _checked_arm(self) -> Floats | None:
+        if self.arm_rad is None:
+            return None
+        given, without = self.arm_rad, np.zeros(self.n, dtype=bool)
+        if isinstance(given, np.ndarray) and given.dtype.kind == "f" and given.size:
+            without = np.atleast_1d(np.isnan(given).all(axis=0))
+            given = np.where(without, 0.0, given)
+        arm = _channels("arm_rad", given, self.time_s.size)
+        if arm.shape[1] != self.n:
+            raise JointIdError(
+                f"arm_rad has {counted(arm.shape[1], 'joint')}, theta_rad {self.n}: give one column "
+                "per joint, NaN for a joint without a sensor."
+            )
+        arm = np.where(without, np.nan, arm)
+        arm.setflags(write=False)
+        return None if without.all() else arm
+
+    def _checked_band(self) -> tuple[float, float] | None:
+        if self.band_hz is None:
+            return None
+        band = finite_array("band_hz", self.band_hz, ndim=1)
+        if band.size != 2:
+            raise JointIdError(f"band_hz = {band.tolist()}: expected a lowest and a highest frequency.")
+        low, high = band.tolist()
+        if not 0 <= low < high:
+            raise JointIdError(
+                f"band_hz = [{low:g}, {high:g}] Hz: expected 0 ≤ lowest < highest frequency."
+            )
+        if high * self.interval_s >= 0.5:
+            raise JointIdError(
+                f"band_hz = [{low:g}, {high:g}] Hz reaches half the sample rate of "
+                f"{1 / self.interval_s:.4g} Hz. Lower it, or check the unit of time_s (seconds)."
+            )
+        return low, high
 
 
 def _is_constant(samples: Floats) -> bool:

@@ -10,12 +10,14 @@ from types import MappingProxyType
 import numpy as np
 
 from jointid.answer import answer_sentence
+from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_each
 from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import SineRecord
+from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
@@ -65,6 +67,11 @@ class Study:
         ``math.inf`` for unknown ones.
     torque_std : float, optional
         The same for the torque constant of each joint. None: not stated, and taken as exact.
+    robot_model : RobotModel, optional
+        Rigid model of the robot.
+    pose_angles_rad : mapping of str to (n,), optional
+        Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
+        inertia from the model; the others must agree with it.
 
     Raises
     ------
@@ -84,6 +91,8 @@ class Study:
     date: datetime.date | datetime.datetime | None = None
     inertia_std: float = INERTIA_STD
     torque_std: float | None = None
+    robot_model: RobotModel | None = None
+    pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -93,7 +102,7 @@ class Study:
         if not all(isinstance(record, SineRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
-        object.__setattr__(self, "poses", MappingProxyType(dict(self.poses)))
+        self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: call it something, such as stretched.")
         if self.origin not in ("", "simulated", "measured"):
@@ -123,6 +132,28 @@ class Study:
                 raise JointIdError(
                     f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
+
+    def _take_poses_from_model(self) -> None:
+        """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
+        poses, angles = dict(self.poses), {}
+        if self.robot_model is not None and self.robot_model.n != self.inertia.n:
+            raise JointIdError(
+                f"The robot's model has {counted(self.robot_model.n, 'joint')}, the study's inertia has "
+                f"{self.inertia.n}."
+            )
+        for name, value in self.pose_angles_rad.items():
+            if self.robot_model is None:
+                raise JointIdError("pose_angles_rad is given without a robot_model: give both.")
+            angles[name] = finite_array(f"angles of pose {name!r} (rad)", value, ndim=1)
+            of_model = self.robot_model.inertia(angles[name])
+            given = poses.setdefault(name, of_model) if name else self.inertia
+            if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):
+                raise JointIdError(
+                    f"{f'Pose {name}' if name else 'inertia'} has joint angles and another M2 than the "
+                    "robot's model there: leave one of them out."
+                )
+        object.__setattr__(self, "poses", MappingProxyType(poses))
+        object.__setattr__(self, "pose_angles_rad", MappingProxyType(angles))
 
     def of_pose(self, pose: str) -> np.ndarray:
         """Which records were measured in a pose, shape (r,); "" means those without one."""

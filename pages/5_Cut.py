@@ -12,27 +12,19 @@ from jointid.ui.cut.panels import (
     show_gears,
     show_meaning,
     show_rule,
+    show_servo_law,
 )
 from jointid.ui.cut.pictures import show_figure_7
 from jointid.ui.cut.settings import ask, nominal_name
 from jointid.ui.cut.time_series import show_time_series
 from jointid.ui.cut.tolerance import show_tolerance
+from jointid.ui.cut.tool_stiffness import show_tool_stiffness
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
 st.title("Cut", anchor=False)
-st.write(
-    "Springs bend while the arm accelerates, and the tool leaves its path unless the servo moves the "
-    "motors by as much in advance. It computes this deflection x from the K̂ and D̂ that it assumes: "
-    "where these are wrong, the cut is wrong."
-)
-st.latex(
-    r"""\begin{gathered}
-    \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q} + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
-    \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
-    \end{gathered}"""
-)
+stage = st.container()  # the drawing, above the controls
 analysis = page.analysis()
 try:
     robot = cut_robot(analysis)
@@ -43,20 +35,24 @@ except JointIdError as error:
     show_error(error)
     st.stop()
 name = nominal_name(settings.assumption)
-st.subheader(headline(outcome), anchor=False)
+with stage:
+    st.subheader(headline(outcome), anchor=False)
+    show_animation(outcome, name, dark=page.dark)
 show_rule(outcome.robot)
-show_animation(outcome, name, dark=page.dark)
 show_meaning(outcome, settings)
 show_gears(page, settings, outcome.robot)
 
 st.subheader("Three corner zones", anchor=False)
 st.caption(
     "As Figure 7 of the paper: larger zones are cut faster through the corner, which bends the springs "
-    "more. Grey is the reference path; below each shape stands the largest path error."
+    "more. Grey is the reference path; the largest path error is below each shape."
 )
 show_figure_7(page, settings, outcome, name)
+
+show_tool_stiffness(page, analysis, robot)
 
 show_time_series(page, settings, outcome)
 
 show_tolerance(page, settings, outcome)
+show_servo_law()
 show_assumptions()

@@ -5,18 +5,17 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.figures.plan import worst_error
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
-from jointid.ui.shared.messages import show_error, show_text_table
+from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.plan_form import (
     ask,
-    edit_plan,
     percent,
-    predicted,
-    predicted_table,
+    show_own_plan,
     suggested_columns,
     suggested_table,
     suggestion,
 )
+from jointid.ui.study.setpoints_form import show_set_points
 from jointid.wording import counted
 
 page = open_page("Plan")
@@ -52,10 +51,8 @@ download(
 )
 plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
 
-st.subheader("A plan of your own", anchor=False)
-st.write("Change the records, add some, or delete some; below stands what they would tell.")
 try:
-    told = predicted(page, edit_plan(found, page.digest), analysis, settings.pose)
-    show_text_table(predicted_table(told, analysis.fit))
+    plan = show_own_plan(page, found, analysis, settings.pose)
+    show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)

@@ -8,7 +8,7 @@ from jointid.ui.shared.page import open_page
 from jointid.ui.study import downloads, report_panel
 from jointid.wording import file_stem
 
-page = open_page("Report")
+page = open_page("Report and export")
 st.title("Report and export", anchor=False)
 st.write(
     "Everything that was found, to hand to a colleague or to take into another tool. Each file says how "

@@ -21,6 +21,7 @@ from jointid import (
     Inertia,
     Measurement,
     MotorFriction,
+    RobotModel,
     SineRecord,
     Study,
     save_study,
@@ -129,6 +130,36 @@ def manutec_r3() -> Study:
     )
 
 
+def six_axes() -> Study:
+    """A heavy robot by its joint angles, under gravity; every joint moves in every record."""
+    robot = RobotModel.load(HERE / "six_axis_robot.toml")
+    poses = {"": np.deg2rad([0.0, -60.0, 100.0, 20.0, 40.0, 10.0])}
+    inertia, N2 = robot.inertia(poses[""]), robot.gear_ratio**2
+    K = np.array([5.0e6, 7.5e6, 4.2e6, 1.3e6, 1.1e6, 0.4e6]) / N2
+    elasticity = Elasticity(K, np.array([0.003, 0.003, 0.0025, 0.002, 0.002, 0.002]) * K)
+    records = simulate_records(
+        inertia,
+        elasticity,
+        np.geomspace(5.0, 60.0, 8).round(2),
+        excitation=Excitation(velocity_rad_s=12.0, periods=8.5),
+        controller=Controller(bandwidth_hz=8.0, sample_rate_hz=1000.0),
+        friction=MotorFriction(coulomb=[0.2, 0.25, 0.2, 0.05, 0.05, 0.05], viscous=0.002),
+        measurement=Measurement(encoder_counts=1 << 20, torque_noise_Nm=0.01),
+        seed=5,
+    )
+    return Study(
+        name="Six axes of a heavy robot, from its own model",
+        origin="simulated",
+        description="A robot of our own making, given by Denavit-Hartenberg parameters and joint "
+        "angles; 5.0, 7.5, 4.2, 1.3, 1.1 and 0.4 million N·m/rad at the joints, with gravity.",
+        records=_compact(records),
+        inertia=inertia,
+        nominal=Elasticity(0.7 * elasticity.K, elasticity.D),
+        robot_model=robot,
+        pose_angles_rad=poses,
+    )
+
+
 def _compact(records: Sequence[SineRecord]) -> list[SineRecord]:
     return [
         replace(r, theta_rad=r.theta_rad.round(7), tau_Nm=r.tau_Nm.round(5), time_s=r.time_s.round(9))
@@ -142,6 +173,7 @@ if __name__ == "__main__":
         ("single_joint", single_joint()),
         ("manutec_r3.zip", manutec_r3()),
         ("worn_cell.zip", heavy_friction()),
+        ("six_axes.zip", six_axes()),
     ]:
         save_study(study, HERE / name, overwrite=True)
         print(f"{name}: {len(study.records)} records")

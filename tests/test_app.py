@@ -23,6 +23,7 @@ TITLES = {
     "pages/4_Elasticity.py": "Elasticity",
     "pages/8_Simulate.py": "Simulate a robot",
     "pages/9_Import_a_log.py": "Import a log",
+    "pages/12_Glossary.py": "Glossary",
 }
 FIGURES = {
     "pages/1_Records.py": 6,

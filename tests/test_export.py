@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from contextlib import suppress
 from dataclasses import replace
@@ -36,9 +37,11 @@ from jointid import (
 )
 from jointid.estimation.elasticity import Friction
 from jointid.exporting import (
+    LANGUAGES,
     Identification,
     Obtained,
     arm_side,
+    code_listing,
     control_frd,
     control_state_space,
     from_json,
@@ -494,3 +497,19 @@ def test_a_negative_damping_within_its_error_counts_as_zero() -> None:
     assert replace(KNOWN, D=np.array([-1e-4, 0.015])).elasticity.D[0] == 0.0
     with pytest.raises(JointIdError, match="D1"):
         _ = replace(KNOWN, D=np.array([-1.0, 0.015])).elasticity
+
+
+def test_code_is_read_by_its_language(result: Identification) -> None:
+    listings = {language: code_listing(result, language) for language in LANGUAGES}
+    names: dict[str, Any] = {}
+    exec(listings["Python"], names)
+    for read in (names, tomllib.loads(listings["TOML"])):
+        assert read["K"] == pytest.approx(result.K, rel=1e-6)
+        assert [*read["K_std"], *read["D_std"]] == pytest.approx(result.standard_error, rel=1e-6)
+    n = result.n
+    assert f"static const double D[{n}] = {{" in listings["C"]
+    assert f"K : ARRAY[1..{n}] OF LREAL := [" in listings["Structured Text"]
+    unknown = replace(result, covariance=np.diag([np.inf, *[1.0] * (2 * n - 1)]))
+    assert "% K_std: not determined by the records" in code_listing(unknown, "MATLAB")
+    with pytest.raises(JointIdError, match="'COBOL'"):
+        code_listing(result, "COBOL")

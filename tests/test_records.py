@@ -10,7 +10,7 @@ from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid import JointIdError, SineRecord, extract_phasors
+from jointid import JointIdError, MotionRecord, SineRecord, extract_phasors
 
 TIME = np.arange(1000) / 1000.0
 SINE = np.sin(2 * np.pi * 5.0 * TIME)
@@ -167,3 +167,45 @@ def test_any_increasing_times_give_a_record_or_a_reason(steps: list[float], freq
     except JointIdError:
         return
     assert made.frequency_hz * made.interval_s < 0.5
+
+
+def motion(**changes: Any) -> MotionRecord:
+    settings_: dict[str, Any] = {
+        "time_s": TIME,
+        "theta_rad": np.c_[SINE, SINE],
+        "tau_Nm": np.c_[SINE, SINE],
+    }
+    return MotionRecord(**{**settings_, **changes})
+
+
+def test_a_motion_record_has_the_checks_of_a_sine_but_no_frequency() -> None:
+    made = motion(start_s=0.25, band_hz=[2.5, 38], torque_hold=True)
+    assert (made.n, made.samples, made.band_hz) == (2, 750, (2.5, 38.0))
+    assert made.interval_s == pytest.approx(1e-3)
+    with pytest.raises(JointIdError, match="theta_rad has 2 joints and tau_Nm 1"):
+        motion(tau_Nm=SINE)
+
+
+def test_arm_angles_are_nan_only_in_columns_without_a_sensor() -> None:
+    one = motion(arm_rad=np.c_[np.full(1000, np.nan), SINE]).arm_rad
+    assert one is not None
+    assert np.isnan(one[:, 0]).all()
+    np.testing.assert_array_equal(one[:, 1], SINE)
+    assert motion(arm_rad=np.full((1000, 2), np.nan)).arm_rad is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"arm_rad": np.c_[SINE, BROKEN]}, r"arm_rad: the value at index \(17, 1\) is nan"),
+        ({"arm_rad": SINE}, "arm_rad has 1 joint, theta_rad 2"),
+        ({"arm_rad": [[1.0], [1.0, 2.0]]}, "arm_rad: expected real numbers"),
+        ({"band_hz": 5.0}, "expected a lowest and a highest"),
+        ({"band_hz": (8.0, 3.0)}, r"band_hz = \[8, 3\] Hz: expected 0 ≤ lowest"),
+        ({"band_hz": (8.0, 500.0)}, "reaches half the sample rate of 1000 Hz"),
+        ({"start_s": 0.99}, "at least 16 samples, this one has 10"),
+    ],
+)
+def test_unusable_motion_records_are_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        motion(**changes)

@@ -203,3 +203,18 @@ def test_a_damaged_study_is_told_and_the_app_goes_on(
         page.get_by_role("button", name="Dismiss").click()
     expect(page.get_by_text("mine.zip was damaged")).to_have_count(0)
     assert (server.data / "damaged" / file.name).read_bytes() == data
+
+
+def test_the_bare_address_offers_the_last_workspace(
+    server: Server, studies: dict[int, Study], visit: Visit
+) -> None:
+    quick = f"{server.address}/Import_a_log"
+    first = visit(quick, "Import a log")
+    open_file(first, "mine.zip", pack_study(studies[1]))
+    place = workspace_of(first)
+    again = visit(quick, "Import a log")
+    again.get_by_role("link", name="Continue where you left off").click()
+    finished(again, "Import a log")
+    chosen(again, "mine.zip")
+    assert workspace_of(again) == place
+    expect(again.get_by_role("link", name="Continue where you left off")).to_be_hidden()

@@ -21,10 +21,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid import Elasticity, Inertia, JointIdError, SineRecord, Study
-from jointid.files import checked_toml, record_tables
 from jointid.files import container_limits as contained
+from jointid.files import record_tables
 from jointid.files.study_files import PEEK_ROWS, load_study, pack_study, peek_study, save_study
 from jointid.files.table_preview import plottable
+from jointid.parsing import checked_toml
 
 TOML = """\
 format = 1

@@ -267,3 +267,50 @@ def test_a_difference_is_in_per_cent_of_the_chosen_estimate(
     other: float, value: float, text: str
 ) -> None:
     assert difference(other, value) == text
+
+
+LIMITS = {
+    "Gear ratios": "100, 90",
+    "Start pose (°), all axes": "0, -90, 90, 0, 45, 0",
+    "Lowest positions (°)": "-170, -100",
+    "Highest positions (°)": "170, 10",
+    "Velocities (°/s)": "200",
+    "Accelerations (°/s²)": "9000",
+    "Motor torques (N·m)": "30",
+}
+
+
+class TestSetPoints:
+    def checked(self, app: AppTest, **changed: str) -> AppTest:
+        at = opened(app, PLAN)
+        for label, text in {**LIMITS, **changed}.items():
+            next(w for w in at.text_input if w.label == label).set_value(text)
+        at = next(b for b in at.button if b.label.startswith("Check on")).click().run()
+        assert not at.exception, at.exception[0].stack_trace
+        return at
+
+    def test_without_limits_there_is_no_file(self, app: AppTest) -> None:
+        at = opened(app, PLAN)
+        assert any("no check and no file" in caption.value for caption in at.caption)
+        assert not any("set points" in d.label for d in at.get("download_button"))
+
+    def test_a_checked_plan_can_be_saved(self, app: AppTest) -> None:
+        at = self.checked(app)
+        assert not at.error
+        rows = at.dataframe[-1].value
+        assert list(rows["Joint"]) == ["1"] * 5 + ["2"] * 5
+        assert all(number(margin) > 0 for margin in rows["Margin"])
+        assert any("Save the set points (CSV)" in d.label for d in at.get("download_button"))
+        assert "NOT RUN ON HARDWARE" in at.code[-1].value
+
+    def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:
+        at = self.checked(app, **{"Velocities (°/s)": "0.5"})
+        assert re.search(
+            r"velocity of joint \d reaches .* Set the scale of the motion", at.error[0].value
+        )
+        assert any("✗" in margin for margin in at.dataframe[-1].value["Margin"])
+        assert not any("set points" in d.label for d in at.get("download_button"))
+
+    def test_a_wrong_entry_is_named(self, app: AppTest) -> None:
+        at = self.checked(app, **{"Start pose (°), all axes": "0, zero"})
+        assert "Start pose" in at.error[0].value

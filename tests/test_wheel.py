@@ -47,7 +47,7 @@ def files(folder: Path) -> set[Path]:
 
 
 def test_it_holds_the_package_the_app_and_the_samples_and_nothing_else(installed: Path) -> None:
-    app = {Path("app.py"), Path(".streamlit/config.toml")}
+    app = {Path("app.py"), Path(".streamlit/config.toml"), Path("docs/reference/glossary.md")}
     app |= {"pages" / file for file in files(ROOT / "pages")}
     samples = files(ROOT / "sample_data") - {Path("make_samples.py"), Path("README.md")}
     app |= {"sample_data" / file for file in samples}
@@ -69,7 +69,7 @@ def test_what_is_installed_finds_its_own_app_and_samples(installed: Path, tmp_pa
         [sys.executable, "-P", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True
     )
     app = installed / "jointid" / "app"
-    names = ["paper.zip", "manutec_r3.zip", "single_joint", "worn_cell.zip"]
+    names = ["paper.zip", "manutec_r3.zip", "single_joint", "six_axes.zip", "worn_cell.zip"]
     assert run.stdout.splitlines() == [str(app), *(str(app / "sample_data" / name) for name in names)]
 
 

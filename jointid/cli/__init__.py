@@ -1,4 +1,4 @@
-"""The command line: jointid identify, simulate, cut, report, export, convert, plan, batch, app.
+"""The command line: jointid identify, simulate, cut, report, export, plan, setpoints, convert, …
 
 Exit codes: 0 done, 1 unusable input, 2 usage error, 130 interrupted. Messages and progress go to
 standard error, the result to standard output; with --json it is JSON only.
@@ -13,6 +13,7 @@ try:
     from jointid.cli.plan import plan
     from jointid.cli.program import app
     from jointid.cli.report import report
+    from jointid.cli.setpoints import setpoints
     from jointid.cli.simulate import simulate
     from jointid.cli.start_app import start_app
 except KeyboardInterrupt:  # during the imports
@@ -20,6 +21,6 @@ except KeyboardInterrupt:  # during the imports
 
 __all__ = ["app"]
 
-for _command in (identify, simulate, cut, report, export, plan, convert, batch):
+for _command in (identify, simulate, cut, report, export, plan, setpoints, convert, batch):
     app.command()(_command)
 app.command(name="app")(start_app)

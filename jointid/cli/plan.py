@@ -12,32 +12,67 @@ from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
-from jointid.estimation.elasticity import identify_elasticity
+from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.study import Study
 
 if TYPE_CHECKING:
     from jointid.uncertainty.plan import Suggestion
+
+COUNT = typer.Option(min=1, max=50, help="Number of records.")
+DURATION = typer.Option(help="Length of each record, s.")
+TORQUE_LIMIT = typer.Option(help="Largest torque amplitudes, N·m; default: the study's.")
+VELOCITY_LIMIT = typer.Option(help="Largest velocity amplitudes, rad/s; default: the study's.")
 
 
 @reported
 def plan(
     study: Annotated[Path, STUDY],
-    count: Annotated[int, typer.Option(min=1, max=50, help="Number of records.")] = 3,
-    duration_s: Annotated[float, typer.Option(help="Length of each record, s.")] = 4.0,
-    torque_limit: Annotated[str, typer.Option(help="Largest torques, N·m; default: the study's.")] = "",
-    velocity_limit: Annotated[
-        str, typer.Option(help="Largest velocities, rad/s; default: the study's.")
-    ] = "",
+    count: Annotated[int, COUNT] = 3,
+    duration_s: Annotated[float, DURATION] = 4.0,
+    torque_limit: Annotated[str, TORQUE_LIMIT] = "",
+    velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Suggest the next records and predict the standard errors after each."""
+    _, _, suggestion = suggested(
+        study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
+    )
+    document = _document(suggestion)
+    if as_json:
+        print_json(document)
+        return
+    names = document["parameters"]
+    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
+    for k, record in enumerate(document["records"], start=1):
+        pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
+        torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
+        errors = map(_percent, record["relative_error_after"])
+        rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
+    print("Records to make next, and the relative standard errors after each\n")
+    print_table(
+        ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
+    )
+
+
+def suggested(
+    path: Path,
+    method: str,
+    count: int,
+    duration_s: float,
+    torque_limit: str,
+    velocity_limit: str,
+    *,
+    quiet: bool,
+) -> tuple[Study, ElasticityFit, Suggestion]:
+    """Read a study, fit it and suggest the next records."""
     from jointid.phasors.extract import extract_phasors
     from jointid.uncertainty.plan import suggest_records
 
     torque = numbers(torque_limit) if torque_limit else None
     velocity = numbers(velocity_limit) if velocity_limit else None
-    known = loaded(study)
-    with status("Planning", quiet=as_json):
+    known = loaded(path)
+    with status("Planning", quiet=quiet):
         phasors = extract_phasors(known.records)
         fit = identify_elasticity(
             phasors,
@@ -56,21 +91,7 @@ def plan(
             velocity_limit_rad_s=velocity,
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
-    document = _document(suggestion)
-    if as_json:
-        print_json(document)
-        return
-    names = document["parameters"]
-    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
-    for k, record in enumerate(document["records"], start=1):
-        pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
-        torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
-        errors = map(_percent, record["relative_error_after"])
-        rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
-    print("Records to make next, and the relative standard errors after each\n")
-    print_table(
-        ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
-    )
+    return known, fit, suggestion
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

@@ -18,6 +18,9 @@ _LEAST_COUPLING = 0.1
 """A coupling's standard deviation is at least this share of that of √(M2_ii M2_jj): one given as 0 must
 stay free."""
 
+_EXACT, _UNKNOWN = 1e-12, 1e6
+"""Relative standard deviations below and above which a value counts as exact and as unknown."""
+
 _ROUNDING = 1e-9
 """Difference between inertias, over the largest element, that counts as rounding."""
 
@@ -38,6 +41,8 @@ class InertiaPrior:
     """Distinct arm inertias, shape (p, n, n), kg·m²."""
     added: Floats
     """Exactly known part of each M2, shape (p, n, n), kg·m²."""
+    gravity: Floats
+    """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
     rest: Floats
     """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray
@@ -93,13 +98,14 @@ class InertiaPrior:
                     f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
                 )
         M, rotor = _distinct([one.M for one in each])
-        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added]) for one in each])
+        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added, one.gravity]) for one in each])
         rest, part = _distinct(list(parts[:, 0]))
         return cls(
             given=inertia if isinstance(inertia, Inertia) else tuple(each),
             M=M,
-            M2=parts.sum(axis=1),
+            M2=parts[:, 0] + parts[:, 1],
             added=parts[:, 1],
+            gravity=parts[:, 2],
             rest=rest,
             rotor=rotor,
             pose=pose,
@@ -173,7 +179,7 @@ class InertiaPrior:
     def inertias(self, M: Floats, M2: Floats) -> list[Inertia]:
         """Inertia of each record from distinct M, shape (m, n), and M2, shape (p, n, n)."""
         pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
-        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p]) for m, p in set(pairs)}
+        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p], self.gravity[p]) for m, p in set(pairs)}
         return [distinct[pair] for pair in pairs]
 
 
@@ -193,6 +199,8 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
 def checked_std(name: str, value: object) -> float:
     """Return a relative standard deviation as a float, None as 0.
 
+    One too small to matter is 0, exact; one too large to say anything is infinite, unknown.
+
     Raises
     ------
     JointIdError
@@ -206,4 +214,4 @@ def checked_std(name: str, value: object) -> float:
             f"{name} = {value!r:.60}: expected a relative standard deviation, such as 0.05 for 5 %, "
             "0 for exact values, or infinity for unknown ones."
         )
-    return std
+    return 0.0 if std < _EXACT else np.inf if std > _UNKNOWN else std

@@ -18,7 +18,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.noise import Noise, moderated_noise
-from jointid.joints import Inertia
+from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import lifted
 from jointid.wording import counted
@@ -196,7 +196,7 @@ def pseudo_inverse(
 
 
 def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tuple[Floats, Floats]:
-    """M (r, n) and M2⁻¹ (r, n, n) of every record."""
+    """M (r, n) and M2⁻¹ (r, n, n) of every record, with gravity at its fundamental."""
     r, n = phasors.q.shape
     inertias = [inertia] * r if isinstance(inertia, Inertia) else list(inertia)
     if len(inertias) != r:
@@ -211,5 +211,5 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
                 f"M or M2 holds {wrong:.3g} kg·m²; from {LEAST:g} to {LARGEST:g} can be analysed. "
                 "Check the unit of the inertias."
             )
-    arm = np.linalg.inv(np.array([each.M2 for each in inertias]))
+    arm = np.linalg.inv(dynamic_arm_inertia(phasors.omega, inertias))
     return np.array([each.M for each in inertias]), np.asarray(arm, float)

@@ -1,6 +1,7 @@
 """Residual torque of the model at the motors at every harmonic, its covariance and its Jacobian.
 
-At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2, both with
+At harmonic h, s = ihω, the gears have the dynamic stiffness κ = K + sD and the arm A = s²M2 + G with
+the known stiffness G of gravity, both with
 the terms of ``effects``. The torque through the gears is X q with X = (κ⁻¹ + A⁻¹)⁻¹, and the residual
 is r = c τ e^{-sδ} − F − (s²M + X) q, with friction F at the motors and the torque scale c. Without
 effects s²M + X is the inverse of equation (16) times s². Nonlinear laws add w to the deflection of the
@@ -21,7 +22,7 @@ from jointid.estimation.effects import ARM_EFFECTS, LAWS
 from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_laws import JointLaws
+from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.gears.harmonic_balance import WoundGears
@@ -276,7 +277,7 @@ class Residual:
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle's fundamental, shape (r, n), N·m."""
         problem, p, s = self.problem, self.p, self.problem.s[:, :1]
-        arm = inverse(problem.arm_inertia(p))[problem.prior.pose, None]
+        arm = s[..., None, None] ** 2 * _ideal_compliance(problem, p, s)
         rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
         Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
         return np.asarray((Z[:, 0] @ self.position[..., None])[..., 0])
@@ -309,10 +310,12 @@ class Residual:
         stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
         for name, value in stiffness.items():
             J[..., layout[name]] = by_gear * value[..., None, :]
-        self._differentiate_arm(J, f - self.law[1])
+        turns = None
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.torque, self.arm)
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
+            turns = problem.laws.arm_friction_slope(self.torque, self.arm)
+        self._differentiate_arm(J, f - self.law[1], turns)
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
@@ -320,6 +323,8 @@ class Residual:
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
+            if turns is not None:
+                whole += self._by_turns(turns, self.arm * self._clear(columns)[..., None, :])
             block, _, part = name.partition(" ")
             place = np.arange(layout.size)[layout[block]]
             if block == "curve":
@@ -335,6 +340,20 @@ class Residual:
         for name in slopes.keys() - own.keys():
             J[..., layout[name]] += self.X * slopes[name][..., None, :]
         return J
+
+    def _clear(self, torque: Complexes) -> Complexes:
+        """Harmonics of a torque, shape (r, H, n), that decide when the arm turns back."""
+        laws = self.problem.laws
+        return torque if laws is None else np.where(laws.clear, torque, 0)
+
+    def _by_turns(self, turns: SignSlope, angle: Complexes) -> Complexes:
+        """Change of r by Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
+
+        They move the instants at which the arm turns back.
+        """
+        change = turns.of(self.problem.s[..., None, None] * angle)
+        force = self.p["arm_coulomb"][:, None] * change
+        return np.asarray(-(self.X @ self.arm) @ force)
 
     def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
@@ -361,7 +380,7 @@ class Residual:
             columns["motor_presliding"], columns["bristle"] = -shape, -p["motor_presliding"] * slope
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
+    def _differentiate_arm(self, J: Complexes, f: Complexes, turns: SignSlope | None) -> None:
         """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
 
         ``f`` is the torque that moves the arm.
@@ -372,20 +391,33 @@ class Residual:
         share = -self.X @ self.arm  # −XA⁻¹
         angle = (self.arm @ f[..., None])[..., 0]
         by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
+        moved = (self.arm @ self._clear(self.torque)[..., None])[..., 0]
         factors = {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}
         for name, factor in factors.items():
             if name in layout:
                 J[..., layout[name]] = by_arm * factor[..., None, None]
+                if turns is not None:
+                    turned = -self.arm * (moved * factor[..., None])[..., None, :]
+                    J[..., layout[name]] += self._by_turns(turns, turned)
         if "M2" in layout:
             rows, columns = problem.prior.elements
-            angle = angle * (s * s)[..., None]
-            by_element = share[..., rows] * angle[..., None, columns]
-            coupling = rows != columns
-            by_element[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
+            square = (s * s)[..., None]
+            by_element = _by_elements(share, angle * square, rows, columns)
+            if turns is not None:
+                turned = -_by_elements(self.arm, moved * square, rows, columns)
+                by_element += self._by_turns(turns, turned)
             for part in range(len(problem.prior.rest)):
                 first = layout["M2"].start + part * rows.size
                 uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + rows.size] = by_element[uses]
+
+
+def _by_elements(share: Complexes, angle: Complexes, rows: np.ndarray, columns: np.ndarray) -> Complexes:
+    """share · ∂M2 · angle for each distinct element of a symmetric matrix, shape (r, H, n, t)."""
+    found = share[..., rows] * angle[..., None, columns]
+    coupling = rows != columns
+    found[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
+    return np.asarray(found)
 
 
 def _loss(s: Complexes) -> Complexes:
@@ -420,14 +452,22 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
 
 def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
-    s, M2 = problem.s[..., None, None], problem.arm_inertia(p)
     if not any(name in problem.layout for name in ARM_EFFECTS):
-        return np.asarray(inverse(M2)[problem.prior.pose, None] / (s * s))
-    A = s * s * M2[problem.prior.pose, None]
+        return _ideal_compliance(problem, p, problem.s)
+    s, pose = problem.s[..., None, None], problem.prior.pose
+    A = s * s * problem.arm_inertia(p)[pose, None] + problem.prior.gravity[pose, None]
     own = s[..., 0] * p.effect("arm_viscous") - s[..., 0] ** 4 * p.effect("link") + p.effect("gravity")
     for j in range(problem.n):
         A[..., j, j] += own[..., j]
     return inverse(np.asarray(A))
+
+
+def _ideal_compliance(problem: Problem, p: Parameters, s: Complexes) -> Complexes:
+    """The same without effects, at s of shape (r, H)."""
+    squared, M2, prior = (s * s)[..., None, None], problem.arm_inertia(p), problem.prior
+    if not prior.gravity.any():
+        return np.asarray(inverse(M2)[prior.pose, None] / squared)
+    return inverse(np.asarray(squared * M2[prior.pose, None] + prior.gravity[prior.pose, None]))
 
 
 def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:

@@ -1,3 +1,5 @@
+from .code_listing import LANGUAGES as LANGUAGES
+from .code_listing import code_listing as code_listing
 from .identification import Identification as Identification
 from .identification import Obtained as Obtained
 from .identification import identification as identification

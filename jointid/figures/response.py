@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ import plotly.graph_objects as go
 from jointid.arrays import Floats
 from jointid.figures.response_curves import (
     Curve,
+    Source,
     element_curves,
     element_name,
     freed_or_measured,
+    identified,
     magnitude_limits,
     measured,
     measured_frequencies,
@@ -29,6 +32,7 @@ from jointid.figures.style import (
     line,
     linear_axis,
     log_axis,
+    plain_text,
     points,
 )
 from jointid.study import Analysis
@@ -82,6 +86,43 @@ def model_over_measurement(
         dark=dark,
         xaxis=frequency_axis(measured_frequencies(curves)),
         yaxis=log_axis(title, range=_log_range(magnitude_limits(analysis, pose, joint))),
+    )
+
+
+def compared_models(
+    analyses: tuple[Analysis, Analysis], names: tuple[str, str], joint: int, *, dark: bool = False
+) -> go.Figure:
+    """Plot |H_jj| of two studies, each with its model as a line and its measurement as points.
+
+    Parameters
+    ----------
+    analyses : tuple of Analysis
+        Both with a transfer matrix; their first poses are drawn.
+    names : tuple of str
+        What the studies are called.
+    joint : int
+        From 0.
+    """
+    traces, limits, frequencies = [], [], []
+    sources: tuple[Source, Source] = ("identified", "other")
+    for analysis, name, source in zip(analyses, names, sources, strict=True):
+        pose = next(iter(analysis.transfer_matrices))
+        matrix, _ = freed_or_measured(analysis, pose)
+        points_of = Curve(f"{name}, measured", source, measured(matrix, joint, joint), "circle-open")
+        model = identified(analysis, pose, joint, joint)
+        curves = [] if model is None else [Curve(f"{name}, model", source, model)]
+        for curve in [*curves, points_of]:
+            label = plain_text(curve.name)
+            traces.append(_magnitude(replace(curve, name=label), label, dark))
+        limits.append(magnitude_limits(analysis, pose, joint))
+        frequencies.append(points_of.response.frequency_hz)
+    low, high = min(low for low, _ in limits), max(high for _, high in limits)
+    return figure(
+        traces,
+        height=340,
+        dark=dark,
+        xaxis=frequency_axis(np.concatenate(frequencies)),
+        yaxis=log_axis(f"|{element_name(joint, joint)}| ({_UNIT})", range=_log_range((low, high))),
     )
 
 

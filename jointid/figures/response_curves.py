@@ -45,12 +45,15 @@ class Response:
             return np.asarray(self.error / np.abs(self.H))
 
 
+Source = Literal["measured", "nominal", "identified", "other"]
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One frequency response of a figure."""
 
     name: str
-    source: Literal["measured", "nominal", "identified"]
+    source: Source
     """Decides the colour."""
     response: Response
     symbol: str = ""

@@ -29,12 +29,18 @@ class Colours:
     measured: str
     nominal: str
     identified: str
+    other: str
+    """A second study beside the chosen one."""
     quiet: str
     """Grids and background data such as noise."""
 
 
-LIGHT = Colours(measured="#000000", nominal="#D55E00", identified="#0072B2", quiet="#767676")
-DARK = Colours(measured="#FFFFFF", nominal="#E8731A", identified="#56B4E9", quiet="#9A9A9A")
+LIGHT = Colours(
+    measured="#000000", nominal="#D55E00", identified="#0072B2", other="#A0458A", quiet="#767676"
+)
+DARK = Colours(
+    measured="#FFFFFF", nominal="#E8731A", identified="#56B4E9", other="#CC79A7", quiet="#9A9A9A"
+)
 
 
 def colours(dark: bool) -> Colours:

@@ -41,6 +41,13 @@ def study_digest(study: Study) -> str:
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
     if any(inertia.added.any() for inertia in inertias):
         _arrays(state, [inertia.added for inertia in inertias])
+    if any(inertia.gravity.any() for inertia in inertias):
+        _arrays(state, [inertia.gravity for inertia in inertias])
+    if study.robot_model is not None:
+        robot, angles = study.robot_model, study.pose_angles_rad
+        state.update(robot.source[1])
+        _texts(state, ("model", robot.source[0], *angles))
+        _arrays(state, [*angles.values(), robot.coupling, robot.rotor_inertia, robot.payload.parameters])
     if (study.inertia_std, study.torque_std) != (INERTIA_STD, None):
         _texts(state, ("deviations", repr(study.inertia_std), repr(study.torque_std)))
     _texts(state, study.poses)

@@ -28,26 +28,30 @@ import pandas as pd
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.files.container_limits import Container, MissingFileError, missing, safe_name
 from jointid.files.containers import Source, open_container
 from jointid.files.record_tables import read_record_table
 from jointid.files.study_keys import (
     INERTIA_KEYS,
+    POSE_KEYS,
     RECORD_KEYS,
     STUDY_KEYS,
     TIMING_KEYS,
     in_file,
     in_place,
+    read_angles,
     read_deviations,
     read_inertia,
     read_nominal,
     read_poses,
+    read_robot_model,
 )
 from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.files.table_preview import peek_table
+from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import SineRecord
+from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import INERTIA_STD, Study
 from jointid.wording import listed, nearest, shown
 
@@ -105,8 +109,14 @@ def load_study(path_or_file: Source) -> Study:
         )
         date = top.date("date") if "date" in top else None
         table = top.table("inertia", INERTIA_KEYS)
-        inertia, (inertia_std, torque_std) = read_inertia(table), read_deviations(top, table)
-        poses, nominal = read_poses(top, inertia), read_nominal(top)
+        model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
+        inertia, (inertia_std, torque_std) = (
+            read_inertia(table, robot=model),
+            read_deviations(top, table),
+        )
+        poses, nominal = read_poses(top, inertia, model), read_nominal(top)
+        named = {"": table, **top.named_tables("poses", POSE_KEYS)}
+        angles = {pose: q for pose, of in named.items() if (q := read_angles(of)) is not None}
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
         files = _record_files(tables, container)
@@ -127,6 +137,8 @@ def load_study(path_or_file: Source) -> Study:
             date=date,
             inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
             torque_std=torque_std,
+            robot_model=model,
+            pose_angles_rad=angles,
         )
 
 

@@ -2,23 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
+import numpy as np
+
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import CheckedTable
+from jointid.files.container_limits import safe_name
 from jointid.joints import Elasticity, Inertia
+from jointid.parsing.checked_toml import CheckedTable
+from jointid.robot_models.model import RobotModel
 from jointid.wording import listed, nearest
 
 INERTIA_KEYS = {
     "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
     "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
     "added": "added = [[0.0012, 0.0005], [0.0005, 0.0009]]  # exactly known part of M2, kg·m²",
+    "gravity": "gravity = [[0.06, 0.01], [0.01, 0.02]]  # gravity stiffness, motor side, N·m/rad",
+    "angles_deg": "angles_deg = [0.0, -60.0, 100.0, 0.0, 40.0, 0.0]  # joint angles, in place of M2",
+    "angles_rad": "angles_rad = [0.0, -1.05, 1.75, 0.0, 0.7, 0.0]  # joint angles, in place of M2",
     "std": "std = 0.03  # M and M2 are known to 3 %",
 }
 POSE_KEYS = {
-    **{key: INERTIA_KEYS[key] for key in ("M", "M2", "added")},
+    **{key: INERTIA_KEYS[key] for key in INERTIA_KEYS if key != "std"},
     "base": 'base = "stretched"  # pose to which the added inertia is added',
+}
+ROBOT_KEYS = {
+    "file": 'file = "robot.toml"  # or .urdf, .xml (MJCF)',
+    "gear_ratio": "gear_ratio = [240.0, 260.0]  # motor turns per joint turn, where the file has none",
+    "rotor_inertia": "rotor_inertia = [0.009, 0.011]  # motor side, kg·m², where the file has none",
+    "payload": "[robot_model.payload], mass = 120.0, center = [0.0, 0.0, 0.1]",
+}
+PAYLOAD_KEYS = {
+    "mass": "mass = 120.0  # kg",
+    "mass_std": "mass_std = 40.0  # standard deviation, kg",
+    "center": "center = [0.0, 0.0, 0.1]  # m, in the flange's frame",
+    "inertia": "inertia = [8.0, 8.0, 6.0, 0.0, 0.0, 0.0]  # xx yy zz xy yz xz, kg·m²",
 }
 TORQUE_KEYS = {"std": "std = 0.02  # the torque constants are known to 2 %"}
 NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N·m·s/rad"}
@@ -41,25 +62,86 @@ STUDY_KEYS = {
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
     "torque": f"[torque], {TORQUE_KEYS['std']}",
+    "robot_model": '[robot_model], file = "robot.toml"',
     "timing": "[timing], torque_hold = true",
     "poses": f"[poses.stretched], {INERTIA_KEYS['M2']}",
     "records": '[[records]], file = "records/01.csv", frequency_hz = 3.0',
 }
 
 
-def read_inertia(table: CheckedTable, default: Inertia | None = None) -> Inertia:
+def read_inertia(
+    table: CheckedTable, default: Inertia | None = None, robot: RobotModel | None = None
+) -> Inertia:
     """Return the inertia of a table; a pose without M has the rotors of ``default``.
+
+    Joint angles in place of M2 take the inertia and the gravity from the robot's model.
 
     Raises
     ------
     JointIdError
-        When M or M2 is missing or is no inertia.
+        When M or M2 is missing or is no inertia, or joint angles are given beside them or without a
+        model.
     """
+    angles = read_angles(table)
+    if angles is not None:
+        both = [key for key in ("M", "M2", "added", "gravity", "base") if key in table]
+        if both:
+            raise table.error(f"joint angles and {both[0]} are both given: leave one of them out.")
+        if robot is None:
+            raise table.error("joint angles need the robot's model. Example: [robot_model], file = …")
+        with in_place(table.where, table.file):
+            return robot.inertia(angles)
     M = default.M if default is not None and "M" not in table else table.numbers("M")
     M2 = table.matrix("M2")
     added = table.matrix("added") if "added" in table else None
+    gravity = table.matrix("gravity") if "gravity" in table else None
     with in_place(table.where, table.file):
-        return Inertia(M=M, M2=M2, added=added)
+        return Inertia(M=M, M2=M2, added=added, gravity=gravity)
+
+
+def read_angles(table: CheckedTable) -> Floats | None:
+    """Return the joint angles of a pose in rad; None without.
+
+    Raises
+    ------
+    JointIdError
+        When they are given both in degrees and in radians.
+    """
+    if "angles_deg" in table and "angles_rad" in table:
+        raise table.error("angles_deg and angles_rad are both given: leave one of them out.")
+    if "angles_deg" in table:
+        return np.deg2rad(table.numbers("angles_deg"))
+    return np.array(table.numbers("angles_rad")) if "angles_rad" in table else None
+
+
+def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotModel | None:
+    """Return the robot's model; None without [robot_model].
+
+    Parameters
+    ----------
+    top : CheckedTable
+    read : callable
+        Returns the content of a file of the study by its name.
+
+    Raises
+    ------
+    JointIdError
+        When the file is missing or is no robot.
+    """
+    if "robot_model" not in top:
+        return None
+    table = top.table("robot_model", ROBOT_KEYS)
+    given = {key: table.numbers(key) for key in ("gear_ratio", "rotor_inertia") if key in table}
+    with in_place(table.where, table.file):
+        name = safe_name(table.text("file"))
+        robot = RobotModel.parse(name, read(name), **given)
+    if "payload" not in table:
+        return robot
+    load = table.table("payload", PAYLOAD_KEYS)
+    values: dict[str, Any] = {key: load.number(key) for key in ("mass", "mass_std") if key in load}
+    values |= {key: load.numbers(key) for key in ("center", "inertia") if key in load}
+    with in_place(load.where, load.file):
+        return robot.with_payload(**values)
 
 
 def read_deviations(
@@ -83,7 +165,9 @@ def read_deviations(
     return inertia.deviation("std") if "std" in inertia else None, torque
 
 
-def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, Inertia]:
+def read_poses(
+    top: CheckedTable, default: Inertia | None = None, robot: RobotModel | None = None
+) -> dict[str, Inertia]:
     """Return the inertia of each named pose, none when there is no [poses.NAME].
 
     Parameters
@@ -92,6 +176,8 @@ def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, I
     default : Inertia, optional
         Inertia of records without a pose: gives the rotors of a pose without M, and M2 of a pose that
         adds to it.
+    robot : RobotModel, optional
+        Gives the inertia of poses with joint angles.
 
     Raises
     ------
@@ -104,7 +190,9 @@ def read_poses(top: CheckedTable, default: Inertia | None = None) -> dict[str, I
         if "base" in table and name not in additions:
             raise table.error("base is the pose to which added is added: give added, and no M2.")
     poses = {
-        name: read_inertia(table, default) for name, table in tables.items() if name not in additions
+        name: read_inertia(table, default, robot)
+        for name, table in tables.items()
+        if name not in additions
     }
     sums = {name: _sum(tables[name], default, poses) for name in additions}
     return {name: (poses | sums)[name] for name in tables}
@@ -123,7 +211,11 @@ def _sum(table: CheckedTable, default: Inertia | None, poses: Mapping[str, Inert
         )
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))
-        return Inertia(table.numbers("M"), loaded.M2, loaded.added) if "M" in table else loaded
+        return (
+            Inertia(table.numbers("M"), loaded.M2, loaded.added, loaded.gravity)
+            if "M" in table
+            else loaded
+        )
 
 
 def read_nominal(top: CheckedTable) -> Elasticity | None:

@@ -16,12 +16,13 @@ import tomli_w
 
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import new_file, write_error
-from jointid.files.checked_toml import MAX_TOML_BYTES
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
 from jointid.joints import Inertia
+from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
+from jointid.robot_models.model import RobotModel
 from jointid.study import INERTIA_STD, Study
 
 STUDY_FILE = "study.toml"
@@ -92,6 +93,8 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
             "shorten the description and the labels."
         )
     yield STUDY_FILE, text
+    if study.robot_model is not None:
+        yield _robot_file(study.robot_model), study.robot_model.source[1]
     for name, record in zip(names, study.records, strict=True):
         if isinstance(record, LongRecord):
             raise JointIdError(
@@ -105,7 +108,9 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     head: dict[str, Any] = {"format": 1, "name": study.name}
     optional = ("origin", "description", "robot", "date")
     head |= {key: value for key in optional if (value := getattr(study, key))}
-    head["inertia"] = inertia_table(study.inertia)
+    if study.robot_model is not None:
+        head["robot_model"] = _robot_table(study.robot_model)
+    head["inertia"] = _angles(study, "") or inertia_table(study.inertia)
     # Only what the reader would not assume: other studies stay readable by version 0.1, byte for byte.
     if study.inertia_std != INERTIA_STD:
         head["inertia"]["std"] = study.inertia_std
@@ -115,7 +120,7 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         head["nominal"] = {"K": study.nominal.K.tolist(), "D": study.nominal.D.tolist()}
     if len(timings) == 1:
         head["timing"] = _timing(study.records[0])
-    head["poses"] = {name: _pose(study, pose) for name, pose in study.poses.items()}
+    head["poses"] = {n: _angles(study, n) or _pose(study, pose) for n, pose in study.poses.items()}
     text = tomli_w.dumps(head)
     for file, record in zip(files, study.records, strict=True):
         row: dict[str, Any] = {"file": file, "frequency_hz": record.frequency_hz}
@@ -137,9 +142,34 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
 
 
 def inertia_table(inertia: Inertia) -> dict[str, Any]:
-    """Return M, M2 and, if there is one, the known part of M2 as lists."""
-    known = {"added": inertia.added.tolist()} if inertia.added.any() else {}
+    """Return M, M2 and, if there are any, the known part of M2 and the gravity stiffness as lists."""
+    parts = {"added": inertia.added, "gravity": inertia.gravity}
+    known = {name: part.tolist() for name, part in parts.items() if part.any()}
     return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
+
+
+def _angles(study: Study, pose: str) -> dict[str, Any]:
+    """Table of a pose by its joint angles, empty where it has none."""
+    angles = study.pose_angles_rad.get(pose)
+    return {} if angles is None else {"angles_rad": angles.tolist()}
+
+
+def _robot_file(robot: RobotModel) -> str:
+    return "robot" + PurePosixPath(robot.source[0]).suffix.lower()
+
+
+def _robot_table(robot: RobotModel) -> dict[str, Any]:
+    """What the study says of the model: its file, and what was changed or added when it was loaded."""
+    plain = RobotModel.parse(*robot.source)
+    table: dict[str, Any] = {"file": _robot_file(robot)}
+    for key in ("gear_ratio", "rotor_inertia"):
+        value = getattr(robot, key)
+        if not np.array_equal(value, getattr(plain, key)) and np.isfinite(value).all():
+            table[key] = value.tolist()
+    payload = {key: np.asarray(value).tolist() for key, value in vars(robot.payload).items()}
+    if payload != {key: np.asarray(value).tolist() for key, value in vars(plain.payload).items()}:
+        table["payload"] = payload
+    return table
 
 
 def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
@@ -149,8 +179,9 @@ def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
     bases = {"": study.inertia} | {n: p for n, p in study.poses.items() if not p.added.any()}
     for name, base in bases.items():
         pairs = (base.M2, pose.M2), (base.added, pose.added)
+        falls = np.array_equal(base.gravity, pose.gravity)
         same = all((of + pose.added).tobytes() == total.tobytes() for of, total in pairs)
-        if pose.added.any() and not base.added.any() and same:
+        if pose.added.any() and not base.added.any() and same and falls:
             table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}
             return ({} if np.array_equal(pose.M, base.M) else own) | table
     return ({} if np.array_equal(pose.M, study.inertia.M) else own) | table
@@ -232,7 +263,8 @@ def _require_replaceable(target: Path, overwrite: bool) -> None:
     for entry in [*target.iterdir(), *(target / "records").glob("*")]:
         name = entry.relative_to(target).as_posix()
         is_record = name.startswith("records/") and entry.suffix in (".csv", ".parquet")
-        if not (is_record or name in (STUDY_FILE, "records")):
+        is_robot = name in ("robot.toml", "robot.urdf", "robot.xml")
+        if not (is_record or is_robot or name in (STUDY_FILE, "records")):
             raise JointIdError(
                 f"{target} also holds {name}, which is not part of a study: nothing was overwritten. "
                 "Choose another path."

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
-from jointid.phasors.periods import phasors_of, samples_of, synthesis
+from jointid.phasors.periods import pairs, phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
@@ -183,7 +183,7 @@ def _periodic(decay: Floats, drive: Floats) -> Floats:
 
 def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
     """As ``_spread``, for the torque of the hysteresis, which depends on all moves before."""
-    waves = synthesis(H, delta.shape[-1])
+    waves = pairs(H, delta.shape[-1])
     inner = waves[[*range(m), *range(H, H + m)]]
     move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
     decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
@@ -195,7 +195,7 @@ def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:
     """Parts of the torque's H harmonics by those of the deflection's first m, for a slope over time."""
-    waves = synthesis(H, slope.shape[-1])
+    waves = pairs(H, slope.shape[-1])
     inner = waves[[*range(m), *range(H, H + m)]]
     return np.asarray((slope[..., None, :] * inner) @ waves.T * (2 / slope.shape[-1]))
 

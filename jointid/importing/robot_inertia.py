@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.files.checked_toml import parse_toml
 from jointid.files.study_keys import (
     INERTIA_KEYS,
     STUDY_KEYS,
@@ -20,6 +19,7 @@ from jointid.files.study_keys import (
     read_poses,
 )
 from jointid.joints import Elasticity, Inertia
+from jointid.parsing.checked_toml import parse_toml
 from jointid.wording import counted
 
 INERTIA_UNITS = {

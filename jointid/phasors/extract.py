@@ -13,7 +13,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit
-from jointid.phasors.sensor_steps import may_have_steps, step_variance
+from jointid.phasors.sensor_steps import hidden_variance, may_have_steps, step_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
 from jointid.phasors.spectrum import largest_line_hz
@@ -164,6 +164,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
     for record in np.flatnonzero(stepped | _visible(fits)).tolist():
         covariance[record] += step_variance(records[record], fits[record])
+    covariance[:, :, range(n), range(n)] += hidden_variance(records)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]

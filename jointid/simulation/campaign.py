@@ -92,7 +92,7 @@ def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
     signs = np.random.default_rng([seed, inertia.n]).choice([-1.0, 1.0], (2, inertia.n))
     factor = 1 + error * signs
     rest = (inertia.M2 - inertia.added) * np.sqrt(np.outer(factor[1], factor[1]))
-    return Inertia(inertia.M * factor[0], rest + inertia.added, inertia.added)
+    return Inertia(inertia.M * factor[0], rest + inertia.added, inertia.added, inertia.gravity)
 
 
 def _other(seed: int) -> int:

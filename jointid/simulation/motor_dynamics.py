@@ -31,7 +31,7 @@ def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Fl
     """Equation (1) as ẋ = A x + B τ with x = θm, θa, θ̇m, θ̇a."""
     n, K, D = inertia.n, np.diag(elasticity.K), np.diag(elasticity.D)
     none, one = np.zeros((n, n)), np.eye(n)
-    forces = np.block([[-K, K, -D - np.diag(viscous), D], [K, -K, D, -D]])
+    forces = np.block([[-K, K, -D - np.diag(viscous), D], [K, -K - inertia.gravity, D, -D]])
     mass = np.block([[np.diag(inertia.M), none], [none, inertia.M2]])
     kinematics = np.block([[none, none, one, none], [none, none, none, one]])
     B = np.vstack([none, none, np.diag(1 / inertia.M), none])

@@ -1,6 +1,6 @@
 """The simulated robot: arm, motors and sampled joint control, exact between the samples.
 
-Horizontal plane and small motions: no gravity and no velocity coupling.
+Small motions around one pose: gravity as a stiffness, and no velocity coupling.
 """
 
 from __future__ import annotations
@@ -197,6 +197,10 @@ class Robot:
         loop = z[:, None, None] * np.eye(len(self.closed)) - self.closed
         S = np.linalg.solve(loop, (self.drive @ w).T[:, :, None])[:, :, 0].T
         _require_one_direction(velocity, np.abs(omega * S[:n]))
+        if velocity.any() and self.inertia.gravity.any():
+            raise JointIdError(
+                "constant_velocity_rad_s is not 0 and gravity acts: the pose changes. Leave one out."
+            )
         state = np.imag(S * z**k)
         # At constant velocity motor and arm travel together and the controller balances friction.
         load = self.coulomb[:, 0] * np.sign(velocity) + self.viscous * velocity

@@ -56,7 +56,10 @@ class PlanningModel:
         """Inertia of the planned records, as fitted if measured records have it as well."""
         p = self.problem.layout.named(self.p)
         rotor, pose = self.pose
-        return Inertia(self.problem.rotor_inertia(p)[rotor], self.problem.arm_inertia(p)[pose])
+        gravity = self.problem.prior.gravity[pose]
+        return Inertia(
+            self.problem.rotor_inertia(p)[rotor], self.problem.arm_inertia(p)[pose], gravity=gravity
+        )
 
     def noise(self, omega: Floats, duration_s: Floats) -> Complexes:
         """Covariance (..., 2n, 2n) of records of these frequencies and lengths, both shaped (...)."""

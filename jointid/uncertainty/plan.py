@@ -12,7 +12,7 @@ from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_num
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
-from jointid.joints import Elasticity, Inertia, resonances
+from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, resonances
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.information import PlanningModel, planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
@@ -262,7 +262,7 @@ def _speed(omega: Floats, q: Complexes, tau: Complexes, inertias: Sequence[Inert
     """Velocity amplitude of each joint, the larger of motor and arm, shape (r, n), rad/s."""
     s2 = -(omega[:, None] ** 2)
     spring = tau - np.array([i.M for i in inertias]) * s2 * q  # torque on the arm
-    arm = np.linalg.solve(np.array([i.M2 for i in inertias]), spring[..., None])[..., 0] / s2
+    arm = np.linalg.solve(dynamic_arm_inertia(omega, inertias), spring[..., None])[..., 0] / s2
     return np.asarray(omega[:, None] * np.maximum(np.abs(q), np.abs(arm)))
 
 

@@ -10,7 +10,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.linear_fit import LINEAR
-from jointid.joints import Elasticity, Inertia, motor_response
+from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
 
@@ -136,7 +136,7 @@ def _slope_of_response(omega: Floats, inertia: Inertia, elasticity: Elasticity) 
     by_D, by_M = s[:, None, None, None] * by_K, -np.einsum("fij,fjk->fikj", H, H)
     # S = M2⁻¹ + s²/spring gives ∂H = −(H S⁻¹ M2⁻¹) ∂M2 (M2⁻¹ S⁻¹ H).
     rows, columns = np.tril_indices(n)
-    arm = np.linalg.inv(inertia.M2)
+    arm = np.linalg.inv(dynamic_arm_inertia(omega, inertia))
     left, right = share @ arm, (arm @ other).swapaxes(1, 2)
     by_M2 = -left[:, :, None, rows] * right[:, None, :, columns]
     by_M2 -= np.where(rows == columns, 0, left[:, :, None, columns] * right[:, None, :, rows])

@@ -94,7 +94,7 @@ def fit_lines(
         spread = np.linalg.pinv(weighted @ weighted.T, hermitian=True)
         shift, variance = spread @ (weighted @ (residual / noise).ravel()), np.diag(spread).copy()
         omega = omega + np.clip(shift, -0.5 * np.pi / span, 0.5 * np.pi / span)
-        omega = np.clip(omega, start - 2 * np.pi / span, start + 2 * np.pi / span)
+        omega = np.clip(omega, np.maximum(start - 2 * np.pi / span, start / 4), start + 2 * np.pi / span)
         if np.all(np.abs(shift) * span < within):
             break
     ramp = basis[:, -2:]

@@ -141,7 +141,8 @@ class SegmentSearch:
         hop = _HOP_PERIODS / candidate.frequency
         for begin, end, turn in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
             frequency = candidate.frequency + turn / (2 * np.pi * hop)
-            yield candidate.begin + begin, candidate.begin + end, frequency / self._interval
+            if frequency > 0:  # rounding noise of a joint at rest turns either way
+                yield candidate.begin + begin, candidate.begin + end, frequency / self._interval
 
     def _single(self, begin: int, end: int, near: float) -> Segment | None:
         """Return the settled part of a run, or None when it is short or other lines are present."""

@@ -67,7 +67,7 @@ _component = st.components.v2.component(
 
 
 def show_animation(outcome: Outcome, nominal_name: str, *, dark: bool) -> None:
-    """Show both cuts of an outcome as one animation at true time.
+    """Show both cuts of an outcome as one animation.
 
     Parameters
     ----------

@@ -1,10 +1,12 @@
-// The cut at true time on two canvases: the whole arm, and the tool paths around the reference path.
+// The cut in slow motion on two canvases: the whole arm, and the tool paths around the reference path.
 //
 // Streamlit calls the default function again whenever the data change and runs its clean-up only when
 // the component goes away. So what runs is remembered by its parent element and stopped first.
 
 const running = new WeakMap();
 
+const TOOLS = ["nominal", "identified"];
+const SPEED = 0.2; // of the clock, at first
 const HOLD_S = 0.8; // rest at the end before the next round, in seconds of the person watching
 
 export default function (component) {
@@ -26,8 +28,10 @@ class CutAnimation {
     this.read(data.tracks);
     const still = window.matchMedia("(prefers-reduced-motion: reduce)");
     this.playing = before ? before.playing : !still.matches;
-    this.speed = before ? before.speed : 1;
-    this.step = before ? Math.min(before.step, data.magnifications.length - 1) : 0;
+    this.speed = before ? before.speed : SPEED;
+    const last = data.magnifications.length - 1;
+    const common = data.magnifications.findLastIndex((m) => m * Math.max(...data.reach_m) <= data.room_m);
+    this.step = before ? Math.min(before.step, last) : Math.max(common, 0);
     // A person who wants no motion sees the finished cut.
     this.time = before ? Math.min(before.time, this.end) : this.playing ? 0 : this.end;
     this.seen = true;
@@ -61,11 +65,13 @@ class CutAnimation {
     return this.data.magnifications[this.step];
   }
 
-  // Tools that are drawn: magnified too far, a path is only stray lines.
-  get drawn() {
-    return ["nominal", "identified"].filter(
-      (_, k) => this.step === 0 || this.magnification * this.data.reach_m[k] <= this.data.room_m,
+  // Factor for the error of one tool: beyond it, its path would be only stray lines.
+  factor(name) {
+    const error = this.data.reach_m[TOOLS.indexOf(name)];
+    const fitting = this.data.magnifications.filter(
+      (m) => m <= this.magnification && m * error <= this.data.room_m,
     );
+    return Math.max(1, ...fitting);
   }
 
   // ---- what a person does -------------------------------------------------------------------------
@@ -211,11 +217,11 @@ class CutAnimation {
     const share = Math.min(place - k, 1);
     const at = (values) => values[k] + share * (values[k + 1] - values[k]);
     const reference = { x: at(this.reference.x), y: at(this.reference.y) };
-    const tool = (track) => ({
-      x: reference.x + this.magnification * (at(track.x) - reference.x),
-      y: reference.y + this.magnification * (at(track.y) - reference.y),
+    const tool = (name) => ({
+      x: reference.x + this.factor(name) * (at(this[name].x) - reference.x),
+      y: reference.y + this.factor(name) * (at(this[name].y) - reference.y),
     });
-    const now = { k, reference, nominal: tool(this.nominal), identified: tool(this.identified) };
+    const now = { k, reference, nominal: tool("nominal"), identified: tool("identified") };
     const style = getComputedStyle(this.root);
     this.ink = {
       text: style.color,
@@ -244,7 +250,7 @@ class CutAnimation {
       time: shown.toFixed(4),
       speed: String(this.speed),
       magnification: String(this.magnification),
-      drawn: this.drawn.join(" "),
+      factors: TOOLS.map((name) => this.factor(name)).join(" "),
       nominal: millimetre(now.nominal),
       identified: millimetre(now.identified),
     });
@@ -254,13 +260,15 @@ class CutAnimation {
     const view = this.view(this.cut, this.data.window_m);
     const { pen } = view;
     this.trace(view, this.reference, this.frames - 1, { colour: this.ink.reference, width: 6, alpha: 0.55 });
-    for (const name of this.drawn) {
+    for (const name of TOOLS) {
+      const factor = this.factor(name);
+      this.band(view, this[name], now.k, this.ink[name], factor);
       const whole = { colour: this.ink[name], width: 1, alpha: 0.55 };
-      this.trace(view, this[name], this.frames - 1, whole, true);
+      this.trace(view, this[name], this.frames - 1, whole, factor);
       const done = { colour: this.ink[name], width: 2.5, alpha: 1 };
-      this.trace(view, this[name], now.k, done, true, now[name]);
+      this.trace(view, this[name], now.k, done, factor, now[name]);
     }
-    for (const name of this.drawn) {
+    for (const name of TOOLS) {
       pen.beginPath();
       pen.arc(view.x(now[name].x), view.y(now[name].y), name === "nominal" ? 6.5 : 5, 0, 2 * Math.PI);
       pen.fillStyle = name === "nominal" ? this.ink.paper : this.ink[name];
@@ -272,14 +280,30 @@ class CutAnimation {
     this.scale(view);
   }
 
-  trace(view, track, last, stroke, magnified = false, tip = undefined) {
+  // The error so far: the area between the reference path and the tool's.
+  band(view, track, last, colour, factor) {
     const { pen } = view;
-    const m = magnified ? this.magnification : 1;
-    const { x: wx, y: wy } = this.reference;
     pen.beginPath();
-    for (let k = 0; k <= last; k += 1) {
-      pen.lineTo(view.x(wx[k] + m * (track.x[k] - wx[k])), view.y(wy[k] + m * (track.y[k] - wy[k])));
-    }
+    for (let k = 0; k <= last; k += 1) this.point(view, track, k, factor);
+    for (let k = last; k >= 0; k -= 1) this.point(view, track, k, 0);
+    pen.globalAlpha = 0.18;
+    pen.fillStyle = colour;
+    pen.fill();
+    pen.globalAlpha = 1;
+  }
+
+  point(view, track, k, factor) {
+    const { x: wx, y: wy } = this.reference;
+    view.pen.lineTo(
+      view.x(wx[k] + factor * (track.x[k] - wx[k])),
+      view.y(wy[k] + factor * (track.y[k] - wy[k])),
+    );
+  }
+
+  trace(view, track, last, stroke, factor = 1, tip = undefined) {
+    const { pen } = view;
+    pen.beginPath();
+    for (let k = 0; k <= last; k += 1) this.point(view, track, k, factor);
     if (tip) pen.lineTo(view.x(tip.x), view.y(tip.y));
     pen.globalAlpha = stroke.alpha;
     pen.lineWidth = stroke.width;
@@ -303,9 +327,9 @@ class CutAnimation {
     pen.stroke();
     pen.font = `13px ${getComputedStyle(this.root).fontFamily}`;
     pen.textBaseline = "bottom";
-    const left = this.drawn.includes("nominal") ? "identified" : "nominal";
-    const out = this.drawn.length < 2 ? `, ${left} too far off to draw` : "";
-    const errors = this.magnification > 1 ? `, errors × ${this.magnification}${out}` : "";
+    const [first, second] = TOOLS.map((name) => this.factor(name));
+    const each = first === second ? `errors × ${first}` : `errors: nominal × ${first}, identified × ${second}`;
+    const errors = this.magnification > 1 ? `, ${each}` : "";
     pen.fillText(`10 mm${errors}`, x + length + 8, y + 4);
   }
 
@@ -320,7 +344,7 @@ class CutAnimation {
     pen.fillRect(view.x(sx), view.y(sy + sh), sw * view.scale, sh * view.scale);
     pen.globalAlpha = 1;
     this.trace(view, this.reference, this.frames - 1, { colour: this.ink.text, width: 1.2, alpha: 0.9 });
-    for (const name of this.drawn) {
+    for (const name of TOOLS) {
       const pose = reach(now[name], l1, l2);
       if (!pose) continue; // magnified out of reach
       if (name === "identified") this.body(view, pose, now[name], l2);

@@ -169,6 +169,23 @@ def _three(values: Iterable[float]) -> str:
     return ", ".join(significant(float(value), 3) for value in values)
 
 
+def show_servo_law() -> None:
+    """Explain how the servo compensates the deflection of the springs."""
+    with st.expander("How the servo compensates the springs"):
+        st.write(
+            "The springs deflect while the arm accelerates, and the tool leaves its path unless the "
+            "servo pre-compensates the deflection x. It computes x from the K̂ and D̂ that it assumes; "
+            "errors in these become path errors."
+        )
+        st.latex(
+            r"""\begin{gathered}
+            \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q}
+                + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
+            \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
+            \end{gathered}"""
+        )
+
+
 def show_assumptions() -> None:
     """List the paper's statements on its cuts, and the assumptions made here."""
     with st.expander("What the paper states, and what is our assumption"):

@@ -20,22 +20,27 @@ class Step:
 
 OVERVIEW = Step("app.py", "Study", "The answer, and what to know before it is trusted.")
 RECORDS = Step("pages/1_Records.py", "Records", "What was logged: each joint's angle and torque.")
-METHOD = (
-    RECORDS,
-    Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number."),
-    Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers."),
-    Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint."),
-    Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres."),
-    Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most."),
-    Step("pages/7_Report.py", "Report", "To hand on: a report, and files for other tools."),
-    Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, what stands out."),
-)
-"""The steps of the method."""
-
 SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot whose springs are known.")
 IMPORT = Step(
     "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
 )
+PHASORS = Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex number.")
+TRANSFER = Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers.")
+ELASTICITY = Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint.")
+CUT = Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres.")
+PLAN = Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most.")
+REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
+FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
+COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")
+GLOSSARY = Step("pages/12_Glossary.py", "Glossary", "The terms of these pages.")
+GROUPS = {
+    "Data": (OVERVIEW, RECORDS, IMPORT, SIMULATE),
+    "Method": (PHASORS, TRANSFER, ELASTICITY),
+    "Use": (CUT, PLAN, REPORT, COMPARE, FLEET, GLOSSARY),
+}
+"""The pages as the sidebar groups them."""
+METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
+"""The steps of the method for one study."""
 
 ACTIONS: dict[Action, tuple[Step, str]] = {
     "edit mapping": (IMPORT, "All entries"),

@@ -26,6 +26,14 @@ _STYLE = """
 [data-testid="stCode"] code span { color: inherit !important; }
 :is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
   outline: 2px solid %s !important; outline-offset: 1px; }
+@media (max-width: 640px) {  /* two cards in a row on a phone */
+  [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
+    width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
+  [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }
+  [data-testid="stMetric"] > div { padding: 0 !important; }
+  [data-testid="stMetricValue"] { font-size: 0.9rem !important; }
+  [data-testid="stMetric"] * { white-space: normal !important; overflow-wrap: anywhere; }
+}
 """
 _ON_PRIMARY = """
 [data-testid^="stBaseButton-primary"], [data-testid^="stBaseButton-primary"] p { color: #10212C; }

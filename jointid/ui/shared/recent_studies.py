@@ -7,6 +7,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.files.store import Entry
 from jointid.ui.shared import workspace
+from jointid.ui.shared.last_workspace import offer_last_workspace
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_warning
 
@@ -21,6 +22,8 @@ def show_recent() -> None:
     for note in workspace.notes():
         show_warning(note.text)
         st.button("Dismiss", key=f"dismiss_{note.id}", on_click=workspace.dismiss, args=(note.id,))
+    chosen, unknown = (st.session_state.get(key) or "" for key in ("chosen", "unknown_workspace"))
+    offer_last_workspace(workspace.workspace(), chosen, unknown)
     kept = workspace.recent()
     if not kept:
         return

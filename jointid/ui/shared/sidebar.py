@@ -9,7 +9,7 @@ from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
-from jointid.ui.shared.method_steps import IMPORT, METHOD, OVERVIEW, SIMULATE
+from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
@@ -22,15 +22,15 @@ def choose_study() -> tuple[str, str] | None:
     """Draw the sidebar and return the chosen study's key and estimator, or None without any study."""
     with st.sidebar:
         _remember_file()
-        for step in (OVERVIEW, *METHOD):
-            st.page_link(step.path, label=step.name)
+        for group, steps in GROUPS.items():
+            st.caption(group)
+            for step in steps:
+                st.page_link(step.path, label=step.name, help=step.line)
         st.divider()
         above = st.container()
         _open_file()
         with above:  # drawn last, to include the study just opened
             key = _choose()
-        st.page_link(IMPORT.path, label=IMPORT.name, help=IMPORT.line)
-        st.page_link(SIMULATE.path, label=SIMULATE.name, help=SIMULATE.line)
         st.divider()
         method = st.selectbox(
             "Estimator",

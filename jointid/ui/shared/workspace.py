@@ -74,6 +74,7 @@ def workspace() -> str | None:
     if not store().known(found):
         st.session_state.pop("workspace", None)
         st.query_params.pop("w", None)
+        st.session_state["unknown_workspace"] = found
         st.session_state["store_problem"] = (
             "There is no workspace at this address (?w=…) on this computer: nothing was kept under it, "
             "or its folder was removed."

@@ -11,7 +11,9 @@ from jointid import Analysis, JointIdError, Study
 from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.exporting import (
+    LANGUAGES,
     Identification,
+    code_listing,
     gear_table,
     identification,
     mujoco_snippet,
@@ -25,7 +27,7 @@ from jointid.exporting import (
 )
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
-from jointid.ui.shared.charts import download
+from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.parse_numbers import numbers_in
 
@@ -88,7 +90,9 @@ def show_identification_files(results: Results, stem: str) -> None:
             hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
             "without friction and delay, and phasors.",
         )
-    with st.expander("What stands in it"):
+    language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
+    st.code(code_listing(results.identification, language), language=None)
+    with st.expander("The whole file"):
         st.code(results.toml, language="toml", height=360)
 
 

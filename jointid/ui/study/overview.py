@@ -10,7 +10,7 @@ from jointid import Analysis, ElasticityFit, Finding, Study
 from jointid.answer import ERROR_BARS, Quantity, change_from, elasticity_quantities, without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain
-from jointid.study import NOT_USABLE
+from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note
@@ -19,6 +19,7 @@ from jointid.wording import counted, file_stem
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
+_STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
 _MOST_FINDINGS = 3
 _TILE_GAP = 16  # px, streamlit's
 _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
@@ -49,6 +50,7 @@ def show_headline(analysis: Analysis) -> None:
     if analysis.state == NOT_USABLE:
         st.error(f"#### {markdown_escape(analysis.headline)}")
         return
+    st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
     st.subheader(analysis.headline, anchor=False)
     if analysis.caution:
         show_note(analysis.caution)

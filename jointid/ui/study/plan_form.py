@@ -12,6 +12,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.rounding import UNDETERMINED, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
+from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.uncertainty.information import planning_model
@@ -153,7 +154,23 @@ def suggested_columns(found: Suggestion) -> Table:
     return columns
 
 
-def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
+def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) -> PlannedRecords:
+    """Let a plan be edited, show its expected errors and return it.
+
+    Raises
+    ------
+    JointIdError
+        When a cell is empty, or the plan is no experiment.
+    """
+    st.subheader("A plan of your own", anchor=False)
+    st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
+    plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
+    errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
+    show_text_table(predicted_table(errors, analysis.fit))
+    return plan
+
+
+def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     """Let a plan be edited that begins as the suggestion; rows can be added and deleted."""
     start: dict[str, list[float]] = {
         "Frequency (Hz)": [float(f"{f:.4g}") for f in found.records.frequency_hz],
@@ -175,50 +192,52 @@ def edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
     return {str(name): list(values) for name, values in dict(edited).items()}
 
 
-def predicted(
-    page: Page, columns: dict[str, list[float | None]], analysis: Analysis, pose: str
-) -> PredictedErrors:
-    """Predict the standard errors of an edited plan.
-
-    Raises
-    ------
-    JointIdError
-        When a cell is empty, or the plan is no experiment.
-    """
-    table = {name: tuple(_number(v) for v in values) for name, values in columns.items()}
+def _own_plan(columns: dict[str, list[float | None]], analysis: Analysis, pose: str) -> PlannedRecords:
+    """Return the records of an edited plan."""
+    table = {name: np.array([np.nan if v is None else v for v in c]) for name, c in columns.items()}
     if not len(table["Frequency (Hz)"]):
         raise JointIdError("The plan has no records: add a row.")
     for name, values in table.items():
         if np.isnan(values).any():
             row = int(np.flatnonzero(np.isnan(values))[0]) + 1
             raise JointIdError(f"Row {row} of the plan: {name} is empty.")
-    return _predicted(page.digest, page.method, pose, table, analysis)
-
-
-@st.cache_resource(max_entries=64, show_spinner=False)
-def _predicted(
-    digest: str, method: str, pose: str, table: dict[str, tuple[float, ...]], _analysis: Analysis
-) -> PredictedErrors:
-    n, inertia = _analysis.fit.n, pose_inertia(_analysis, pose)
     amplitude, phase = (
-        np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(n)], axis=1)
+        np.stack([table[f"{what} {j + 1} ({unit})"] for j in range(analysis.fit.n)], axis=1)
         for what, unit in (("Torque", "N·m"), ("Phase", "°"))
     )
-    model = planning_model(_analysis.phasors, _analysis.study.inertias, _analysis.fit, inertia)
-    plan: PlannedRecords = planned_records(
+    inertia = pose_inertia(analysis, pose)
+    model = planning_model(analysis.phasors, analysis.study.inertias, analysis.fit, inertia)
+    return planned_records(
         model.inertia,
-        _analysis.fit.elasticity,
+        analysis.fit.elasticity,
         table["Frequency (Hz)"],
         torque_Nm=amplitude * np.exp(1j * np.radians(phase)),
         duration_s=table["Length (s)"],
     )
+
+
+def content(plan: PlannedRecords) -> tuple[float, ...]:
+    """All numbers of a plan, as a key of what depends on it."""
+    parts = (plan.frequency_hz, plan.duration_s, plan.torque_Nm.real, plan.torque_Nm.imag)
+    return tuple(np.concatenate([part.ravel() for part in parts]).tolist())
+
+
+@st.cache_resource(max_entries=64, show_spinner=False)
+def _predicted(
+    digest: str,
+    method: str,
+    pose: str,
+    content: tuple[float, ...],
+    _plan: PlannedRecords,
+    _analysis: Analysis,
+) -> PredictedErrors:
     return run_in_background(
         predict_standard_errors,
-        plan,
+        _plan,
         _analysis.phasors,
         _analysis.study.inertias,
         _analysis.fit,
-        planned_inertia=inertia,
+        planned_inertia=pose_inertia(_analysis, pose),
     )
 
 
@@ -238,10 +257,6 @@ def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
 def percent(error: float) -> str:
     """Relative error in per cent."""
     return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
 
 
 def _first_phase(torque: Complexes) -> Floats:

@@ -1,0 +1,89 @@
+"""jointid setpoints."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from jointid.cli.files import require_spared
+from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
+from jointid.cli.output import print_json, print_table, status
+from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
+from jointid.cli.program import reported
+from jointid.files.atomic_write import write_file
+
+
+@reported
+def setpoints(
+    study: Annotated[Path, STUDY],
+    limits: Annotated[
+        Path, typer.Option(parser=named, help="TOML with limits, gear ratios and start pose.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", parser=named, help="New file.")],
+    file_format: Annotated[
+        str, typer.Option("--format", help="csv, ros2 (JointTrajectory), ur, egm or rsi.")
+    ] = "csv",
+    kind: Annotated[str, typer.Option(help="sines, multisine or sweep.")] = "sines",
+    interval_ms: Annotated[
+        float | None, typer.Option(help="Time between set points; default: the format's.")
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Factor on the motion.")] = 1.0,
+    repeats: Annotated[int, typer.Option(help="Repeats of all records.")] = 1,
+    ramp_s: Annotated[float, typer.Option(help="Length of the ramps, s.")] = 0.5,
+    rest_s: Annotated[float, typer.Option(help="Rest between records, s.")] = 1.0,
+    superposed: Annotated[
+        str, typer.Option(help="Superposed velocities of the joints, °/s: each record forth and back.")
+    ] = "0",
+    count: Annotated[int, COUNT] = 3,
+    duration_s: Annotated[float, DURATION] = 4.0,
+    torque_limit: Annotated[str, TORQUE_LIMIT] = "",
+    velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
+    method: Annotated[str, METHOD] = "auto",
+    overwrite: Annotated[bool, OVERWRITE] = False,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
+    """Write the suggested records as set points, after a check on the simulated robot."""
+    from jointid.setpoints.files import set_points
+    from jointid.setpoints.from_plan import planned_experiment
+    from jointid.setpoints.limit_check import check_table
+    from jointid.setpoints.played import play
+    from jointid.setpoints.robot_limits import limits_from_toml
+
+    require_spared(output, overwrite, [study, limits])
+    with limits.open("rb") as file:
+        robot = limits_from_toml(file.read(1 << 21), limits.name)
+    known, fit, suggestion = suggested(
+        study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
+    )
+    with status("Playing on the simulated robot", quiet=as_json):
+        experiment = planned_experiment(
+            suggestion.records,
+            fit.inertias[0],
+            fit.elasticity,
+            kind=kind,
+            repeats=repeats,
+            ramp_s=ramp_s,
+            rest_s=rest_s,
+            velocity_rad_s=robot.motor_velocity(numbers(superposed)),
+            scale=scale,
+        )
+        points = set_points(
+            play(experiment, fit.inertias[0], fit.elasticity, friction=fit.friction),
+            robot,
+            file_format,
+            interval_ms=interval_ms,
+            study=known.name,
+        )
+    write_file(output, points.text().encode())
+    if as_json:
+        check = [{**asdict(row), "margin": row.margin} for row in points.rows]
+        print_json({"written": [str(output)], "duration_s": experiment.duration_s, "check": check})
+        return
+    columns = check_table(points.rows)
+    print_table(
+        list(columns), [list(row) for row in zip(*columns.values(), strict=True)], right=(2, 3, 4)
+    )
+    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its head first.")

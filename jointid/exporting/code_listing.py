@@ -1,0 +1,59 @@
+"""K and D as a few lines of code, to paste into a controller or a script."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.exporting.identification import Identification
+from jointid.wording import enumerated
+
+LANGUAGES = {
+    "Text": ("", "{name} = {values}", ("", "", ", ")),
+    "TOML": ("# ", "{name} = {values}", ("[", "]", ", ")),
+    "Python": ("# ", "{name} = {values}", ("[", "]", ", ")),
+    "MATLAB": ("% ", "{name} = {values};", ("[", "]", " ")),
+    "C": ("// ", "static const double {name}[{n}] = {values};", ("{", "}", ", ")),
+    "Structured Text": ("// ", "{name} : ARRAY[1..{n}] OF LREAL := {values};", ("[", "]", ", ")),
+}
+"""Beginning of a comment, a line of code, and opening, closing and separator of a list, by language."""
+_DIGITS = 7
+
+
+def code_listing(found: Identification, language: str) -> str:
+    """Write K and D with their standard errors in a programming language.
+
+    Parameters
+    ----------
+    found : Identification
+    language : str
+        One of ``LANGUAGES``.
+
+    Raises
+    ------
+    JointIdError
+        When the language is not supported.
+    """
+    if language not in LANGUAGES:
+        known = enumerated(list(LANGUAGES))
+        raise JointIdError(f"There is no code for {language!r}: choose one of {known}.")
+    comment, line, brackets = LANGUAGES[language]
+    n, error = found.n, found.standard_error
+    study = " ".join(found.obtained.study.split()) or "study without a name"
+    lines = [
+        f"{comment}{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
+        f"{comment}Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
+    ]
+    rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}
+    for name, values in rows.items():
+        if np.isfinite(values).all():
+            lines.append(line.format(name=name, n=n, values=_list(values.tolist(), *brackets)))
+        else:
+            lines.append(f"{comment}{name}: not determined by the records")
+    return "\n".join(lines) + "\n"
+
+
+def _list(values: Sequence[float], opening: str, closing: str, separator: str) -> str:
+    return opening + separator.join(f"{value:.{_DIGITS}g}" for value in values) + closing

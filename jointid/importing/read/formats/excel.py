@@ -1,0 +1,98 @@
+"""Excel workbooks (.xlsx, .xlsm, .xlsb, .xls) and OpenDocument sheets: one table per sheet."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from jointid.errors import JointIdError
+from jointid.files.container_limits import mebibytes
+from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
+from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader, begins_with
+from jointid.importing.read.text.tables import read_text_table
+from jointid.wording import listed
+
+_MAX_UNPACKED = 128 << 20
+
+
+def read(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read every sheet of a workbook that holds a table of numbers.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    path : str
+        Where it lies.
+
+    Raises
+    ------
+    JointIdError
+        When python-calamine is not installed, or no sheet holds a table.
+    """
+    calamine = import_optional("python_calamine", "python-calamine", "Excel files")
+    _require_small(file, path)
+    workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(Path(path).read_bytes()))
+    tables: list[LogTable] = []
+    problems: list[str] = []
+    held = 0
+    for name in workbook.sheet_names[:MAX_TABLES]:
+        sheet = workbook.get_sheet_by_name(name)
+        held += sheet.total_height * sheet.total_width
+        require_few_values(file, held)
+        rows = sheet.to_python(skip_empty_area=False)
+        if not any(any(cell != "" for cell in row) for row in rows):
+            continue
+        # As text, a sheet gets the same search for header, units and numbers as a CSV file.
+        text = "\n".join("\t".join(_cell(cell) for cell in row) for row in rows)
+        try:
+            table = read_text_table(f"{file}: {name}", text.encode())
+            tables.append(replace(table, row_word="row"))
+        except JointIdError as error:
+            problems.append(str(error))
+    if not tables:
+        reason = problems[0] if problems else f"{file}: all sheets are empty."
+        raise JointIdError(f"{reason} Sheets found: {listed(workbook.sheet_names)}.")
+    return most_first(file, tables)
+
+
+def _require_small(file: str, path: str) -> None:
+    """Refuse a workbook by the size that its parts unpack to."""
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > _MAX_UNPACKED:
+        raise JointIdError(
+            f"{file} unpacks to {mebibytes(size)}, more than the limit of {mebibytes(_MAX_UNPACKED)} of "
+            "workbooks, about 4 million cells. Export it as CSV or Parquet, or cut it into several logs."
+        )
+
+
+def _cell(cell: Any) -> str:
+    if isinstance(cell, bool):
+        return str(int(cell))
+    if isinstance(cell, float | int):
+        return repr(cell)
+    if isinstance(cell, datetime.datetime):
+        return cell.isoformat(" ")
+    if isinstance(cell, datetime.time):
+        return cell.isoformat()
+    if isinstance(cell, datetime.timedelta):
+        return repr(cell.total_seconds())
+    return " ".join(str(cell).split())
+
+
+READERS = {
+    "excel": Reader(
+        "a workbook",
+        begins_with(b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
+        read,
+        ("xlsx", "xlsm", "xlsb", "xls", "ods"),
+    )
+}

@@ -1,0 +1,1 @@
+"""Text files of users, parsed under limits: TOML and XML."""

@@ -1,0 +1,1 @@
+"""Rigid models of robots: torque, inertia and gravity stiffness from a description file."""

@@ -1,0 +1,283 @@
+"""Rigid model of a robot: joint torque, motor-side inertia, gravity stiffness and the tool point."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, frozen, per_joint
+from jointid.errors import JointIdError
+from jointid.joints import Inertia
+from jointid.robot_models.denavit_hartenberg import read_denavit_hartenberg
+from jointid.robot_models.description import RobotDescription
+from jointid.robot_models.descriptions import read_mjcf, read_urdf
+from jointid.robot_models.payload import Payload
+from jointid.robot_models.rigid_bodies import (
+    Array,
+    RigidBodies,
+    about_origin,
+    cross,
+    symmetric_tensor,
+)
+from jointid.wording import enumerated
+
+MAX_FILE_BYTES = 4 << 20
+"""Largest robot description that is read, bytes."""
+_READERS = {".toml": read_denavit_hartenberg, ".urdf": read_urdf, ".xml": read_mjcf}
+_STEP = 1e-30
+"""Imaginary step of derivatives: exact to rounding, since nothing is subtracted."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobotModel(RobotDescription):
+    """Rigid model of a robot with n driven joints. Build it with ``RobotModel.load``.
+
+    Joint angles are those of the log, in radians; they may have leading axes, (..., n).
+    """
+
+    @classmethod
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        gear_ratio: ArrayLike | None = None,
+        rotor_inertia: ArrayLike | None = None,
+    ) -> RobotModel:
+        """Read a robot from URDF (.urdf), MJCF (.xml) or Denavit-Hartenberg TOML (.toml).
+
+        No other file is read: meshes and included files are not opened.
+
+        Parameters
+        ----------
+        path : path
+        gear_ratio : array_like, shape (n,), optional
+            Motor turns per joint turn, in place of what the file says. URDF states them as
+            ``mechanicalReduction`` of transmissions, MJCF as ``gear`` of actuators.
+        rotor_inertia : array_like, shape (n,), optional
+            Motor side, kg·m², in place of what the file says. MJCF states N² times them as ``armature``.
+
+        Raises
+        ------
+        JointIdError
+            When the file cannot be used; the message names the fault and its place.
+        """
+        try:
+            file = Path(path)
+            with file.open("rb") as opened:
+                data = opened.read(MAX_FILE_BYTES + 1)
+        except (OSError, ValueError, TypeError) as error:
+            raise JointIdError(f"{path!s:.200} cannot be read: {error!s:.200}.") from error
+        return cls.parse(file.name, data, gear_ratio=gear_ratio, rotor_inertia=rotor_inertia)
+
+    @classmethod
+    def parse(
+        cls,
+        name: str,
+        data: bytes,
+        *,
+        gear_ratio: ArrayLike | None = None,
+        rotor_inertia: ArrayLike | None = None,
+    ) -> RobotModel:
+        """Read a robot from the content of a file, as ``load``."""
+        if len(data) > MAX_FILE_BYTES:
+            raise JointIdError(
+                f"{name} has more than the limit of {MAX_FILE_BYTES} bytes: it must describe the robot "
+                "without meshes.",
+                file=name,
+            )
+        suffix = Path(name).suffix.lower()
+        if suffix not in _READERS:
+            raise JointIdError(
+                f"{name:.200}: expected a robot as .urdf, .xml (MJCF) or .toml (Denavit-Hartenberg).",
+                file=name,
+            )
+        robot = cls(**vars(_READERS[suffix](name, data)))
+        if gear_ratio is not None:
+            N = per_joint("gear_ratio (motor turns per joint turn)", gear_ratio, robot.n)
+            if not N.all():
+                raise JointIdError(f"gear_ratio of joint {int(np.argmin(np.abs(N))) + 1} is 0.")
+            robot = replace(robot, coupling=frozen(np.diag(1 / N)))
+        if rotor_inertia is not None:
+            J = per_joint("rotor_inertia (motor side, kg·m²)", rotor_inertia, robot.n)
+            if J.min() <= 0:
+                raise JointIdError(f"rotor_inertia of joint {int(np.argmin(J)) + 1} is not positive.")
+            return replace(robot, rotor_inertia=frozen(J), armature=None)
+        if robot.armature is not None:
+            return replace(robot, rotor_inertia=frozen(robot.armature / robot.gear_ratio**2))
+        return robot
+
+    @property
+    def n(self) -> int:
+        """Number of driven joints."""
+        return self.links.n
+
+    @property
+    def gear_ratio(self) -> Floats:
+        """Motor turns per joint turn with the other joints at rest, shape (n,); NaN where unknown."""
+        known = np.isfinite(self.coupling).all()
+        return frozen(np.diag(np.linalg.inv(self.coupling)) if known else 1 / np.diag(self.coupling))
+
+    def with_payload(
+        self,
+        mass: float | None = None,
+        center: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+        mass_std: float | None = None,
+    ) -> RobotModel:
+        """Return the robot with another payload; values that are not given stay, see ``Payload``."""
+        given = {"mass": mass, "center": center, "inertia": inertia, "mass_std": mass_std}
+        values: dict[str, Any] = {
+            k: getattr(self.payload, k) if v is None else v for k, v in given.items()
+        }
+        return replace(self, payload=Payload(**values))
+
+    def torque(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Floats:
+        """Joint torque of links, payload, counterbalance and gravity, without rotors and friction.
+
+        Parameters
+        ----------
+        q, dq, ddq : array_like, shape (..., n)
+            Joint angles, rad, velocities and accelerations; they broadcast.
+
+        Returns
+        -------
+        ndarray, shape (..., n)
+            N·m, on the joint side of the gears.
+
+        Raises
+        ------
+        JointIdError
+            When the last axis has not n values, or a value is not finite.
+        """
+        return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
+
+    def payload_regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Floats:
+        """Derivative of the joint torque with respect to ``Payload.parameters``, shape (..., n, 10).
+
+        The torque is linear in them. The derivative with respect to a mass at a place c is the product
+        with ``Payload(1.0, c).parameters``.
+        """
+        angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
+        return self.links.payload_regressor(self.flange, angles + self.zero, *rates)
+
+    def joint_inertia(self, q: ArrayLike) -> Floats:
+        """Inertia matrix of links and payload on the joint side, shape (n, n), kg·m²."""
+        (angles,) = self._checked(q=q, one=True)
+        return self._loaded.inertia_matrix(angles + self.zero)
+
+    def inertia(self, q: ArrayLike) -> Inertia:
+        """Inertia at joint angles of shape (n,), motor side: M the rotors, M2 the links, and gravity.
+
+        Raises
+        ------
+        JointIdError
+            When gear ratios or rotor inertias are unknown, or M2 is not positive definite.
+        """
+        C = self._known_coupling()
+        if not np.isfinite(self.rotor_inertia).all():
+            raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
+        return Inertia(
+            self.rotor_inertia, C.T @ self.joint_inertia(q) @ C, gravity=self.motor_gravity_stiffness(q)
+        )
+
+    def gravity_stiffness(self, q: ArrayLike) -> Floats:
+        """Derivative of the static torque with respect to the joint angles, shape (n, n), N·m/rad.
+
+        Joint side, at joint angles of shape (n,), with payload and counterbalance.
+        """
+        (angles,) = self._checked(q=q, one=True)
+        many = angles + 1j * _STEP * np.eye(self.n)
+        still = np.zeros_like(many)
+        return np.asarray(self._torque(many, still, still).imag.T / _STEP)
+
+    def motor_gravity_stiffness(self, q: ArrayLike) -> Floats:
+        """``gravity_stiffness`` on the motor side, shape (n, n), N·m/rad."""
+        C = self._known_coupling()
+        return np.asarray(C.T @ self.gravity_stiffness(q) @ C)
+
+    def tool_jacobian(self, q: ArrayLike) -> Floats:
+        """Velocity of the tool point over joint velocities, shape (3, n), m/rad, in world axes."""
+        (angles,) = self._checked(q=q, one=True)
+        still = np.zeros(self.n)
+        motion = self.links.motion(angles + self.zero, still, still)
+        last = motion.frames[-1]
+        tool = last.origin + last.rotation @ (self.flange.origin + self.flange.rotation @ self.tool)
+        columns, j = np.zeros((3, self.n)), self.n - 1
+        while j >= 0:
+            z, arm = motion.axes[j], tool - motion.frames[j].origin
+            columns[:, j] = z if self.links.sliding[j] else cross(z, arm)
+            j = self.links.parent[j]
+        return columns
+
+    @cached_property
+    def _loaded(self) -> RigidBodies:
+        """The links with the payload as part of the last one."""
+        links, load = self.links, self.payload
+        R, origin = self.flange
+        parts = [
+            (float(links.mass[-1]), links.center[-1], links.inertia[-1]),
+            (load.mass, origin + R @ load.center, R @ symmetric_tensor(load.inertia) @ R.T),
+        ]
+        mass = sum(m for m, _, _ in parts)
+        center = sum((m * c for m, c, _ in parts), np.zeros(3)) / (mass or 1.0)
+        tensor = sum((t + about_origin(m, c - center) for m, c, t in parts), np.zeros((3, 3)))
+
+        def ending(values: Floats, last: ArrayLike) -> Floats:
+            return np.concatenate([values[:-1], np.asarray(last)[None]])
+
+        return replace(
+            links,
+            mass=ending(links.mass, mass),
+            center=ending(links.center, center),
+            inertia=ending(links.inertia, tensor),
+        )
+
+    def _torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        tau = self._loaded.torque(q + self.zero, dq, ddq)
+        if (balance := self.counterbalance) is not None:
+            tau[..., balance.joint] += balance.torque(q[..., balance.joint])
+        return tau
+
+    def _checked(self, *, one: bool = False, **values: ArrayLike) -> list[Array]:
+        """Finite arrays of one shape (..., n); of shape (n,) if ``one``."""
+        arrays = []
+        for name, value in values.items():
+            try:
+                array = np.asarray(value, float)
+            except (TypeError, ValueError):
+                raise JointIdError(f"{name}: expected numbers, got {value!r:.80}.") from None
+            if array.ndim == 0 or array.shape[-1] != self.n or (one and array.ndim > 1):
+                shape = f"({self.n},)" if one else f"(..., {self.n})"
+                raise JointIdError(
+                    f"{name} has shape {array.shape}: expected {shape}, one value per joint."
+                )
+            if not np.isfinite(array).all():
+                j = int(np.argwhere(~np.isfinite(array))[0][-1])
+                raise JointIdError(f"{name} of joint {j + 1} is not finite: remove or repair it.")
+            arrays.append(array)
+        try:
+            return list(np.broadcast_arrays(*arrays))
+        except ValueError:
+            shapes = enumerated([f"{name} {a.shape}" for name, a in zip(values, arrays, strict=True)])
+            raise JointIdError(f"The shapes of {shapes} do not agree.") from None
+
+    def _known_coupling(self) -> Floats:
+        if not np.isfinite(self.coupling).all():
+            raise self._unknown("gear ratio", np.diag(self.coupling), "gear_ratio")
+        return self.coupling
+
+    def _unknown(self, what: str, values: Floats, argument: str) -> JointIdError:
+        missing = [
+            name for name, value in zip(self.names, values, strict=True) if not np.isfinite(value)
+        ]
+        return JointIdError(
+            f"{self.source[0]} does not state the {what} of {enumerated(missing[:8])}: "
+            f"give it as {argument} when loading the robot.",
+            file=self.source[0],
+        )

@@ -1,0 +1,97 @@
+"""From a played experiment to a checked file of set points."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.rounding import significant
+from jointid.setpoints import abb_egm, csv_table, kuka_rsi, ros2, urscript
+from jointid.setpoints.experiment import Motion
+from jointid.setpoints.file_format import Format, SetPoints
+from jointid.setpoints.head import head
+from jointid.setpoints.limit_check import check_limits
+from jointid.setpoints.played import Peaks, PlayedExperiment
+from jointid.setpoints.robot_limits import RobotLimits
+from jointid.wording import enumerated
+
+FORMATS: dict[str, Format] = {
+    each.FORMAT.name: each.FORMAT for each in (csv_table, ros2, urscript, abb_egm, kuka_rsi)
+}
+"""File formats by name."""
+_FEWEST_PER_PERIOD = 5
+"""Fewest set points per period: with fewer, the controller's interpolation changes the sine."""
+
+
+def set_points(
+    played: PlayedExperiment,
+    robot: RobotLimits,
+    file_format: str,
+    *,
+    interval_ms: float | None = None,
+    study: str = "",
+) -> SetPoints:
+    """Make set points of a played experiment and check them against the limits.
+
+    Parameters
+    ----------
+    played : PlayedExperiment
+    robot : RobotLimits
+        Of the same joints.
+    file_format : str
+        One of ``FORMATS``.
+    interval_ms : float, optional
+        Time between set points; by default that of the format.
+    study : str
+        Name of the study, for the head of the file.
+
+    Raises
+    ------
+    JointIdError
+        When the format does not exist or does not fit the robot or the frequencies.
+    """
+    if file_format not in FORMATS:
+        raise JointIdError(f'Format "{file_format}": expected one of {", ".join(FORMATS)}.')
+    chosen, experiment, start = FORMATS[file_format], played.experiment, robot.start_deg
+    interval = float(interval_ms or (*chosen.intervals_ms, 1.0)[0])
+    _require_possible(chosen, interval, robot, played)
+    step = 1e-3 * interval
+    time = np.arange(np.ceil(experiment.duration_s / step - 1e-9) + 1) * step
+    motion = Motion(*np.zeros((3, time.size, start.size)))
+    for whole, part in zip(motion, experiment.motion(time), strict=True):
+        whole[:, list(robot.moving)] = part / robot.gear_ratio
+    # What is checked is what is written, rounding included.
+    unit = 1.0 if chosen.degrees else np.radians(1.0)
+    offset = 0.0 if chosen.from_start else start
+    values = np.round(unit * (np.degrees(motion.position) + offset), chosen.decimals) + 0.0
+    written = np.asarray(values / unit - offset, np.float64)[:, list(robot.moving)]
+    points = [Peaks.of("position", "set points", time, written)]
+    for order, quantity in enumerate(("velocity", "acceleration"), start=1):
+        exact = np.degrees(motion[order])[:, list(robot.moving)]
+        slopes = np.diff(written, order, axis=0) / step**order
+        points += [Peaks.of(quantity, "set points", time, each) for each in (exact, slopes)]
+    rows = check_limits(played, robot, points)
+    lines = head(played, robot, chosen, time.size, interval, rows, study)
+    return SetPoints(interval, values, motion, robot, rows, experiment.scale, lines, chosen.write)
+
+
+def _require_possible(
+    chosen: Format, interval_ms: float, robot: RobotLimits, played: PlayedExperiment
+) -> None:
+    possible, axes, n = chosen.intervals_ms, robot.start_deg.size, played.coulomb_Nm.size
+    highest, most = played.experiment.highest_hz, 1e3 / (_FEWEST_PER_PERIOD * interval_ms)
+    if interval_ms not in (possible or (interval_ms,)) or not 0.05 <= interval_ms <= 100:
+        names = enumerated([f"{value:g}" for value in sorted(possible)]) if possible else "0.05 to 100"
+        raise JointIdError(f"{chosen.title}: an interval of {interval_ms:g} ms, expected {names} ms.")
+    if highest > most * (1 + 1e-9):
+        raise JointIdError(
+            f"{significant(highest)} Hz has less than {_FEWEST_PER_PERIOD} set points per period at "
+            f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
+        )
+    if robot.gear_ratio.size != n:
+        raise JointIdError(f"The limits are of another number of joints: the experiment has {n}.")
+    if chosen.axes and axes not in chosen.axes:
+        raise JointIdError(
+            f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, given "
+            f"are {axes}: give that of every axis of the robot."
+        )

@@ -1,0 +1,157 @@
+"""Planned records as an experiment: sines, multisines or sweeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Complexes, Floats, bounded_number, per_joint, whole_number
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity, Inertia
+from jointid.setpoints.experiment import Experiment, Run
+from jointid.uncertainty.planned_records import PlannedRecords, planned_records
+
+KINDS = ("sines", "multisine", "sweep")
+"""One run per record; all records at once; all frequencies one after the other."""
+LONGEST_S = 600.0
+"""Longest experiment that is played and written."""
+_FEWEST_PERIODS = 8
+"""Fewest periods at full amplitude: the first ones settle, and a segment needs five steady ones."""
+_LINE_SPACING = 3
+"""Smallest distance of the lines of a multisine, over the inverse of its length."""
+
+
+def planned_experiment(
+    plan: PlannedRecords,
+    inertia: Inertia,
+    elasticity: Elasticity,
+    *,
+    kind: str = "sines",
+    repeats: int = 1,
+    ramp_s: float = 0.5,
+    rest_s: float = 1.0,
+    velocity_rad_s: ArrayLike = 0.0,
+    scale: float = 1.0,
+) -> Experiment:
+    """Make an experiment of planned records.
+
+    Parameters
+    ----------
+    plan : PlannedRecords
+        r records of n joints.
+    inertia, elasticity
+        The model of the plan; it limits the torques of multisines and sweeps to those of the plan.
+    kind : {"sines", "multisine", "sweep"}
+        A multisine holds all frequencies that lie apart; records with a frequency in common go to
+        further multisines. A sweep from the lowest to the highest frequency is made n times, each with
+        other phases between the joints.
+    repeats : int, default 1
+    ramp_s : float, default 0.5
+        Length of the ramps, at least one period of the lowest frequency of a run.
+    rest_s : float, default 1.0
+        Rest before, between and after the runs.
+    velocity_rad_s : float or (n,)
+        Superposed velocity of the motors. Every run is then made twice, forward and back.
+    scale : float, default 1.0
+        Factor on all amplitudes and on the superposed velocity.
+
+    Raises
+    ------
+    JointIdError
+        When a setting is out of range or the experiment too long.
+    """
+    n = plan.angle_rad.shape[1]
+    repeats = whole_number("repeats", repeats, 1, 100)
+    ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)
+    scale = bounded_number("scale", "", scale)
+    drift = scale * per_joint("velocity_rad_s", velocity_rad_s, n)
+    makers = {
+        "sines": lambda: _sines(plan),
+        "multisine": lambda: _multisines(plan),
+        "sweep": lambda: _sweeps(plan, inertia, elasticity),
+    }
+    if kind not in makers:
+        raise JointIdError(f'kind = "{kind}": expected one of {", ".join(KINDS)}.')
+    contents = list(makers[kind]())
+    runs = []
+    for repeat in range(1, repeats + 1):
+        for label, frequency, angle, hold, last in contents:
+            name = label + (f", repeat {repeat}" if repeats > 1 else "")
+            for way, sign in (("", 1),) if not drift.any() else ((", forward", 1), (", back", -1)):
+                ramp = max(ramp_s, 1 / float(frequency.min()))
+                runs.append(Run(name + way, frequency, scale * angle, hold, ramp, sign * drift, last))
+    experiment = Experiment(tuple(runs), rest_s, scale)
+    if experiment.duration_s > LONGEST_S:
+        raise JointIdError(
+            f"The experiment lasts {experiment.duration_s:.0f} s, at most {LONGEST_S:g} s are possible: "
+            "write fewer or shorter records into a file, or fewer repeats."
+        )
+    return experiment
+
+
+Content = tuple[str, Floats, Complexes, float, float | None]
+"""Label, frequencies, angles, time at full amplitude, last frequency of a sweep."""
+
+
+def _sines(plan: PlannedRecords) -> Iterator[Content]:
+    each = zip(plan.frequency_hz, plan.angle_rad, plan.duration_s, strict=True)
+    for number, (frequency, angle, duration) in enumerate(each, start=1):
+        hold = float(np.ceil(max(duration * frequency - 1e-9, _FEWEST_PERIODS)) / frequency)
+        label = f"record {number} ({frequency:.4g} Hz)"
+        yield label, np.array([frequency]), angle[None], hold, None
+
+
+def _multisines(plan: PlannedRecords) -> Iterator[Content]:
+    length = max(float(plan.duration_s.max()), _FEWEST_PERIODS / float(plan.frequency_hz.min()))
+    rank = np.rint(plan.frequency_hz * length).astype(int)
+    groups: list[list[int]] = []
+    for k in np.argsort(plan.frequency_hz, kind="stable").tolist():
+        apart = (g for g in groups if rank[k] - rank[g[-1]] >= _LINE_SPACING)
+        group = next(apart, None)
+        groups.append([k]) if group is None else group.append(k)
+    for number, group in enumerate(groups, start=1):
+        frequency, count = rank[group] / length, len(group)
+        # Phases by Schroeder (1970) keep the peaks of the sum low.
+        turn = np.exp(-1j * np.pi * np.arange(count) * np.arange(1, count + 1) / count)[:, None]
+        angle, torque = plan.angle_rad[group] * turn, plan.torque_Nm[group] * turn
+        time = np.arange(0, length, 1 / (16 * frequency.max()))
+        wave = np.exp(2j * np.pi * time[:, None] * frequency)
+        speed = 2j * np.pi * frequency[:, None] * angle
+        share = min(
+            _room(np.abs(plan.velocity_rad_s), (wave @ speed).imag),
+            _room(np.abs(plan.torque_Nm), (wave @ torque).imag),
+        )
+        label = f"multisine {number} ({frequency[0]:.4g} to {frequency[-1]:.4g} Hz)"
+        yield label, frequency, share * angle, length, None
+
+
+def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> Iterator[Content]:
+    first, last = float(plan.frequency_hz.min()), float(plan.frequency_hz.max())
+    if last < 1.2 * first:
+        raise JointIdError(
+            f"A sweep from {first:.4g} to {last:.4g} Hz is hardly one: plan records of at least two "
+            "frequencies that differ by 20 %, or choose sines."
+        )
+    n, speed = plan.angle_rad.shape[1], plan.velocity_rad_s.max(axis=0)
+    frequency = np.geomspace(first, last, 200)
+    for number in range(n):
+        pattern = np.exp(2j * np.pi * number * np.arange(n) / n) * speed / (2 * np.pi)
+        grid = planned_records(
+            inertia,
+            elasticity,
+            frequency,
+            angle_rad=pattern / frequency[:, None],
+            duration_s=2 / first,
+        )
+        share = _room(np.abs(plan.torque_Nm), np.abs(grid.torque_Nm))
+        label = f"sweep {number + 1} ({first:.4g} to {last:.4g} Hz)"
+        angle = share * pattern[None] / first
+        yield label, np.array([first]), angle, float(plan.duration_s.max()), last
+
+
+def _room(allowed: Floats, used: Floats) -> float:
+    """Factor up to 1 that limits the largest values used to those allowed, both (…, n)."""
+    most, now = allowed.max(axis=0), np.abs(used).max(axis=0)
+    return float(np.min(most[now > 0] / now[now > 0], initial=1.0))

@@ -1,0 +1,156 @@
+"""An experiment on the simulated robot: the motion of motors and arm, and the torques."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from jointid.arrays import Floats
+from jointid.estimation.elasticity import Friction
+from jointid.joints import Elasticity, Inertia
+from jointid.setpoints.experiment import Experiment, Motion
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction
+from jointid.simulation.robot import Reference, Robot
+
+_RATE_HZ, _SAMPLES_PER_PERIOD = (2000.0, 20_000.0), 40
+"""Lowest and highest rate of the simulated control, and samples per period of the motion."""
+_DAMPING_STEP = 0.3
+"""Share of a rotor's velocity that the control removes within a sample; above 1 it is unstable."""
+BANDWIDTH_HZ = 10.0
+"""Default bandwidth of the simulated control."""
+
+
+class Peaks(NamedTuple):
+    """Lowest and highest values of a quantity, shape (2, n), and their times."""
+
+    quantity: str
+    """Position, velocity, acceleration or torque."""
+    source: str
+    values: Floats
+    time_s: Floats
+
+    @classmethod
+    def of(cls, quantity: str, source: str, time: Floats, values: Floats) -> Peaks:
+        """Find the peaks of a series (N, n)."""
+        at = np.array([values.argmin(axis=0), values.argmax(axis=0)])
+        return cls(quantity, source, np.take_along_axis(values, at, axis=0), time[at])
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedExperiment:
+    """An experiment on two simulated robots, motor side.
+
+    One follows the set points exactly and needs the torque that the motion needs, whatever its
+    controller. The other has sampled position and velocity control with feedforward of the rigid robot.
+    """
+
+    experiment: Experiment
+    elasticity: Elasticity
+    coulomb_Nm: Floats
+    """Coulomb friction of the motors, shape (n,)."""
+    time_s: Floats
+    theta_rad: Floats
+    """Motor angles under simulated control, the log of the experiment with ``tau_Nm``, (N, n)."""
+    tau_Nm: Floats
+    peaks: tuple[Peaks, ...]
+    """Peaks of the motion of motors and arm, and of torques, on both robots, motor side."""
+
+
+class _Commanded(Reference):
+    """The motion, sampled at the rate of the simulated control, as its reference from rest."""
+
+    motion: Motion
+    rate_hz: float
+
+    def at(self, time: Floats) -> tuple[Floats, Floats]:
+        """Position and acceleration, each (N, n, 1)."""
+        k = np.maximum(np.rint(time * self.rate_hz).astype(int), 0)
+        return self.motion.position[k, :, None], self.motion.acceleration[k, :, None]
+
+
+def play(
+    experiment: Experiment,
+    inertia: Inertia,
+    elasticity: Elasticity,
+    *,
+    friction: Friction | MotorFriction | None = None,
+    bandwidth_hz: float = BANDWIDTH_HZ,
+) -> PlayedExperiment:
+    """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    inertia, elasticity
+        The robot, n joints.
+    friction : Friction or MotorFriction, optional
+        Negative estimates count as none.
+    bandwidth_hz : float, default 10
+        Of the simulated control.
+
+    Raises
+    ------
+    JointIdError
+        When the joints disagree or the closed loop is unstable.
+    """
+    n, none = inertia.n, np.zeros(inertia.n)
+    friction = friction or MotorFriction()
+    coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
+    ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
+    steady_hz = min(2 * np.pi * bandwidth_hz * ratio / _DAMPING_STEP, _RATE_HZ[1])
+    rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
+    controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
+    rubbing = MotorFriction(coulomb, viscous, step_s=1 / rate)
+    robot = Robot(inertia, elasticity, controller, rubbing)
+    time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate
+    exact = experiment.motion(time)
+    reference = _Commanded(np.zeros(1), np.zeros((n, 1), complex), none)
+    reference.motion, reference.rate_hz = exact, rate
+    theta, tau = (log[:, :, 0] for log in robot.run(reference, 0, time.size, Measurement(), 0, None))
+    acceleration = np.zeros_like(theta)
+    acceleration[1:-1] = np.diff(theta, 2, axis=0) * rate**2
+    controlled = Motion(theta, np.asarray(np.gradient(theta, 1 / rate, axis=0)), acceleration)
+    peaks = [Peaks.of("torque", "simulated control", time, tau)]
+    for way, motors in (("exact following", exact), ("simulated control", controlled)):
+        arm, spring = _arm(motors, inertia, elasticity, 1 / rate)
+        peaks += _motion_peaks(way, time, motors, arm)
+        if motors is exact:
+            rubs = coulomb * np.sign(exact.velocity) + viscous * exact.velocity
+            torque = inertia.M * exact.acceleration + spring + rubs
+            peaks.append(Peaks.of("torque", way, time, torque))
+    return PlayedExperiment(experiment, elasticity, coulomb, time, theta, tau, tuple(peaks))
+
+
+def _motion_peaks(way: str, time: Floats, motors: Motion, arm: Motion) -> Iterator[Peaks]:
+    """Peaks of the motions. Friction makes the motors' accelerations jump: those are the arm's."""
+    for part, motion, count in (("motor", motors, 2), ("arm", arm, 3)):
+        for quantity, values in list(motion._asdict().items())[:count]:
+            yield Peaks.of(quantity, f"{part}, {way}", time, values)
+
+
+def _arm(
+    motors: Motion, inertia: Inertia, elasticity: Elasticity, step_s: float
+) -> tuple[Motion, Floats]:
+    """Motion of the arm and torque of the springs for a given motion of the motors.
+
+    With the deflection x = θ − θ_a: ẍ = θ̈ − M2⁻¹(K x + D ẋ), exact for accelerations that are linear
+    between the samples.
+    """
+    n = inertia.n
+    springs = np.hstack([np.diag(elasticity.K), np.diag(elasticity.D)])
+    system = np.zeros((4 * n, 4 * n))  # x, ẋ, θ̈ and its change over a step
+    system[: 3 * n, n:] = np.diag([1.0] * (2 * n) + [1 / step_s] * n)
+    system[n : 2 * n, : 2 * n] = -np.linalg.solve(inertia.M2, springs)
+    advance = expm(system * step_s)[: 2 * n]
+    A, now, change = advance[:, : 2 * n], advance[:, 2 * n : 3 * n], advance[:, 3 * n :]
+    drive = motors.acceleration[:-1] @ now.T + np.diff(motors.acceleration, axis=0) @ change.T
+    x = np.zeros((len(drive) + 1, 2 * n))
+    for k, forced in enumerate(drive):
+        x[k + 1] = A @ x[k] + forced
+    spring = x @ springs.T
+    acceleration = np.asarray(np.linalg.solve(inertia.M2, spring.T).T, np.float64)
+    return Motion(motors.position - x[:, :n], motors.velocity - x[:, n:], acceleration), spring

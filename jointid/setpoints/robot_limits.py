@@ -1,0 +1,117 @@
+"""Limits, gears and start pose of a robot, as entered or from a TOML file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats, finite_array, per_joint
+from jointid.errors import JointIdError
+from jointid.parsing.checked_toml import parse_toml
+from jointid.wording import counted
+
+LIMIT_KEYS = {
+    "robot": 'robot = "cell 7, robot A"',
+    "gear_ratio": "gear_ratio = [100, 90]  # motor turns per joint turn, negative when reversed",
+    "start_deg": "start_deg = [0, -90, 90, 0, 45, 0]  # start pose, all axes of the robot",
+    "axes": "axes = [1, 2]  # axes of the robot that are the joints of the study",
+    "joint_names": 'joint_names = ["joint_1", "joint_2"]  # for ROS 2, all axes of the robot',
+    "lower_deg": "lower_deg = [-170, -60]",
+    "upper_deg": "upper_deg = [170, 60]",
+    "velocity_deg_s": "velocity_deg_s = [105, 101]",
+    "acceleration_deg_s2": "acceleration_deg_s2 = [300, 250]",
+    "torque_Nm": "torque_Nm = [20, 12]  # of the motors",
+    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose, such as gravity",
+}
+"""Keys of a limits file."""
+_POSITIVE = ("velocity_deg_s", "acceleration_deg_s2", "torque_Nm")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLimits:
+    """Limits of n joints in degrees as in data sheets, torques of the motors, and the start pose.
+
+    Raises
+    ------
+    JointIdError
+        When a value is out of range or a count is wrong.
+    """
+
+    gear_ratio: Floats
+    """Motor turns over joint turns, shape (n,); negative where the motor turns the other way."""
+    start_deg: Floats
+    """Start pose of all m ≥ n axes of the robot, shape (m,)."""
+    lower_deg: Floats
+    upper_deg: Floats
+    velocity_deg_s: Floats
+    acceleration_deg_s2: Floats
+    torque_Nm: Floats
+    load_Nm: Floats = field(default_factory=lambda: np.zeros(1))
+    """Motor torque at rest in the start pose; the simulated robot has no gravity."""
+    axes: Sequence[float] = ()
+    """Axes of the robot, from 1, that are the joints of the study; by default the first n."""
+    joint_names: tuple[str, ...] = ()
+    """Names of all m axes; by default joint_1 …"""
+    robot: str = ""
+    moving: tuple[int, ...] = field(init=False)
+    """Indices of the joints of the study among the axes of the robot."""
+
+    def __post_init__(self) -> None:
+        start = finite_array("start_deg", self.start_deg, ndim=1)
+        n = finite_array("gear_ratio", self.gear_ratio, ndim=1).size
+        values: dict[str, Any] = {"start_deg": start}
+        for name in ("gear_ratio", "lower_deg", "upper_deg", "load_Nm", *_POSITIVE):
+            values[name] = per_joint(name, getattr(self, name), n)
+            if name in _POSITIVE and np.any(values[name] <= 0):
+                raise JointIdError(f"{name} = {values[name].tolist()}: limits must be positive.")
+        if np.any(values["gear_ratio"] == 0):
+            raise JointIdError("gear_ratio holds 0: give motor turns over joint turns, such as 100.")
+        if np.any(values["lower_deg"] >= values["upper_deg"]):
+            j = int(np.argmax(values["lower_deg"] >= values["upper_deg"])) + 1
+            raise JointIdError(f"lower_deg of joint {j} is not below its upper_deg.")
+        axes, every = list(self.axes) or list(range(1, n + 1)), range(1, start.size + 1)
+        names = tuple(self.joint_names) or tuple(f"joint_{axis}" for axis in every)
+        if not len(axes) == len(set(axes)) == n or not set(axes) <= set(every):
+            raise JointIdError(
+                f"axes = {axes} do not fit {counted(n, 'gear ratio')} and "
+                f"{counted(start.size, 'angle')} in start_deg: give the angle of every "
+                "axis of the robot, and one axis per joint."
+            )
+        if len(names) != start.size:
+            raise JointIdError(
+                f"{counted(len(names), 'joint name')}, but {counted(start.size, 'angle')} in start_deg: "
+                "give one of each per axis of the robot."
+            )
+        moving = tuple(int(axis) - 1 for axis in axes)
+        for name, value in {**values, "axes": axes, "joint_names": names, "moving": moving}.items():
+            object.__setattr__(self, name, value)
+
+    def motor_velocity(self, joint_deg_s: ArrayLike) -> Floats:
+        """Velocities of the motors in rad/s, of one velocity or one per joint in deg/s."""
+        each = per_joint("superposed velocity (°/s)", joint_deg_s, self.gear_ratio.size)
+        return np.asarray(np.radians(each) * self.gear_ratio)
+
+
+def limits_from_toml(data: bytes, file: str) -> RobotLimits:
+    """Read limits from TOML with the keys ``LIMIT_KEYS``.
+
+    Raises
+    ------
+    JointIdError
+        When a key is missing, unknown or wrong.
+    """
+    top = parse_toml(file, data, LIMIT_KEYS)
+    optional = [key for key in ("load_Nm", "axes") if key not in top]
+    texts = ("robot", "joint_names")
+    given: dict[str, Any] = {
+        key: top.numbers(key) for key in LIMIT_KEYS if key not in (*texts, *optional)
+    }
+    names = tuple(top.texts("joint_names")) if "joint_names" in top else ()
+    try:
+        return RobotLimits(**given, joint_names=names, robot=top.text("robot", ""))
+    except JointIdError as error:
+        raise error.within(file, file=file) from error

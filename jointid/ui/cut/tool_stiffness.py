@@ -1,0 +1,85 @@
+"""What K means at the tool: force in, millimetres out."""
+
+from __future__ import annotations
+
+import numpy as np
+import streamlit as st
+
+from jointid import Elasticity, JointIdError
+from jointid.cut.robot import CUTTING_POINT_M, CutRobot
+from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
+from jointid.figures.tool_stiffness import deflection_ellipse
+from jointid.rounding import significant, with_error
+from jointid.study import Analysis
+from jointid.ui.shared.charts import NO_POSE, choose_segment, plot, side_by_side, table
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.page import Page
+
+_FORCE_N = 100.0
+
+
+def show_tool_stiffness(page: Page, analysis: Analysis, robot: CutRobot) -> None:
+    """Show the tool's deflection under a force: of the study's own robot, or of the arm that cuts."""
+    st.subheader("Stiffness at the tool", anchor=False)
+    figure, words = side_by_side(2)
+    try:
+        with words:
+            of, nominal, covariance, where = _stiffnesses(analysis, robot)
+            force = st.number_input(
+                "Force at the tool (N)", 1.0, 1e5, _FORCE_N, 50.0, key="tool_force", format="%.0f"
+            )
+            _show_numbers(of, covariance, force, where)
+    except JointIdError as error:
+        show_error(error)
+        return
+    spatial = len(of.compliance) == 3
+    axes = ("the softest direction", "the second") if spatial else ("x", "y")
+    key = f"tool {where} {force:g}"
+    drawing = page.drawn(key, lambda: deflection_ellipse(of, force, nominal, axes=axes, dark=page.dark))
+    with figure:
+        plot(drawing, "Tool deflection under a force from any direction", key="tool_stiffness")
+
+
+def _stiffnesses(
+    analysis: Analysis, robot: CutRobot
+) -> tuple[ToolStiffness, ToolStiffness | None, np.ndarray, str]:
+    """Compliance with the identified and the nominal K, covariance of K, and the pose."""
+    study, fit = analysis.study, analysis.fit
+    if study.robot_model is None or not study.pose_angles_rad:
+        q = robot.arm.inverse(CUTTING_POINT_M)
+
+        def planar(elasticity: Elasticity) -> ToolStiffness:
+            return planar_tool_stiffness(robot.arm, q, elasticity)
+
+        nominal = None if robot.nominal is None else planar(robot.nominal)
+        where = "the arm that cuts, tool at the cutting point, motors held"
+        return planar(robot.elasticity), nominal, robot.covariance[:2, :2], where
+    model, names = study.robot_model, list(study.pose_angles_rad)
+    pose = names[0]
+    if len(names) > 1:
+        pose = choose_segment("Pose", names, "tool_pose", format_func=lambda name: name or NO_POSE)
+    angles, n = study.pose_angles_rad[pose], fit.n
+    nominal = None if study.nominal is None else tool_stiffness(model, angles, study.nominal)
+    of = tool_stiffness(model, angles, fit.elasticity)
+    degrees = ", ".join(significant(float(value), 3) for value in np.rad2deg(angles))
+    return of, nominal, fit.covariance[:n, :n], f"joint angles {degrees}°, motors held"
+
+
+def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where: str) -> None:
+    values, directions = of.principal
+    millimetres = 1e3 * force * values
+    errors = 1e3 * force * of.standard_error(covariance)
+    texts = [with_error(*pair) for pair in zip(millimetres.tolist(), errors.tolist(), strict=True)]
+    st.write(f"**{force:.0f} N move the tool by up to {texts[0]} mm** ({where}).")
+    table(
+        {
+            "Direction": [", ".join(f"{part:+.2f}" for part in row) for row in directions],
+            "Deflection (mm)": texts,
+            "Stiffness (N/mm)": [significant(1e-3 / value, 3) for value in values],
+        }
+    )
+    lowest = ", ".join(significant(value, 3) for value in of.resonances_hz[:3])
+    st.caption(
+        f"Directions are in {'world' if len(directions) == 3 else 'base'} axes; a force along one of "
+        f"them moves the tool along it. Lowest natural frequencies: {lowest} Hz."
+    )

@@ -1,0 +1,115 @@
+"""Panels of the page Compare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, JointIdError
+from jointid.figures import compared_models
+from jointid.rounding import significant
+from jointid.study import NOT_USABLE
+from jointid.ui.shared import cached
+from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.messages import show_error, show_info, show_text_table, show_warning
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.workspace import names_by_address, open_study
+from jointid.uncertainty.comparison import Difference, compare
+from jointid.wording import capitalised, enumerated
+
+_CLEAR = 3.0
+"""Standard errors from which a difference counts as one."""
+
+
+def choose_other(page: Page) -> Page:
+    """Ask for the second study and its estimator; end the page where it cannot be opened."""
+    names = list(names_by_address().values())
+    left, right = st.columns(2)
+    following = (names.index(page.key) + 1) % len(names)
+    key = left.selectbox("Compare with", names, index=following, key="compare_study")
+    method = right.selectbox(
+        "Its estimator", list(cached.ESTIMATORS), key="compare_estimator", help="See the sidebar."
+    )
+    try:
+        opened = open_study(key)
+    except JointIdError as error:
+        show_error(error)
+        st.stop()
+    return replace(page, key=opened.key, study=opened.study, digest=opened.digest, method=method)
+
+
+def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
+    """The answer in a sentence, and K and D of both with their differences."""
+    same = page.digest == other.digest
+    try:
+        rows = compare(first.fit, second.fit, same_records=same)
+    except JointIdError as error:
+        show_error(error)
+        st.stop()
+    st.subheader(_sentence(rows, same=same), anchor=False)
+    for each, whose in ((first, page), (second, other)):
+        if each.state == NOT_USABLE:
+            show_warning(f"{whose.key}: {each.headline}")
+    columns = {
+        "": [f"{row.first.name} ({row.first.unit})" for row in rows],
+        _column(page): [row.first.shown[0] for row in rows],
+        _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
+            row.second.shown[0] for row in rows
+        ],
+        "Difference": [_percent(row.relative) for row in rows],
+        "In standard errors": [_signed(row.sigmas, 1) for row in rows],
+    }
+    show_text_table(columns)
+    st.caption(
+        "Both come from the same records: their noise is common, so the difference has no standard "
+        "error."
+        if same
+        else "The standard error of a difference takes both errors as independent. A common cause, such "
+        "as a wrong torque constant of the same robot, moves both alike."
+    )
+
+
+def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
+    """Both identified models over both measurements, per joint."""
+    if not (first.transfer_matrices and second.transfer_matrices):
+        show_info(first.transfer_problem or second.transfer_problem)
+        return
+    st.subheader("Both models", anchor=False)
+    for j, place in enumerate(side_by_side(first.fit.n)):
+        with place:
+            figure = compared_models((first, second), (page.key, other.key), j, dark=page.dark)
+            plot(figure, f"Magnitude of H{j + 1}{j + 1} of both studies", key=f"compare {j}")
+
+
+def _sentence(rows: tuple[Difference, ...], *, same: bool) -> str:
+    stiffness = rows[: len(rows) // 2]
+    if same:
+        largest = max(abs(row.relative) for row in stiffness)
+        return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
+    clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
+    if not clear:
+        return "The stiffnesses agree within their errors"
+    return capitalised(
+        enumerated([f"joint {row.first.name[1:]} of the second is {_change(row)}" for row in clear])
+    )
+
+
+def _change(row: Difference) -> str:
+    ratio = 1 + row.relative
+    if not 0.67 < ratio < 1.5:
+        return f"{significant(ratio, 2)} times as stiff"
+    return f"{significant(100 * abs(row.relative), 2)} % {'stiffer' if ratio > 1 else 'softer'}"
+
+
+def _column(page: Page) -> str:
+    return f"{page.key}, {page.method}"
+
+
+def _percent(value: float) -> str:
+    return f"{_signed(100 * value, 2)} %" if np.isfinite(value) else "–"
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{value:+.{digits}f}".replace("-", "−") if np.isfinite(value) else "–"

@@ -1,0 +1,140 @@
+"""Set points of a plan: limits of the robot, check table and file."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
+
+from jointid import Analysis
+from jointid.setpoints.files import FORMATS, set_points
+from jointid.setpoints.from_plan import KINDS, planned_experiment
+from jointid.setpoints.limit_check import check_table, require_within_limits
+from jointid.setpoints.played import PlayedExperiment, play
+from jointid.setpoints.robot_limits import RobotLimits
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import download, table
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.study.plan_form import content
+from jointid.uncertainty.plan import PlannedRecords
+from jointid.wording import file_stem
+
+Number = TypeVar("Number", int, float)
+_LIMITS = {
+    "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
+    "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As the robot shows it."),
+    "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
+    "upper_deg": ("Highest positions (°)", "170, 60", ""),
+    "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
+    "acceleration_deg_s2": ("Accelerations (°/s²)", "300, 250", "Largest accelerations of the joints."),
+    "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
+    "load_Nm": ("Motor torques at rest (N·m)", "", "Such as gravity in the start pose; empty: none."),
+    "axes": ("Axes of the robot", "1, 2", "Which axes the joints of the study are; empty: the first."),
+}
+_SUPERPOSED = "Against stiction: every record is then made forth and back."
+_OPTIONAL = ("load_Nm", "axes")
+_KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
+
+
+def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: str) -> None:
+    """Draw the form; with limits entered, the check and the file.
+
+    Raises
+    ------
+    JointIdError
+        When an entry is wrong or a limit is exceeded.
+    """
+    st.subheader("Set points for the robot", anchor=False)
+    st.write(
+        "The plan above as a motion of the joints, for the controller. It is played on the simulated "
+        "robot first; a file exists only within all limits. Read its head before use."
+    )
+    with st.form("setpoints", border=False):
+        entered, places = {}, [column for _ in range(3) for column in st.columns(3)]
+        for place, (name, (label, example, hint)) in zip(places, _LIMITS.items(), strict=True):
+            entered[name] = _text(place, label, "", f"{name}_{page.digest[:12]}", hint, example)
+        one, two, three, four = st.columns(4)
+        kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind", persist_state="session")
+        file_format = two.selectbox(
+            "Format", list(FORMATS), format_func=_title, key="setpoints_format", persist_state="session"
+        )
+        interval = _text(three, "Interval (ms)", "", "interval", "Empty: the usual one of the format.")
+        scale = _number(four, "Scale of the motion", 1.0, (0.001, 100.0), "scale")
+        one, two, three, four = st.columns(4)
+        repeats = int(_number(one, "Repeats", 1, (1, 100), "repeats"))
+        ramp_s = _number(two, "Ramps (s)", 0.5, (0.05, 10.0), "ramp")
+        rest_s = _number(three, "Rest between (s)", 1.0, (0.1, 60.0), "rest")
+        superposed = _text(four, "Superposed velocities (°/s)", "0", "superposed", _SUPERPOSED)
+        st.form_submit_button("Check on the simulated robot", type="primary")
+    if not entered["gear_ratio"].strip():
+        st.caption(
+            "Enter gear ratios, start pose and limits: without them there is no check and no file."
+        )
+        return
+    n = analysis.fit.n
+    given: dict[str, Any] = {
+        name: numbers_in(_LIMITS[name][0], text, count=None if name in ("start_deg", "axes") else n)
+        for name, text in entered.items()
+        if text.strip() or name not in _OPTIONAL
+    }
+    robot = RobotLimits(**given, robot=analysis.study.robot)
+    drift = tuple(robot.motor_velocity(numbers_in("Superposed velocities", superposed)).tolist())
+    settings = {"kind": _KINDS[kind], "scale": scale, "repeats": repeats, "ramp_s": ramp_s}
+    settings |= {"rest_s": rest_s, "velocity_rad_s": drift}
+    played = _played(page.digest, page.method, pose, content(plan), settings, plan, analysis)
+    (interval_ms,) = numbers_in("Interval", interval, count=1) if interval.strip() else (None,)
+    points = set_points(played, robot, file_format, interval_ms=interval_ms, study=analysis.study.name)
+    table(check_table(points.rows))
+    st.caption(
+        f"{played.experiment.duration_s:.0f} s. Positions to accelerations at the joint, torque at the "
+        "motor. Peaks of the set points, and of motors and arm under simulated control and under exact "
+        "following, whichever is larger. Not run on hardware."
+    )
+    require_within_limits(points.rows, points.scale)
+    chosen = FORMATS[file_format]
+    name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
+    download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
+    with st.expander("Head of the file"):
+        st.code("\n".join(points.comments), language=None, height=360)
+
+
+def _text(
+    place: DeltaGenerator, label: str, value: str, key: str, hint: str = "", example: str = ""
+) -> str:
+    return place.text_input(
+        label,
+        value,
+        key=f"setpoints_{key}",
+        help=hint or None,
+        placeholder=example,
+        persist_state="session",
+    )
+
+
+def _number(
+    place: DeltaGenerator, label: str, value: Number, limits: tuple[Number, Number], key: str
+) -> Number:
+    return place.number_input(
+        label, *limits, value, format="%g", key=f"setpoints_{key}", persist_state="session"
+    )
+
+
+def _title(name: str) -> str:
+    return FORMATS[name].title
+
+
+@st.cache_resource(max_entries=4, show_spinner="Playing on the simulated robot")
+def _played(
+    digest: str,
+    method: str,
+    pose: str,
+    content: tuple[float, ...],
+    settings: dict[str, Any],
+    _plan: PlannedRecords,
+    _analysis: Analysis,
+) -> PlayedExperiment:
+    fit, inertia = _analysis.fit, _analysis.inertia(pose)
+    experiment = planned_experiment(_plan, inertia, fit.elasticity, **settings)
+    return run_in_background(play, experiment, inertia, fit.elasticity, friction=fit.friction)

@@ -1,0 +1,67 @@
+"""Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.answer import Quantity, elasticity_quantities
+from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.wording import counted
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One parameter of two identifications."""
+
+    first: Quantity
+    second: Quantity
+    relative: float
+    """Second over first, less 1."""
+    sigmas: float
+    """Difference over its standard error; NaN where the two errors are not independent."""
+
+
+def compare(
+    first: ElasticityFit, second: ElasticityFit, *, same_records: bool = False
+) -> tuple[Difference, ...]:
+    """Compare K and D of two identifications.
+
+    The standard error of a difference takes both errors as independent. A common cause, such as the
+    torque constant of the same robot, moves both alike and makes the stated number of standard errors
+    too small.
+
+    Parameters
+    ----------
+    first, second : ElasticityFit
+    same_records : bool
+        Whether both come from the same records. Their noise is then common, and no number of standard
+        errors is stated.
+
+    Returns
+    -------
+    tuple of Difference
+        K1 ... Kn, D1 ... Dn.
+
+    Raises
+    ------
+    JointIdError
+        When the numbers of joints differ.
+    """
+    if first.n != second.n:
+        raise JointIdError(
+            f"The first study has {counted(first.n, 'joint')}, the second {counted(second.n, 'joint')}: "
+            "choose studies of the same joints."
+        )
+    pairs = zip(elasticity_quantities(first), elasticity_quantities(second), strict=True)
+    return tuple(_difference(one, other, same_records) for one, other in pairs)
+
+
+def _difference(first: Quantity, second: Quantity, same_records: bool) -> Difference:
+    error = float(np.hypot(first.error, second.error))
+    change = second.value - first.value
+    sigmas = np.nan if same_records or error == 0 else change / error
+    relative = change / first.value if first.value else np.nan
+    return Difference(first, second, relative, float(sigmas))

@@ -1,0 +1,312 @@
+"""The rigid model against pinocchio, against the energy of the bodies, and against bad files."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from jointid import JointIdError, RobotModel
+from jointid.robot_models.payload import Payload
+from tests.robots import MJCF, SIX_AXES, URDF
+
+ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())
+NEAR = {"rtol": 1e-10, "atol": 1e-9}
+
+
+def some_motion(n: int, seed: int = 0, rows: int = 20) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(3, rows, n)) * [[[1.0]], [[0.8]], [[3.0]]]
+
+
+def by_pinocchio(robot: RobotModel) -> tuple[Any, Any]:
+    """The six axes built in pinocchio from the Denavit-Hartenberg table, without our frames."""
+    table = tomllib.loads(SIX_AXES)
+    model = pin.Model()
+    flip = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    before = flip
+    for j, link in enumerate(table["link"]):
+        joint = model.addJoint(j, pin.JointModelRZ(), before, f"axis{j}")
+        alpha = np.deg2rad(link["alpha_deg"])
+        slide = pin.SE3(np.eye(3), np.array([link["a"], 0.0, link["d"]]))
+        after = slide * pin.SE3(pin.utils.rotate("x", alpha), np.zeros(3))
+        bodies = [link, table["payload"]] if j == 5 else [link]
+        for body in bodies:
+            xx, yy, zz, xy, yz, xz = body["inertia"]
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            model.appendBodyToJoint(
+                joint, pin.Inertia(body["mass"], np.array(body["center"]), tensor), after
+            )
+        before = after
+    return model, model.createData()
+
+
+def energies(q: np.ndarray, dq: np.ndarray) -> tuple[float, float]:
+    """Kinetic and potential energy of the six axes by plain transforms and their differences in time."""
+
+    def places(q: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        T = np.diag([1.0, -1.0, -1.0, 1.0])
+        points, frames = [], []
+        for link, angle in zip(TABLE["link"], q, strict=True):
+            t = angle + np.deg2rad(link.get("zero_deg", 0.0) + link.get("offset_deg", 0.0))
+            c, s = np.cos(t), np.sin(t)
+            ca, sa = np.cos(np.deg2rad(link["alpha_deg"])), np.sin(np.deg2rad(link["alpha_deg"]))
+            a, d = link["a"], link["d"]
+            T = T @ np.array(
+                [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+            )
+            for body in [link, TABLE["payload"]] if link is TABLE["link"][-1] else [link]:
+                points.append((T @ [*body["center"], 1.0])[:3])
+                frames.append(T[:3, :3])
+        return points, frames
+
+    h = 1e-30
+    points, frames = places(q + 1j * h * dq)
+    kinetic = potential = 0.0
+    bodies = [*TABLE["link"], TABLE["payload"]]
+    for body, point, R in zip(bodies, points, frames, strict=True):
+        xx, yy, zz, xy, yz, xz = body["inertia"]
+        v, rate = point.imag / h, R.imag / h
+        W = R.real.T @ rate  # angular velocity in the body
+        w = np.array([W[2, 1], W[0, 2], W[1, 0]])
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        kinetic += body["mass"] * v @ v / 2 + w @ tensor @ w / 2
+        potential += body["mass"] * 9.81 * point.real[2]
+    return kinetic, potential
+
+
+TABLE = tomllib.loads(SIX_AXES)
+
+
+def test_torque_inertia_and_gravity_stiffness_agree_with_pinocchio() -> None:
+    model, data = by_pinocchio(ROBOT)
+    bare = replace(ROBOT, counterbalance=None)
+    q, dq, ddq = some_motion(6)
+    tau = bare.torque(q, dq, ddq)
+    for k in range(len(q)):
+        angles = q[k] + ROBOT.zero
+        np.testing.assert_allclose(tau[k], pin.rnea(model, data, angles, dq[k], ddq[k]), **NEAR)
+        M = np.triu(pin.crba(model, data, angles))
+        M = M + np.triu(M, 1).T
+        np.testing.assert_allclose(ROBOT.joint_inertia(q[k]), M, **NEAR)
+        given = ROBOT.inertia(q[k])
+        np.testing.assert_allclose(
+            given.M2, M / np.outer(ROBOT.gear_ratio, ROBOT.gear_ratio), rtol=1e-9, atol=1e-15
+        )
+        np.testing.assert_array_equal(given.M, [0.009, 0.011, 0.011, 0.0018, 0.0018, 0.0018])
+        stiffness = pin.computeGeneralizedGravityDerivatives(model, data, angles)
+        np.testing.assert_allclose(bare.gravity_stiffness(q[k]), stiffness, **NEAR)
+
+
+def test_torque_is_the_rate_of_the_energy() -> None:
+    """dE/dt = τ · dq along a motion, for energies by plain transforms: an independent calculation."""
+    bare = replace(ROBOT, counterbalance=None)
+    q, dq, ddq = some_motion(6, seed=1)
+    h = 1e-5
+    for k in range(len(q)):
+        power = bare.torque(q[k], dq[k], ddq[k]) @ dq[k]
+        ends = [
+            sum(energies(q[k] + t * dq[k] + t * t / 2 * ddq[k], dq[k] + t * ddq[k])) for t in (-h, h)
+        ]
+        assert power == pytest.approx((ends[1] - ends[0]) / (2 * h), rel=1e-6, abs=1e-3)
+    kinetic, _ = energies(q[0], dq[0])
+    assert dq[0] @ ROBOT.joint_inertia(q[0]) @ dq[0] / 2 == pytest.approx(kinetic, rel=1e-12)
+
+
+def test_counterbalance_carries_part_of_the_arm() -> None:
+    """With its own formula, and its stiffness by differences."""
+    bare, q = replace(ROBOT, counterbalance=None), np.deg2rad([10.0, -40.0, 80.0, 20.0, 30.0, 5.0])
+    still = np.zeros(6)
+    extra = ROBOT.torque(q, still, still) - bare.torque(q, still, still)
+    e = np.deg2rad(-40.0 - 90.0 + 95.0)
+    length = np.sqrt(0.8**2 + 0.2**2 - 2 * 0.8 * 0.2 * np.cos(e))
+    area = np.pi * (0.055**2 - 0.03**2) / 4
+    expected = 0.8 * 0.2 * np.sin(e) / length * area * 14000.0 / (2 * 0.00048 - (length - 0.6) * area)
+    np.testing.assert_allclose(extra, [0, expected, 0, 0, 0, 0], rtol=1e-12, atol=1e-9)
+    h = 1e-6
+    slopes = [
+        (ROBOT.torque(q + d, still, still) - ROBOT.torque(q - d, still, still)) / (2 * h)
+        for d in h * np.eye(6)
+    ]
+    np.testing.assert_allclose(ROBOT.gravity_stiffness(q), np.array(slopes).T, rtol=1e-6, atol=1e-3)
+
+
+def test_payload_enters_linearly() -> None:
+    q, dq, ddq = some_motion(6, seed=2, rows=5)
+    empty = ROBOT.with_payload(mass=0.0, inertia=np.zeros(6)).torque(q, dq, ddq)
+    by_parameters = ROBOT.payload_regressor(q, dq, ddq) @ ROBOT.payload.parameters
+    np.testing.assert_allclose(ROBOT.torque(q, dq, ddq), empty + by_parameters, **NEAR)
+    heavier = ROBOT.with_payload(mass=121.0).torque(q, dq, ddq) - ROBOT.torque(q, dq, ddq)
+    unit = Payload(1.0, ROBOT.payload.center).parameters
+    np.testing.assert_allclose(heavier, ROBOT.payload_regressor(q, dq, ddq) @ unit, **NEAR)
+    assert ROBOT.with_payload(mass=100.0).payload.mass_std == 40.0
+
+
+def test_tool_velocity_agrees_with_pinocchio() -> None:
+    model, data = by_pinocchio(ROBOT)
+    q = some_motion(6, rows=1)[0, 0]
+    tool = model.addFrame(
+        pin.Frame("tool", 6, 0, pin.SE3(np.diag([1.0, -1, -1]), np.array([0, 0, -0.23])), pin.OP_FRAME)
+    )
+    J = pin.computeFrameJacobian(
+        model, model.createData(), q + ROBOT.zero, tool, pin.LOCAL_WORLD_ALIGNED
+    )
+    np.testing.assert_allclose(ROBOT.tool_jacobian(q), J[:3], **NEAR)
+    del data
+
+
+def test_coupled_wrist() -> None:
+    """joint = C · motor: the second motor also turns the sixth joint."""
+    C = np.diag(1 / ROBOT.gear_ratio)
+    C[5, 4] = 0.3 * C[4, 4]
+    lines = [line for line in SIX_AXES.splitlines() if not line.startswith("gear_ratio")]
+    robot = RobotModel.parse("six.toml", f"coupling = {C.tolist()}\n{chr(10).join(lines)}".encode())
+    q = np.deg2rad([0.0, -30.0, 60.0, 10.0, 40.0, 0.0])
+    np.testing.assert_allclose(robot.gear_ratio, ROBOT.gear_ratio)
+    np.testing.assert_allclose(
+        robot.inertia(q).M2, C.T @ ROBOT.joint_inertia(q) @ C, rtol=1e-9, atol=1e-16
+    )
+    np.testing.assert_allclose(
+        robot.motor_gravity_stiffness(q), C.T @ ROBOT.gravity_stiffness(q) @ C, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_urdf_agrees_with_pinocchio() -> None:
+    robot = RobotModel.parse("arm.urdf", URDF.encode())
+    model = pin.buildModelFromXML(URDF)
+    data = model.createData()
+    q, dq, ddq = some_motion(3)
+    for k in range(len(q)):
+        angles = np.array([q[k, 0], np.cos(q[k, 1]), np.sin(q[k, 1]), q[k, 2]])
+        np.testing.assert_allclose(
+            robot.torque(q[k], dq[k], ddq[k]), pin.rnea(model, data, angles, dq[k], ddq[k]), **NEAR
+        )
+    assert robot.names == ("j1", "j2", "j3")
+    assert robot.gear_ratio[1] == -80
+    with pytest.raises(JointIdError, match=r"arm\.urdf does not state the gear ratio of j1 and j3"):
+        robot.inertia(q[0])
+    known = RobotModel.parse("arm.urdf", URDF.encode(), gear_ratio=[90, -80, 40], rotor_inertia=0.001)
+    scaled = known.inertia(q[0]).M2 * np.outer([90, -80, 40], [90, -80, 40])
+    np.testing.assert_allclose(scaled, robot.joint_inertia(q[0]), rtol=1e-12)
+
+
+def test_mjcf_agrees_with_pinocchio(tmp_path: Path) -> None:
+    """Armature is the rotor seen from the joint, N² times that of the motor, no part of the links."""
+    file = tmp_path / "arm.xml"
+    file.write_text(MJCF)
+    robot = RobotModel.load(file)
+    plain = tmp_path / "plain.xml"
+    plain.write_text(MJCF.replace('<geom type="mesh" mesh="shell"/>', ""))
+    model = pin.buildModelFromMJCF(str(plain))
+    model.gravity.linear = np.array([0, 0.3, -9.7])
+    data = model.createData()
+    q, dq, ddq = some_motion(3)
+    for k in range(len(q)):
+        rotors = np.array(model.armature) * ddq[k]
+        expected = pin.rnea(model, data, q[k], dq[k], ddq[k]) - rotors
+        np.testing.assert_allclose(robot.torque(q[k], dq[k], ddq[k]), expected, **NEAR)
+    np.testing.assert_array_equal(robot.gear_ratio, [100, -50, 30])
+    np.testing.assert_allclose(robot.inertia(q[0]).M, [40 / 100**2, 5 / 50**2, 5 / 30**2])
+    other = RobotModel.load(file, gear_ratio=[200, 50, 30])
+    assert other.inertia(q[0]).M[0] == pytest.approx(40 / 200**2)
+
+
+BAD_FILES = {
+    "not xml": ("a.urdf", URDF[:300], "line"),
+    "other root": ("a.urdf", MJCF, "expected <robot>"),
+    "external entity": (
+        "a.urdf",
+        '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>' + URDF[21:],
+        "document type",
+    ),
+    "billion laughs": (
+        "a.xml",
+        '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + MJCF,
+        "document type",
+    ),
+    "mass is text": ("a.urdf", URDF.replace('"20"', '"heavy"'), "mass.*'heavy'"),
+    "mass is negative": ("a.urdf", URDF.replace('"20"', '"-20"'), "-20: it must not be negative"),
+    "axis is zero": ("a.urdf", URDF.replace("0 1 1", "0 0 0"), "j1.*0 0 0"),
+    "unknown parent": (
+        "a.urdf",
+        URDF.replace('parent link="base"', 'parent link="bass"'),
+        'parent link "bass"',
+    ),
+    "floating": ("a.urdf", URDF.replace('"continuous"', '"floating"'), "joint j2 is floating"),
+    "two of one name": (
+        "a.urdf",
+        URDF.replace('joint name="j2" type', 'joint name="j1" type'),
+        'the name "j1"',
+    ),
+    "half an inertial": ("a.urdf", URDF.replace('ixx="1.2"', ""), "link upper.*all six"),
+    "include": ("a.xml", MJCF.replace("<asset>", '<include file="/etc/passwd"/><asset>'), "include"),
+    "closed loop": (
+        "a.xml",
+        MJCF.replace("<asset>", '<equality><weld body1="slide"/></equality><asset>'),
+        "loops",
+    ),
+    "mass from a mesh": (
+        "a.xml",
+        MJCF.replace('type="box"', 'type="mesh" mesh="shell"'),
+        "body fore.*inertial",
+    ),
+    "two joints": (
+        "a.xml",
+        MJCF.replace('<joint name="j2"/>', '<joint name="j2"/><joint name="j4"/>'),
+        "2 joints",
+    ),
+    "ball": ("a.xml", MJCF.replace('type="slide"', 'type="ball"'), "j3 is ball"),
+    "frame": ("a.xml", MJCF.replace('<geom type="mesh" mesh="shell"/>', "<frame/>"), "<frame>"),
+    "scaled mass": ("a.xml", MJCF.replace("meshdir=", "settotalmass="), "settotalmass"),
+    "not toml": ("a.toml", "[[link", "TOML"),
+    "no mass": ("a.toml", SIX_AXES.replace("mass = 100.0", ""), "number 3: mass is missing"),
+    "unknown key": ("a.toml", SIX_AXES.replace("mass = 100.0", "mas = 100.0"), 'unknown key "mas"'),
+    "no gear": (
+        "a.toml",
+        SIX_AXES.replace("gear_ratio = 215.0", "gear_ratio = 0"),
+        "number 4: gear_ratio is 0",
+    ),
+    "impossible inertia": (
+        "a.toml",
+        SIX_AXES.replace("[10.0, 9.5, 2.0", "[10.0, -9.5, 2.0"),
+        "negative principal",
+    ),
+    "short center": ("a.toml", SIX_AXES.replace("[-0.02, -0.02, -0.08]", "[0.1]"), "center has 1 value"),
+    "base": ("a.toml", SIX_AXES.replace("x 180 deg", "upside down"), "rotation"),
+    "both gears": ("a.toml", "coupling = [[1.0]]\n" + SIX_AXES, "coupling"),
+    "counterbalance": ("a.toml", SIX_AXES.replace("joint = 2", "joint = 7"), "joints 1 to 6"),
+    "payload": ("a.toml", SIX_AXES.replace("mass = 120.0", "mass = -1.0"), "payload.*mass = -1"),
+    "other file": ("a.stl", "solid", r"\.urdf"),
+    "too large": ("a.urdf", " " * (5 << 20), "limit"),
+}
+
+
+@pytest.mark.parametrize(("name", "text", "message"), BAD_FILES.values(), ids=BAD_FILES)
+def test_a_bad_file_is_named_with_its_fault(name: str, text: str, message: str) -> None:
+    with pytest.raises(JointIdError, match=message) as raised:
+        RobotModel.parse(name, text.encode())
+    assert name in str(raised.value)
+
+
+def test_wrong_arguments() -> None:
+    with pytest.raises(JointIdError, match=r"q has shape \(5,\).*\(\.\.\., 6\)"):
+        ROBOT.torque(np.zeros(5), np.zeros(6), np.zeros(6))
+    with pytest.raises(JointIdError, match="dq of joint 2 is not finite"):
+        ROBOT.torque(np.zeros(6), [0, np.nan, 0, 0, 0, 0], np.zeros(6))
+    with pytest.raises(JointIdError, match="do not agree"):
+        ROBOT.torque(np.zeros((3, 6)), np.zeros((4, 6)), np.zeros(6))
+    with pytest.raises(JointIdError, match="cannot be read"):
+        RobotModel.load("/nowhere/robot.urdf")
+    with pytest.raises(JointIdError, match=r"gear_ratio.* has 2 values"):
+        RobotModel.parse("six.toml", SIX_AXES.encode(), gear_ratio=[1, 2])
+
+
+def test_a_missing_pinocchio_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pinocchio", None)
+    with pytest.raises(JointIdError, match=r'pip install "jointid\[robot\]"'):
+        RobotModel.parse("arm.urdf", URDF.encode())
+    assert RobotModel.parse("six.toml", SIX_AXES.encode()).n == 6

@@ -1,0 +1,448 @@
+"""Experiments as set points: the motion, the simulated robot, the limits, and every file read back."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from examples import share
+from plants import PAPER, PARALLELOGRAM, ROBOTS
+from setpoint_readers import limit_shares, outcome, random_trial, read
+from typer.testing import CliRunner
+
+from jointid import Inertia, JointIdError, MotorFriction, Study, analyse, motor_response
+from jointid.arrays import Floats
+from jointid.cli import app
+from jointid.importing import MappedLog, find_segments, study_from_logs
+from jointid.setpoints.experiment import Experiment
+from jointid.setpoints.files import FORMATS, set_points
+from jointid.setpoints.from_plan import KINDS, planned_experiment
+from jointid.setpoints.played import PlayedExperiment, play
+from jointid.setpoints.robot_limits import RobotLimits, limits_from_toml
+from jointid.uncertainty.planned_records import PlannedRecords, planned_records
+
+RATIO = np.array([100.0, -90.0])
+START_DEG = np.array([10.0, -90.0, 90.0, 0.0, 45.0, -30.0])
+WIDE = RobotLimits(
+    gear_ratio=RATIO,
+    start_deg=START_DEG,
+    lower_deg=[-170.0, -20.0],
+    upper_deg=[170.0, 60.0],
+    velocity_deg_s=200.0,
+    acceleration_deg_s2=4000.0,
+    torque_Nm=20.0,
+    axes=[3, 5],
+    robot="cell 7",
+)
+TOML = """
+robot = "cell 7"
+gear_ratio = [100, -90]
+start_deg = [10, -90, 90, 0, 45, -30]
+axes = [3, 5]
+lower_deg = [-170, -20]
+upper_deg = [170, 60]
+velocity_deg_s = 200
+acceleration_deg_s2 = 4000
+torque_Nm = 20
+"""
+
+
+@cache
+def plan() -> PlannedRecords:
+    frequency = np.repeat([4.0, 7.0, 12.0, 23.0], 2)
+    pattern = np.tile([[1.0, 0.3j], [-1.0, 0.3j]], (4, 1))
+    return planned_records(PARALLELOGRAM, PAPER, frequency, torque_Nm=pattern, duration_s=1.0)
+
+
+def experiment(**settings: object) -> Experiment:
+    return planned_experiment(plan(), PARALLELOGRAM, PAPER, **settings)
+
+
+@cache
+def played(kind: str = "sines") -> PlayedExperiment:
+    return play(experiment(kind=kind), PARALLELOGRAM, PAPER)
+
+
+# ----------------------------------------------------------------------------------------- motion
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("velocity", [0.0, 2.5])
+def test_the_motion_is_smooth_and_ends_where_it_starts(kind: str, velocity: float) -> None:
+    """Position, velocity and acceleration have no jump; each is the derivative of the one before."""
+    made = experiment(kind=kind, velocity_rad_s=[velocity, -velocity])
+    step = 1e-4
+    time = np.arange(-1000, made.duration_s / step + 1000) * step
+    q, dq, ddq = made.motion(time)
+    for lower, upper in ((q, dq), (dq, ddq)):
+        slope = (lower[2:] - lower[:-2]) / (2 * step)
+        assert np.abs(slope - upper[1:-1]).max() < 2e-3 * np.abs(upper).max()
+    assert np.abs(np.diff(ddq, axis=0)).max() < 0.03 * np.abs(ddq).max()
+    for values in (q, dq, ddq):
+        assert np.abs(values[[0, -1]]).max() < 1e-12
+
+
+def test_the_plans_sines_are_there_at_full_amplitude() -> None:
+    made = experiment(repeats=2, scale=0.5)
+    assert len(made.runs) == 16
+    for k, (run, begin, end) in enumerate(made.spans()):
+        f, A = plan().frequency_hz[k % 8], plan().angle_rad[k % 8]
+        assert end - begin >= 8 / f - 1e-9
+        time = np.linspace(begin, end, 200)
+        expected = 0.5 * np.imag(A * np.exp(2j * np.pi * f * (time - begin + run.ramp_s))[:, None])
+        assert np.allclose(made.motion(time).position, expected, atol=1e-12)
+
+
+def test_a_superposed_velocity_goes_forth_and_back() -> None:
+    still, moving = experiment(), experiment(velocity_rad_s=[3.0, -1.0])
+    assert len(moving.runs) == 2 * len(still.runs)
+    (run, begin, end), (back, after, _) = list(moving.spans())[:2]
+    middle = np.linspace(begin, end, 500)
+    velocity = moving.motion(middle).velocity
+    expected = still.motion(middle).velocity + np.array([3.0, -1.0])
+    assert np.allclose(velocity, expected, atol=1e-9)
+    assert moving.motion(np.array([after])).position[0, 0] > 0.9 * run.travel_rad[0]
+    assert np.allclose(run.travel_rad, -back.travel_rad)
+
+
+def test_a_sweep_runs_through_its_frequencies_at_one_velocity_amplitude() -> None:
+    made = experiment(kind="sweep")
+    run, begin, end = next(made.spans())
+    time = np.linspace(begin, end, 40_000)
+    q, dq, _ = made.motion(time)
+    crossings = time[1:][np.diff(np.signbit(q[:, 0])) != 0]
+    rate = 0.5 / np.diff(crossings)
+    centre = (crossings[1:] + crossings[:-1]) / 2 - (begin - run.ramp_s)
+    expected = 4.0 * (23.0 / 4.0) ** (centre / run.duration_s)
+    assert np.allclose(rate, expected, rtol=0.03)
+    peaks = [np.abs(part[:, 0]).max() for part in np.array_split(dq, 5)]
+    assert np.ptp(peaks) < 0.02 * max(peaks)
+
+
+@pytest.mark.parametrize("kind", ["multisine", "sweep"])
+def test_other_motions_stay_within_the_velocities_and_torques_of_the_plan(kind: str) -> None:
+    made = played(kind)
+    velocity = made.experiment.motion(made.time_s).velocity
+    assert np.all(np.abs(velocity).max(axis=0) < 1.05 * plan().velocity_rad_s.max(axis=0))
+    torque = peaks(made)["torque", "exact following"]
+    # A ramp and the ringing of the arm come on top.
+    assert np.all(torque < 1.5 * np.abs(plan().torque_Nm).max(axis=0))
+
+
+# ----------------------------------------------------------------------- the simulated robot
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_exact_following_needs_the_torque_of_the_model(n: int) -> None:
+    """Against equation (16) in the frequency domain, arm and motors, whole experiment."""
+    inertia, springs = ROBOTS[n]
+    records = planned_records(
+        inertia, springs, [9.0, 16.0], torque_Nm=np.exp(1j * np.arange(n)), duration_s=0.5
+    )
+    made = play(planned_experiment(records, inertia, springs, rest_s=2.0), inertia, springs)
+    torque, arm = followed(made.time_s, made.experiment.motion(made.time_s).position, inertia, springs)
+    found = {each[:2]: each for each in made.peaks}
+    for key, expected in (
+        (("torque", "exact following"), torque),
+        (("position", "arm, exact following"), arm),
+        (("acceleration", "arm, exact following"), np.diff(arm, 2, axis=0) / made.time_s[1] ** 2),
+    ):
+        extremes = np.array([expected.min(axis=0), expected.max(axis=0)])
+        assert np.allclose(found[key].values, extremes, atol=2e-3 * np.abs(expected).max()), key
+        for j in range(n):
+            at = np.searchsorted(made.time_s, found[key].time_s[:, j] - 1e-9)
+            assert np.allclose(expected[at, j], extremes[:, j], atol=5e-3 * np.abs(expected).max())
+
+
+def peaks(made: PlayedExperiment) -> dict[tuple[str, str], Floats]:
+    """Largest magnitudes by quantity and source, each (n,)."""
+    return {each[:2]: np.abs(each.values).max(axis=0) for each in made.peaks}
+
+
+def followed(time: Floats, theta: Floats, inertia: object, springs: object) -> tuple[Floats, Floats]:
+    """Torque and arm angle for a motion of the motors that begins and ends at rest."""
+    omega = 2 * np.pi * np.fft.rfftfreq(time.size, time[1])
+    q = np.fft.rfft(theta, axis=0)
+    tau = np.zeros_like(q)
+    s2 = -(omega[1:] ** 2)[:, None]
+    tau[1:] = np.linalg.solve(motor_response(omega[1:], inertia, springs), (s2 * q[1:])[..., None])[
+        ..., 0
+    ]
+    arm = q.copy()
+    arm[1:] = np.linalg.solve(inertia.M2, (tau[1:] - inertia.M * s2 * q[1:]).T).T / s2
+    return tuple(np.fft.irfft(part, time.size, axis=0) for part in (tau, arm))
+
+
+def test_friction_adds_to_the_torque() -> None:
+    free = played("multisine")
+    coulomb, viscous = np.array([0.3, 0.1]), np.array([0.002, 0.001])
+    friction = MotorFriction(coulomb=coulomb, viscous=viscous)
+    made = play(free.experiment, PARALLELOGRAM, PAPER, friction=friction)
+    position, velocity, _ = made.experiment.motion(made.time_s)
+    torque, _ = followed(made.time_s, position, PARALLELOGRAM, PAPER)
+    expected = np.abs(torque + coulomb * np.sign(velocity) + viscous * velocity).max(axis=0)
+    assert np.allclose(peaks(made)["torque", "exact following"], expected, rtol=5e-3)
+    assert np.all(
+        peaks(made)["torque", "simulated control"] > peaks(free)["torque", "simulated control"]
+    )
+
+
+# ---------------------------------------------------------------------------------- the files
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_file_read_back_is_the_motion(name: str) -> None:
+    text = set_points(played(), WIDE, name, study="Paper").text()
+    found = read(name, text, START_DEG)
+    made = played().experiment
+    assert found.time_s[-1] >= made.duration_s - 1e-9
+    expected = np.tile(START_DEG, (found.time_s.size, 1))
+    expected[:, [2, 4]] += np.degrees(made.motion(found.time_s).position / RATIO)
+    assert np.abs(found.position_deg - expected).max() < 1e-7
+    for said in (
+        "NOT RUN ON HARDWARE", "Study: Paper. Robot: cell 7.", "SAFETY", "ISO 10218", "emergency stop",
+        "Duration:", "gear ratios 100, -90", "CHECK", "joint 2 torque:", "LOG", "record 8 (23 Hz): ",
+    ):  # fmt: skip
+        assert said in found.head, said
+
+
+def test_ros_gets_velocities_and_accelerations() -> None:
+    lines = set_points(played(), WIDE, "ros2").text().splitlines()
+    points = [json.loads(re.sub(r"(\w+):", r'"\1":', line[2:])) for line in lines if line[:2] == "- "]
+    times = np.array(
+        [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in points]
+    )
+    assert np.allclose(times, 0.004 * np.arange(1, times.size + 1), atol=1e-12)
+    _, dq, ddq = played().experiment.motion(times)
+    for key, values in (("velocities", dq), ("accelerations", ddq)):
+        found = np.array([p[key] for p in points])
+        assert np.allclose(found[:, [2, 4]], values / RATIO, atol=1e-8)
+        assert not found[:, [0, 1, 3, 5]].any()
+
+
+@pytest.mark.parametrize("kind", ["sines", "multisine"])
+def test_the_set_points_of_a_file_give_k_and_d_back(kind: str) -> None:
+    """Another robot follows the file exactly; its log goes through the importer."""
+    found = read("rsi", set_points(played(kind), WIDE, "rsi").text(), START_DEG)
+    theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
+    torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
+    noise = np.random.default_rng(1).standard_normal((2, *theta.shape))
+    theta, torque = theta + 1e-7 * noise[0], torque + 1e-5 * noise[1]
+    imported(MappedLog(found.time_s, theta, torque, name="file"), kind)
+
+
+@pytest.mark.parametrize("kind", ["sines", "multisine"])
+def test_the_played_motion_gives_k_and_d_back(kind: str) -> None:
+    made = played(kind)
+    log = MappedLog(made.time_s, made.theta_rad, made.tau_Nm, torque_hold=True, name="played")
+    imported(log, kind)
+
+
+@pytest.mark.long
+def test_a_rest_without_any_noise_does_not_stop_the_importer() -> None:
+    """Only the arm rings down, by 1e-12 N·m, while the angles are constant to the last bit."""
+    found = read("csv", set_points(played(), WIDE, "csv").text(), START_DEG)
+    theta = np.radians(found.position_deg[:, [2, 4]] - START_DEG[[2, 4]]) * RATIO
+    torque, _ = followed(found.time_s, theta, PARALLELOGRAM, PAPER)
+    part = (found.time_s > 8) & (found.time_s < 12)
+    (segment,) = find_segments(MappedLog(found.time_s[part], theta[part], torque[part]))
+    assert segment.frequency_hz == pytest.approx(7.0, rel=1e-6)
+
+
+def imported(log: MappedLog, kind: str) -> None:
+    segments = find_segments(log)
+    lines = sorted(round(f, 2) for segment in segments for f in segment.lines_hz)
+    assert lines == sorted(plan().frequency_hz.tolist())
+    assert len(segments) == (8 if kind == "sines" else 2)
+    fit = analyse(study_from_logs(log, list(segments), PARALLELOGRAM)).fit
+    assert np.allclose(fit.K, PAPER.K, rtol=1e-3)
+    assert np.allclose(fit.D, PAPER.D, rtol=5e-3)
+
+
+def test_texts_of_a_user_do_not_end_the_comment() -> None:
+    evil = replace(
+        WIDE, robot="x\nmovej([0,0,0,0,0,0])\u2028y", joint_names=tuple("a: ]\nb" + c for c in "123456")
+    )
+    for name in FORMATS:
+        text = set_points(played(), evil, name, study="s\r\nstopj(1)").text()
+        assert read(name, text, START_DEG).time_s.size > 100
+        assert not any(line.startswith(("movej", "stopj(1)", "y")) for line in text.splitlines())
+
+
+# --------------------------------------------------------------------------------- the limits
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor"),
+    [("velocity_deg_s", 0.8), ("acceleration_deg_s2", 0.5), ("torque_Nm", 0.7)],
+)
+def test_over_a_limit_nothing_is_written(quantity: str, factor: float) -> None:
+    row = {"velocity_deg_s": 2, "acceleration_deg_s2": 3, "torque_Nm": 4}[quantity]
+    peak = set_points(played(), WIDE, "egm").rows[row].peak
+    limits = getattr(WIDE, quantity).copy()
+    limits[0] = factor * peak
+    tight = replace(WIDE, **{quantity: limits})
+    name = quantity.split("_")[0]
+    expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .* its limit is"
+    with pytest.raises(JointIdError, match=expected) as refusal:
+        set_points(played(), tight, "egm").text()
+    scale = float(re.search(r"scale of the motion to ([\d.]+) \(now 1\)", str(refusal.value))[1])
+    assert 0.88 * factor < scale < factor
+    smaller = play(experiment(scale=scale), PARALLELOGRAM, PAPER)
+    text = set_points(smaller, tight, "egm").text()
+    assert max(limit_shares(read("egm", text, START_DEG), axes_first(tight)).values()) < 1
+
+
+def axes_first(robot: RobotLimits) -> RobotLimits:
+    """A stand-in whose shares are those of the moving axes only, in the order of the file."""
+    wide = np.full(6, 1e6)
+    values = {}
+    for name in ("lower_deg", "upper_deg", "velocity_deg_s", "acceleration_deg_s2", "torque_Nm"):
+        full = -wide if name == "lower_deg" else wide.copy()
+        full[[2, 4]] = getattr(robot, name)
+        values[name] = full
+    return RobotLimits(gear_ratio=np.ones(6), start_deg=robot.start_deg, **values)
+
+
+def test_a_position_limit_holds_for_the_motion_around_the_start_pose() -> None:
+    rows = set_points(played(), WIDE, "ur").rows
+    low, high = rows[5], rows[6]
+    assert (low.quantity, high.quantity) == ("lowest position", "highest position")
+    assert low.peak < 45 < high.peak
+    half = (high.peak - 45) / 2
+    tight = replace(WIDE, upper_deg=np.array([170.0, 45 + half]))
+    with pytest.raises(JointIdError, match=r"highest position of joint 2 .* scale of the motion to 0.4"):
+        set_points(played(), tight, "ur").text()
+    outside = replace(WIDE, upper_deg=np.array([170.0, 44.0]))
+    with pytest.raises(JointIdError, match="another start pose"):
+        set_points(played(), outside, "ur").text()
+
+
+def test_the_load_at_rest_uses_up_torque() -> None:
+    loaded = replace(WIDE, load_Nm=np.array([0.0, -19.9]))
+    with pytest.raises(JointIdError, match=r"torque of joint 2 .* Set the scale of the motion to 0\.\d"):
+        set_points(played(), loaded, "csv").text()
+    with pytest.raises(JointIdError, match="check load and friction"):
+        set_points(played(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
+
+
+def test_no_scale_helps_where_rest_exceeds_the_limit() -> None:
+    made = play(experiment(scale=1e-6), PARALLELOGRAM, PAPER, friction=MotorFriction(coulomb=0.5))
+    with pytest.raises(JointIdError, match="check load and friction"):
+        set_points(made, replace(WIDE, torque_Nm=np.array([0.3, 9.0])), "csv").text()
+
+
+def test_a_plan_without_motion_is_still() -> None:
+    none = planned_records(PARALLELOGRAM, PAPER, [4.0, 9.0], torque_Nm=[0.0, 0.0])
+    for kind in KINDS:
+        still = planned_experiment(none, PARALLELOGRAM, PAPER, kind=kind)
+        assert not still.motion(np.linspace(0, still.duration_s, 999)).position.any()
+
+
+def test_a_heavy_arm_on_small_rotors_is_played() -> None:
+    heavy = Inertia(M=[1e-4, 1e-4], M2=[[0.02, 0.001], [0.001, 0.01]])
+    records = planned_records(heavy, PAPER, [9.0], torque_Nm=[0.1, 0.1j], duration_s=0.5)
+    made = play(planned_experiment(records, heavy, PAPER), heavy, PAPER)
+    assert np.all(peaks(made)["torque", "simulated control"] < 1.0)
+
+
+@pytest.mark.parametrize("seed", range(share(100)))
+def test_no_file_of_a_random_plan_exceeds_a_limit(seed: int) -> None:
+    found = outcome(random_trial(seed))
+    assert found.fault == ""
+    assert 0 < found.share <= 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"kind": "chirp"}, "sines, multisine, sweep"),
+        ({"repeats": 0}, "repeats = 0"),
+        ({"rest_s": 0.0}, "rest_s = 0"),
+        ({"scale": -1.0}, "scale = -1"),
+        ({"repeats": 100, "rest_s": 60.0}, "at most 600 s"),
+        ({"velocity_rad_s": [1, 2, 3]}, "3 values"),
+    ],
+)
+def test_settings_without_sense_are_refused(settings: dict[str, object], said: str) -> None:
+    with pytest.raises(JointIdError, match=said):
+        experiment(**settings)
+
+
+def test_a_format_refuses_what_it_cannot_hold() -> None:
+    with pytest.raises(JointIdError, match="start angles of 6 axes"):
+        set_points(played(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
+    with pytest.raises(JointIdError, match="expected 4 and 12 ms"):
+        set_points(played(), WIDE, "rsi", interval_ms=2.0)
+    with pytest.raises(JointIdError, match=r"23\.00 Hz has less than 5 .* plan up to 16\.67 Hz"):
+        set_points(played(), WIDE, "rsi", interval_ms=12.0)
+    with pytest.raises(JointIdError, match="csv, ros2, ur, egm, rsi"):
+        set_points(played(), WIDE, "krl")
+    one = limits_from_toml(
+        b"gear_ratio = 100\nstart_deg = 0\nlower_deg = -90\nupper_deg = 90\n"
+        b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
+        "one.toml",
+    )
+    with pytest.raises(JointIdError, match="has 2"):
+        set_points(played(), one, "csv")
+
+
+# ------------------------------------------------------------------------- limits as a file
+
+
+def test_limits_are_read_from_toml() -> None:
+    read_back = limits_from_toml(TOML.encode(), "cell.toml")
+    for name, value in vars(WIDE).items():
+        assert np.array_equal(getattr(read_back, name), value), name
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("torque_Nm = 20\n", "", "torque_Nm is missing"),
+        ("velocity_deg_s", "velocity_deg", 'Did you mean "velocity_deg_s"'),
+        ("[100, -90]", "[100, 0]", "gear_ratio holds 0"),
+        ("axes = [3, 5]", "axes = [3, 9]", r"axes = \[3.0, 9.0\] do not fit"),
+        ("axes = [3, 5]", "axes = [3, 3]", "one axis per joint"),
+        ("axes = [3, 5]", "axes = [3, 4.5]", "do not fit"),
+        ("= 200", "= -200", "limits must be positive"),
+        ("= [170, 60]", "= [170, -30]", "lower_deg of joint 2"),
+        ("= 4000", "= [1, 2, 3]", "3 values"),
+    ],
+)
+def test_wrong_limits_are_named(old: str, new: str, said: str) -> None:
+    assert old in TOML
+    with pytest.raises(JointIdError, match=rf"(?s)cell\.toml.*{said}"):
+        limits_from_toml(TOML.replace(old, new).encode(), "cell.toml")
+
+
+# ------------------------------------------------------------------------- the command line
+
+
+def test_the_command_writes_a_checked_file(
+    sample_folder: Path, tmp_path: Path, studies: dict[int, Study]
+) -> None:
+    limits, output = tmp_path / "limits.toml", tmp_path / "cell.script"
+    limits.write_text(TOML, "utf-8")
+    command = ["setpoints", str(sample_folder / "paper.zip"), "--limits", str(limits), "-o", str(output)]
+    command += ["--format", "ur", "--count", "2"]
+    run = CliRunner().invoke(app, [*command, "--scale", "500"])
+    assert run.exit_code == 1
+    assert run.stdout == ""
+    assert "Set the scale of the motion to" in run.stderr
+    assert not output.exists()
+    run = CliRunner().invoke(app, [*command, "--json"])
+    assert run.exit_code == 0, run.stderr
+    document = json.loads(run.stdout)
+    assert len(document["check"]) == 10
+    assert min(row["margin"] for row in document["check"]) > 0
+    found = read("ur", output.read_text("utf-8"), START_DEG)
+    assert found.time_s[-1] == pytest.approx(document["duration_s"], abs=0.002)
+    assert studies[2].name in found.head
+    assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # it exists
+    assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout

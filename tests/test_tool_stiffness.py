@@ -1,0 +1,77 @@
+"""Compliance of the tool point, against statics solved in other ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from jointid import Elasticity, JointIdError, PlanarArm, RobotModel, locked_resonances
+from jointid.cut.tool_stiffness import planar_tool_stiffness, tool_stiffness
+from tests.robots import SIX_AXES
+
+ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())
+POSE = np.deg2rad([10.0, -60.0, 100.0, 20.0, 40.0, 10.0])
+JOINT_K = np.array([5e6, 7.5e6, 4.2e6, 1.3e6, 1.1e6, 0.4e6])
+ELASTICITY = Elasticity(JOINT_K / ROBOT.gear_ratio**2, 0.002 * JOINT_K / ROBOT.gear_ratio**2)
+
+
+@pytest.mark.parametrize("drive", ["parallelogram", "serial"])
+def test_planar_arm_gives_way_as_its_statics_say(drive: str) -> None:
+    """The arm's angles under a small force, from the balance of torques at the deflected arm."""
+    arm = PlanarArm.example(drive)  # type: ignore[arg-type]
+    q = arm.inverse([1.15, 0.0])
+    elasticity = Elasticity([43.0, 7.5], [0.1, 0.015])
+    K = arm.gear_ratio**2 * elasticity.K
+    found = planar_tool_stiffness(arm, q, elasticity)
+    for force in ([1.0, 0.0], [0.3, -0.8]):
+        moved = fsolve(lambda x, F=force: K * x - arm.jacobian(q + x).T @ F, np.zeros(2), xtol=1e-14)
+        np.testing.assert_allclose(found.deflection(force), arm.tool(q + moved) - arm.tool(q), rtol=1e-3)
+
+
+def test_the_worst_direction_is_the_worst() -> None:
+    arm = PlanarArm.example()
+    found = planar_tool_stiffness(arm, arm.inverse([1.15, 0.0]), Elasticity([43.0, 7.5], [0.1, 0.01]))
+    angle = np.linspace(0, 2 * np.pi, 721)
+    size = np.linalg.norm(found.deflection(np.stack([np.cos(angle), np.sin(angle)], axis=1)), axis=1)
+    values, directions = found.principal
+    assert size.max() == pytest.approx(values[0], rel=1e-4)
+    assert np.linalg.norm(found.deflection(directions[0])) == pytest.approx(values[0], rel=1e-9)
+    with pytest.raises(JointIdError, match="2 finite components"):
+        found.deflection([1.0, 2.0, 3.0])
+
+
+def test_six_axes_under_load_and_gravity() -> None:
+    """The loaded robot by the balance of joint torques with gravity as a function of the angles."""
+    found, force = tool_stiffness(ROBOT, POSE, ELASTICITY), np.array([200.0, -100.0, 300.0])
+    still, start = np.zeros(6), ROBOT.torque(POSE, np.zeros(6), np.zeros(6))
+
+    def balance(x: np.ndarray) -> np.ndarray:
+        gravity = ROBOT.torque(POSE + x, still, still) - start
+        return np.asarray(JOINT_K * x + gravity - ROBOT.tool_jacobian(POSE + x).T @ force)
+
+    x = fsolve(balance, still, xtol=1e-14)
+    moved = ROBOT.tool_jacobian(POSE + x / 2) @ x
+    np.testing.assert_allclose(found.deflection(force), moved, rtol=2e-3, atol=1e-7)
+    np.testing.assert_allclose(found.resonances_hz, locked_resonances(ROBOT.inertia(POSE), ELASTICITY))
+
+
+def test_standard_error_of_the_compliance() -> None:
+    """By differences of K, one joint at a time."""
+    sigma = 0.01 * ELASTICITY.K
+    found = tool_stiffness(ROBOT, POSE, ELASTICITY)
+    total = np.zeros(3)
+    for j in range(6):
+        ends = []
+        for sign in (-1, 1):
+            K = ELASTICITY.K + sign * 1e-4 * ELASTICITY.K * (np.arange(6) == j)
+            ends.append(tool_stiffness(ROBOT, POSE, Elasticity(K, ELASTICITY.D)).principal[0])
+        total += ((ends[1] - ends[0]) / 2e-4 * 0.01) ** 2
+    np.testing.assert_allclose(found.standard_error(np.diag(sigma**2)), np.sqrt(total), rtol=1e-3)
+
+
+def test_tool_point_of_the_file() -> None:
+    """A longer tool along the last axis gives way more across it."""
+    longer = RobotModel.parse("six.toml", (SIX_AXES + "\n[tool]\norigin = [0.0, 0.0, 0.5]\n").encode())
+    near, far = (tool_stiffness(robot, POSE, ELASTICITY) for robot in (ROBOT, longer))
+    assert np.linalg.eigvalsh(far.compliance)[-1] > np.linalg.eigvalsh(near.compliance)[-1]
