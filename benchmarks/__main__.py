@@ -29,6 +29,7 @@ PARTS = {
 }
 LONG = {
     "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
+    "gears": "laws of nonlinear gears, and linear robots called nonlinear",
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",
     "setpoints": "10,000 random experiments as set points: no limit exceeded in a written file",
