@@ -271,7 +271,7 @@ def _frequency_found(
     place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
     stated = np.array([record.frequency_hz for record in records])
     span = np.array([record.periods for record in records]) / stated
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
     found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
     moves = strength.max(axis=(1, 2)) > 1e-12 * offset
