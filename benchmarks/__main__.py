@@ -29,6 +29,7 @@ PARTS = {
 }
 LONG = {
     "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
+    "gears": "laws of nonlinear gears, and linear robots called nonlinear",
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",

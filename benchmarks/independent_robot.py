@@ -65,6 +65,9 @@ class Robot:
     arm_smoothing_rad_s: float = 0.02
     cubic: Values = 0.0
     """Hardening, N·m/rad³."""
+    knee_rad: Values = 0.0
+    """Deflection beyond which the slope is K times ``knee_slope``; 0: none."""
+    knee_slope: Values = 1.0
     backlash_rad: Values = 0.0
     """Total play."""
     hysteresis_Nm: Values = 0.0
@@ -106,7 +109,7 @@ class Robot:
     def linear(self) -> bool:
         laws = (
             self.coulomb, self.stribeck, self.load, self.arm_coulomb, self.cubic, self.backlash_rad,
-            self.hysteresis_Nm,
+            self.hysteresis_Nm, self.knee_rad,
         )  # fmt: skip
         return not any(np.any(law) for law in laws)
 
@@ -133,10 +136,13 @@ class Experiment:
     """Per turn; 0: exact angles."""
     declare_hold: bool = True
     seed: int = 0
+    max_step_s: float = MAX_STEP_S
     substeps: int = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "substeps", int(np.ceil(1 / self.sample_rate_hz / MAX_STEP_S - 1e-9)))
+        object.__setattr__(
+            self, "substeps", int(np.ceil(1 / self.sample_rate_hz / self.max_step_s - 1e-9))
+        )
 
     @property
     def step_s(self) -> float:
@@ -327,7 +333,11 @@ class _Nonlinear:
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
         self.K, self.M = every("K"), every("M")
         self.torque_corner = 2 * np.pi * every("torque_filter_hz")
-        self.geared = any(np.any(law) for law in (self.cubic, self.half_play, self.hysteresis))
+        self.knee = np.where(every("knee_rad") > 0, every("knee_rad"), np.inf)
+        self.bend = self.K * (every("knee_slope") - 1)
+        self.bent = bool(np.isfinite(self.knee).any())
+        laws = self.cubic, self.half_play, self.hysteresis, self.bent
+        self.geared = any(np.any(law) for law in laws)
         self.direction = np.zeros(shape)
         """Of set-valued friction: the sign of the velocity, 0 where a motor sticks."""
         self.states = 2  # bristles at the motor and in the gear, beside the linear part
@@ -413,6 +423,8 @@ class _Nonlinear:
             twist = velocity - arm_velocity
             z = x[:, size + n :]
             gear = self.cubic * deflection**3 + self.hysteresis * z
+            if self.bent:
+                gear += self.bend * (deflection - np.clip(deflection, -self.knee, self.knee))
             gear -= self.K * np.clip(deflection, -self.half_play, self.half_play)
             on_motor, on_arm = -gear, gear
             wound[:] = (

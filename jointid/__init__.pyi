@@ -12,6 +12,8 @@ from .estimation.identify_motion import identify_motion as identify_motion
 from .estimation.joint_equations import spring_equations as spring_equations
 from .files.study_files import load_study as load_study
 from .files.study_saving import save_study as save_study
+from .gears.gear import Gear as Gear
+from .gears.torsion_curve import TorsionCurve as TorsionCurve
 from .joints import Elasticity as Elasticity
 from .joints import Inertia as Inertia
 from .joints import diagonal_zeros as diagonal_zeros

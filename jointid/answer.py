@@ -67,6 +67,33 @@ def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
+def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
+    """Terms of gear catalogues for one joint, from 0, with values and units; motor side."""
+    gear, curve = fit.gears[joint], fit.torsion_curves[joint]
+    torque = gear.tried_Nm
+    terms = {"Law": " + ".join(gear.laws), "Tried up to": f"{significant(torque, 2)} N·m"}
+    terms["K at small torque"] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
+    if gear.kind in ("hardening", "piecewise"):
+        edge = gear.tried_rad
+        slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
+        terms[f"K at {significant(torque, 2)} N·m"] = f"{significant(slope, 3)} N·m/rad"
+    if gear.K2:
+        terms["K1, K2, K3"] = ", ".join(significant(K, 3) for K in (gear.K, gear.K2, gear.K3))
+        terms["K1, K2, K3"] += " N·m/rad"
+        terms["T1, T2"] = f"{significant(gear.T1_Nm, 3)}, {significant(gear.T2_Nm, 3)} N·m"
+    if gear.backlash_rad:
+        terms["Backlash"] = f"{significant(1e3 * gear.backlash_rad, 3)} mrad"
+    if gear.hysteresis_Nm:
+        terms["Hysteresis (± torque)"] = f"{significant(gear.hysteresis_Nm, 3)} N·m"
+    lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
+    if lost:
+        terms["Lost motion"] = f"{significant(1e3 * lost, 3)} mrad"
+    else:
+        least = float(np.median(curve.deflection_noise_rad))
+        terms["Lost motion"] = f"not seen (noise {significant(1e3 * least, 1)} mrad)"
+    return terms
+
+
 def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
     """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
     layout, p = fit.parameters.layout, fit.parameters

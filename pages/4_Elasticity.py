@@ -3,7 +3,12 @@
 import streamlit as st
 
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.elasticity_figures import show_dynamic_stiffness, show_response, show_unexplained
+from jointid.ui.study.elasticity_figures import (
+    show_dynamic_stiffness,
+    show_response,
+    show_torsion,
+    show_unexplained,
+)
 from jointid.ui.study.estimates import show_also_fitted, show_estimates, show_matrix
 from jointid.ui.study.model_check import show_model_holds, show_poses
 from jointid.ui.study.overview import show_findings, show_headline, show_tiles
@@ -25,6 +30,7 @@ analysis = page.analysis()
 show_headline(analysis)
 show_tiles(analysis)
 show_findings(analysis.findings)
+show_torsion(page, analysis)
 
 st.subheader("How well they are known", anchor=False)
 show_errors(analysis)

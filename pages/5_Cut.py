@@ -9,6 +9,7 @@ from jointid.ui.cut.animation import show_animation
 from jointid.ui.cut.panels import (
     headline,
     show_assumptions,
+    show_gears,
     show_meaning,
     show_rule,
     show_servo_law,
@@ -39,6 +40,7 @@ with stage:
     show_animation(outcome, name, dark=page.dark)
 show_rule(outcome.robot)
 show_meaning(outcome, settings)
+show_gears(page, settings, outcome.robot)
 
 st.subheader("Three corner zones", anchor=False)
 st.caption(

@@ -26,6 +26,7 @@ from scipy.io import loadmat
 from jointid import (
     Analysis,
     Elasticity,
+    Gear,
     Inertia,
     JointIdError,
     PlanarArm,
@@ -45,6 +46,7 @@ from jointid.exporting import (
     control_state_space,
     from_json,
     from_toml,
+    gear_table,
     identification,
     load_identification,
     mujoco_snippet,
@@ -145,6 +147,23 @@ def test_the_fit_survives_as_it_is(analyses: dict[int, Analysis], tmp_path: Path
         assert one.obtained.digest == study_digest(analysis.study)
         assert one.obtained.records == len(analysis.study.records) == 6 * n
         assert one.obtained.frequencies_hz == pytest.approx((3.0, 7.0, 11.0, 17.0, 23.0, 29.0))
+
+
+def test_nonlinear_gears_become_tables_and_secants(result: Identification) -> None:
+    hard = Gear(K=float(result.K[0]), cubic=9e3, tried_rad=0.04, tried_Nm=2.3)
+    one = replace(result, gears=(hard, replace(result.gears[1], backlash_rad=0.0)))
+    for read, write in ((from_json, to_json), (from_toml, to_toml)):
+        assert read(write(one)).gears == one.gears
+    rows = list(csv.reader(io.StringIO(gear_table(one))))
+    assert rows[0][:2] == ["deflection_m1_rad", "torque_m1_Nm"]
+    table = np.array(rows[1:], float)
+    np.testing.assert_allclose(table[:, 1], hard.torque(table[:, 0]))
+    assert np.abs(table[:, 0]).max() == 0.04
+    arm = arm_side(one, [100.0, 90.0])
+    assert arm.K[0] == pytest.approx(100**2 * 2.3 / hard.deflection(2.3))
+    assert arm.K[1] == pytest.approx(90**2 * result.K[1])
+    for snippet in (mujoco_snippet, urdf_snippet):
+        assert "not linear (hardening)" in snippet(one, [100.0, 90.0])
 
 
 def test_json_is_readable_without_this_software(result: Identification) -> None:

@@ -123,13 +123,14 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
     assert seen.headings[1:] == [
         "Answer",
         "Verdict",
+        "Torsion curves of the gears",
         "Model over measurement",
         "What it is worth on the path",
         "How it was obtained",
         "Records",
         "To the last digit",
     ]
-    assert seen.images == 4  # Figures 3, 4, 5 and 7 of the paper
+    assert seen.images == 6  # two torsion curves, Figures 3, 4, 5 and 7 of the paper
     outcome = study_outcome(analyses[2])
     assert outcome is not None
     assert f"{millimetres(outcome.before_m)} before" in html
@@ -183,7 +184,7 @@ def test_other_numbers_of_joints_have_no_cut(analyses: dict[int, Analysis], n: i
     made = make_report(analyses[n])
     assert "What it is worth on the path" not in [section.title for section in made.sections]
     drawings = [d for s in made.sections for b in s.blocks if isinstance(b, Figure) for d in b.drawings]
-    assert len(drawings) == {1: 1, 3: 4}[n]
+    assert len(drawings) == {1: 2, 3: 7}[n]  # a torsion curve of each gear among them
     outline(to_html(made))
     assert to_pdf(made).startswith(b"%PDF")
 

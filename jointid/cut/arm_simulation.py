@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.cut.arm import PlanarArm, require_two_joints
 from jointid.errors import JointIdError
+from jointid.gears.laws import GearLaws, GearState
 from jointid.joints import Elasticity
 
 LONGEST_STEP_S = 1e-3
@@ -41,6 +42,8 @@ class ArmSimulation:
     coulomb_Nm, viscous_Nms : array_like, shape (2,)
         Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction with sticking, as a
         pymunk motor of rate zero and limited torque.
+    gears : GearLaws, optional
+        Laws of the gears in addition to K and D, arm side.
 
     Attributes
     ----------
@@ -68,6 +71,7 @@ class ArmSimulation:
         motor_rate_rad_s: ArrayLike = (0.0, 0.0),
         coulomb_Nm: ArrayLike = (0.0, 0.0),
         viscous_Nms: ArrayLike = (0.0, 0.0),
+        gears: GearLaws | None = None,
     ) -> None:
         q = finite_array("joint_angle_rad", joint_angle_rad, ndim=1)
         theta = (
@@ -81,12 +85,15 @@ class ArmSimulation:
         n2 = arm.gear_ratio**2
         self._dt = float(dt)
         self._serial = arm.drive == "serial"
+        self._gears = None if gears is None else GearState(gears, theta - q)
         self._K1, self._K2 = (n2 * elasticity.K).tolist()
         self._D1, self._D2 = (n2 * elasticity.D).tolist()
         self._F1, self._F2 = (n2 * finite_array("viscous_Nms", viscous_Nms, ndim=1)).tolist()
         coulomb = np.abs(arm.gear_ratio) * finite_array("coulomb_Nm", coulomb_Nm, ndim=1)
 
         spring = n2 * (elasticity.K * (theta - q) + elasticity.D * (theta_rate - q_rate))
+        if gears is not None:
+            spring = spring + gears.beyond_linear((theta - q)[:, None], np.zeros((2, 1)))[:, 0]
         q_acceleration = arm.joint_acceleration(q, q_rate, spring)
         rotor = arm.rotor_inertia_arm_kgm2
         theta_acceleration = -(spring + n2 * np.asarray(viscous_Nms) * theta_rate) / rotor
@@ -119,14 +126,15 @@ class ArmSimulation:
         rotor1, rotor2 = self._rotors
         rate1, rate2 = self._link1_rate, self._link2_rate
         motor1_rate, motor2_rate = self.motor1_rate, self.motor2_rate
-        s1 = self._K1 * (motor1 - self.link1) + self._D1 * (motor1_rate - rate1)
+        joint2, joint2_rate = self.link2, rate2
         if self._serial:
-            bend, bend_rate = self.link2 - self.link1, rate2 - rate1
-            s2 = self._K2 * (motor2 - bend) + self._D2 * (motor2_rate - bend_rate)
-            link1.torque = s1 - s2
-        else:
-            s2 = self._K2 * (motor2 - self.link2) + self._D2 * (motor2_rate - rate2)
-            link1.torque = s1
+            joint2, joint2_rate = joint2 - self.link1, joint2_rate - rate1
+        s1 = self._K1 * (motor1 - self.link1) + self._D1 * (motor1_rate - rate1)
+        s2 = self._K2 * (motor2 - joint2) + self._D2 * (motor2_rate - joint2_rate)
+        if self._gears is not None:
+            more = self._gears.torque(np.array([[motor1 - self.link1], [motor2 - joint2]]))
+            s1, s2 = s1 + float(more[0, 0]), s2 + float(more[1, 0])
+        link1.torque = s1 - s2 if self._serial else s1
         link2.torque = s2
         rotor1.torque = torque1 - s1 - self._F1 * motor1_rate
         rotor2.torque = torque2 - s2 - self._F2 * motor2_rate

@@ -168,6 +168,34 @@ def predicted_cut(
     return Prediction(after, p95, distribution, problem)
 
 
+def gear_cuts(
+    robot: CutRobot,
+    toolpath: Toolpath,
+    *,
+    servo: Servo | None = None,
+    friction: MotorFrictionLike | None = None,
+) -> tuple[TrackingRun, TrackingRun]:
+    """Cuts of a robot with nonlinear gears: the servo knows their linear K and D, or their laws as well.
+
+    Parameters and errors as in :func:`cut_outcome`.
+    """
+    known, servo = robot.elasticity, servo or EVERYDAY_SERVO
+    linear, whole = (
+        track(
+            robot.arm,
+            toolpath,
+            known,
+            known,
+            servo=servo,
+            friction=friction,
+            gears=robot.gears,
+            assumed_gears=laws,
+        )
+        for laws in (None, robot.gears)
+    )
+    return linear, whole
+
+
 def study_outcome(analysis: Analysis) -> Outcome | None:
     """Return the cut before and after on the paper's path, or None for studies without a cut.
 

@@ -25,6 +25,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive, PlanarArm, require_two_joints
 from jointid.errors import JointIdError
+from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.rounding import with_error
 from jointid.study import Analysis
@@ -89,6 +90,8 @@ class CutRobot:
     """Identified friction; None when it was not fitted."""
     scale: tuple[float, float] = (1.0, 1.0)
     """Factor of each joint on the study's values."""
+    gears: tuple[Gear, ...] = ()
+    """Identified laws of the gears, where one is not linear."""
 
     @property
     def meaning(self) -> str:
@@ -139,6 +142,9 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
         None if study.nominal is None else _scaled(study.nominal, factor),
         _friction(analysis, factor),
         (float(factor[0]), float(factor[1])),
+        tuple(gear.scaled(float(f)) for gear, f in zip(fit.gears, factor, strict=True))
+        if any(gear.kind != "linear" for gear in fit.gears)
+        else (),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from jointid.cut.feedforward import plan_servo
 from jointid.cut.servo import MotorFrictionLike, Servo, friction_values, run_servo
 from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
+from jointid.gears.gear import Gear, gears_with
+from jointid.gears.laws import GearLaws
 from jointid.joints import Elasticity
 
 
@@ -77,6 +79,8 @@ def track(
     *,
     servo: Servo | None = None,
     friction: MotorFrictionLike | None = None,
+    gears: Sequence[Gear] | None = None,
+    assumed_gears: Sequence[Gear] | None = None,
     elbow: Elbow = "positive",
     dt: float = 2.5e-4,
     progress: Callable[[float], None] | None = None,
@@ -96,6 +100,10 @@ def track(
     friction : optional
         True friction at the motors, with sticking: any object with ``coulomb`` (N·m) and ``viscous``
         (N·m·s/rad), motor side.
+    gears : sequence of Gear, optional
+        True laws of the gears in addition to K and D, motor side; by default linear ones.
+    assumed_gears : sequence of Gear, optional
+        Laws that the servo assumes, motor side, with the ``assumed`` K and D.
     elbow : {"positive", "negative"}
         Sign of the angle of link 2 relative to link 1.
     dt : float
@@ -119,11 +127,18 @@ def track(
     if assumed is not None:
         require_two_joints(assumed, "assumed elasticity")
     K, D = (None, None) if assumed is None else (assumed.K, assumed.D)
-    plan = plan_servo(arm, toolpath, servo, K, D, elbow)
+    known = None if assumed is None else gear_laws(arm, assumed, assumed_gears)
+    plan = plan_servo(arm, toolpath, servo, K, D, elbow, known)
     step = servo.interval_s / substeps
     coulomb, viscous = (np.zeros(2), np.zeros(2)) if friction is None else friction_values(friction)
     simulation = ArmSimulation(
-        arm, elasticity, step, plan.start_angle, coulomb_Nm=coulomb, viscous_Nms=viscous
+        arm,
+        elasticity,
+        step,
+        plan.start_angle,
+        coulomb_Nm=coulomb,
+        viscous_Nms=viscous,
+        gears=gear_laws(arm, elasticity, gears),
     )
     held: Floats = np.array(run_servo(plan, simulation, substeps, progress))
     angles = np.array([*simulation.log, simulation.angles])
@@ -143,6 +158,15 @@ def track(
         corner_overshoot_m=corner_overshoot(toolpath, time, tool),
         torque_limit_hit=bool((np.abs(held) >= plan.limit).any()),
     )
+
+
+def gear_laws(arm: PlanarArm, elasticity: Elasticity, gears: Sequence[Gear] | None) -> GearLaws | None:
+    """Laws of the gears seen from the arm side; None of linear ones."""
+    if gears is None:
+        return None
+    whole = gears_with(elasticity.K, gears)
+    linear = all(gear.laws == ("linear",) for gear in whole)
+    return None if linear else GearLaws.of(whole, arm.gear_ratio)
 
 
 def substeps_per_sample(servo: Servo, dt: float) -> int:

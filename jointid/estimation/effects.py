@@ -43,6 +43,15 @@ EFFECTS = {
     "link": Effect("link flexibility", {"link": ("link flexibility", "kg·m²·s²")}, positive=True),
     "gravity": Effect("gravity stiffness", {"gravity": ("gravity stiffness", "N·m/rad")}),
     "cubic": Effect("a hardening gear", {"cubic": ("cubic stiffness", "N·m/rad³")}),
+    "piecewise": Effect(
+        "a gear of three slopes",
+        {
+            "piecewise": ("change of slope at T1", "N·m/rad"),
+            "knee": ("wind-up at T1", "rad"),
+            "second_bend": ("change of slope at T2", "N·m/rad"),
+            "second_knee": ("wind-up from T1 to T2", "rad"),
+        },
+    ),
     "backlash": Effect("backlash", {"backlash": ("backlash", "rad")}, positive=True),
     "hysteresis": Effect(
         "gear hysteresis",
@@ -62,7 +71,7 @@ by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negativ
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
 
-GEAR_LAWS = ("cubic", "backlash", "hysteresis")
+GEAR_LAWS = ("cubic", "piecewise", "backlash", "hysteresis")
 """Nonlinear laws of the gear."""
 
 LAWS = (*GEAR_LAWS, "arm_coulomb", "motor_presliding")

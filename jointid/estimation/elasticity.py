@@ -12,13 +12,16 @@ from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import SpringEquations, spring_equations
+from jointid.estimation.joint_laws import fitted_gears
 from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.estimation.linear_fit import LINEAR, Estimate, prior_covariance, weighted
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.parameters import Parameters
+from jointid.gears.gear import Gear
+from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import one_thread
+from jointid.small_matrices import inverse, one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model that the noise allows",
@@ -81,6 +84,10 @@ class ElasticityFit:
     """All fitted parameters: K, D, friction, delay, effects, inertias."""
     parameter_covariance: Floats
     """Their covariance by noise and prior, shape (P, P), in the order of ``parameters.layout``."""
+    torsion_curves: tuple[TorsionCurve, ...]
+    """Measured torque over wind-up of every gear."""
+    gears: tuple[Gear, ...]
+    """Laws of the gears, n of them; one that is not significant at a joint is left out."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
@@ -357,9 +364,11 @@ def _fit(
     if isinstance(estimate, LikelihoodEstimate):
         covariance, inflation = estimate.elasticity_covariance, estimate.inflation  # already included
         every = estimate.covariance
+        curves = estimate.torsion_curves
     else:
         inflation = max(1.0, estimate.misfit)
         covariance = every = estimate.elasticity_covariance * inflation
+        curves = _linear_curves(phasors, prior)
     return ElasticityFit(
         method=method,
         K=K,
@@ -376,4 +385,15 @@ def _fit(
         inertias=tuple(prior.inertias(prior.M, prior.M2)),
         parameters=estimate.named,
         parameter_covariance=every,
+        torsion_curves=curves,
+        gears=fitted_gears(estimate.named, every, curves),
     )
+
+
+def _linear_curves(phasors: Phasors, prior: InertiaPrior) -> tuple[TorsionCurve, ...]:
+    """Torsion curves with the inertias as given, and without friction."""
+    s: Complexes = np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1))
+    squared: Complexes = s[..., None] * s[..., None]
+    arm = inverse(prior.M2)[prior.pose, None] / squared[..., None]
+    own: Complexes = np.asarray(squared * prior.M[prior.rotor, None])
+    return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)

@@ -11,14 +11,18 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.effects import GEAR_LAWS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.parameters import Parameters
+from jointid.gears.gear import Gear
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear, dahl
+from jointid.gears.laws import GearLaws
+from jointid.gears.torsion_curve import TorsionCurve
 from jointid.phasors.periods import pairs, phasors_of, samples_of
 
 _CLEAR = 3.0
@@ -29,12 +33,6 @@ _FINE = 250
 """Samples from which half as many for each harmonic do."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
-_NEWTON = 2
-"""Newton steps for the deflection at each sample, from that extrapolated."""
-_STABLE = 0.1
-"""Least slope of a softening spring, over K."""
-_SLACK = 1e-3
-"""Least stiffness inside the play, over K, where the damping is zero."""
 _STILL = 1e-12
 """Wind-up of a gear that transmits no torque, rad."""
 _LEAST_ANGLE = 1e-30
@@ -43,8 +41,21 @@ _STEP = 1e-3
 """Relative change of a presliding angle for its derivative."""
 _SMALL = 1e-4
 """Step of a parameter for its derivative, over the value at which the law equals the linear gear."""
-_GEAR = ("K", "D", "cubic", "backlash", "hysteresis", "presliding")
-"""Parameters of a gear."""
+_SIGNIFICANT = 3.5
+"""Standard errors from which a joint has a law that is fitted to all joints."""
+_GEAR_FIELDS = {
+    "cubic": ("cubic", "cubic"),
+    "backlash": ("backlash_rad", "backlash"),
+    "hysteresis": ("hysteresis_Nm", "hysteresis"),
+    "presliding": ("presliding_rad", "hysteresis"),
+    "loss_factor": ("loss_factor", "loss_factor"),
+}
+"""Field of ``Gear`` for each parameter, and the parameter that shows whether the law is present."""
+_GEAR = (
+    "K", "cubic", "backlash", "hysteresis", "presliding",
+    "piecewise", "knee", "second_bend", "second_knee",
+)  # fmt: skip
+"""Parameters of a gear's torque over deflection."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +70,21 @@ class JointLaws:
     """Largest torque of each joint, shape (n,), N·m."""
     angle: Floats
     """Motor angles over a period, shape (r, n, t), rad."""
+    low: np.ndarray
+    """Harmonics at which the arm moves less than the gear winds up, shape (r, n, m)."""
+    latest: list[Complexes] = field(default_factory=list)
+    """Wind-up at these harmonics as last solved, from which the next solution starts."""
 
     @classmethod
-    def of(cls, s: Complexes, angle: Complexes, torque: Complexes, variance: Floats) -> JointLaws:
+    def of(
+        cls,
+        s: Complexes,
+        angle: Complexes,
+        torque: Complexes,
+        variance: Floats,
+        arm: Floats,
+        main: np.ndarray,
+    ) -> JointLaws:
         """Collect the signals.
 
         Parameters
@@ -71,13 +94,17 @@ class JointLaws:
             Of the motors, and through the gears.
         variance : ndarray, shape (r, H, 2n)
             Of both.
+        arm : ndarray, shape (r, n, n)
+            M2⁻¹ of every record.
+        main : ndarray, shape (r, H)
+            Fundamentals of sines, and lines of motions.
         """
         n, H = angle.shape[2], angle.shape[1]
         clear = np.abs(np.concatenate([angle, torque], axis=2)) ** 2 > _CLEAR**2 * variance
         clear[:, 0] = True
         samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
-        return cls(s, clear[..., n:], np.asarray(largest), samples)
+        return cls(s, clear[..., n:], np.asarray(largest), samples, _low(s, angle, torque, arm, main))
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
@@ -89,72 +116,66 @@ class JointLaws:
             "backlash": wind_up,
             "hysteresis": self.peak,
             "presliding": wind_up,
+            "piecewise": p.K,
+            "knee": wind_up,
+            "second_bend": p.K,
+            "second_knee": wind_up,
             "arm_coulomb": self.peak,
             "bristle": np.abs(self.angle).max(axis=(0, 2)),
         }
 
-    def deflection(self, torque: Complexes, p: Parameters) -> Complexes:
-        """w, the deflection beyond the linear one, shape (r, H, n), rad, for the torque f."""
-        if not any(name in p.layout for name in GEAR_LAWS):
-            return np.zeros_like(torque)
-        return np.asarray(self._deflections(torque[None], _values(p)[None])[0])
-
-    def slopes(
-        self, torque: Complexes, p: Parameters, directions: Mapping[str, Complexes]
-    ) -> dict[str, Complexes]:
-        """Derivatives of w, each shape (r, H, n): by the gears' parameters, and along other directions.
+    def wound(
+        self, torque: Complexes, moved: Complexes, stiffness: Complexes, p: Parameters
+    ) -> WoundGears | None:
+        """Wind-up of nonlinear gears; None of linear ones.
 
         Parameters
         ----------
-        directions : mapping of str to ndarray, shape (r, H, n)
-            Derivatives of the torque f by other parameters of the same joint.
+        torque, moved, stiffness : ndarray, shape (r, H, n)
+            Torque through the gears, their deflection by the motions of motor and arm, and their linear
+            dynamic stiffness.
         """
         if not any(name in p.layout for name in GEAR_LAWS):
+            return None
+        kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
+        with np.errstate(all="ignore"):  # parameters far off are refused by their cost
+            start = self.latest[-1] if self.latest else None
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, start)
+        delta = found.delta[..., : self.low.shape[2]]
+        self.latest[:] = [delta] if np.isfinite(delta).all() else []
+        return found
+
+    def slopes(
+        self,
+        wound: WoundGears | None,
+        p: Parameters,
+        stiffness: Mapping[str, Complexes],
+        torque: Mapping[str, Complexes],
+    ) -> dict[str, Complexes]:
+        """Derivatives of w, each shape (r, H, n): by the gears' parameters, and with the torque.
+
+        Parameters
+        ----------
+        stiffness : mapping of str to ndarray, shape (r, H, n)
+            Derivatives of the linear dynamic stiffness by the parameters in it.
+        torque : mapping of str to ndarray, shape (r, H, n)
+            Derivatives of the torque f by other parameters of the same joint.
+        """
+        if wound is None:
             return {}
-        units, values = self.units(p), _values(p)
-        if not values[2:5].any():
-            return self._first_order(torque, p)
-        names = [name for name in _GEAR if name in p.layout]
-        changed = np.repeat(values[None], 1 + len(names) + len(directions), axis=0)
-        forces = np.repeat(torque[None], len(changed), axis=0)
-        steps = [_SMALL * units[name] for name in names]
-        for k, name in enumerate(names, start=1):
-            changed[k, _GEAR.index(name)] += steps[k - 1]
-        for k, direction in enumerate(directions.values(), start=1 + len(names)):
-            size = np.abs(np.where(self.clear, direction, 0)).max(axis=(0, 1))
-            steps.append(_SMALL * self.peak / np.where(size > 0, size, 1.0))
-            forces[k] += steps[-1] * direction
-        w = self._deflections(forces, changed)
-        found = [*names, *directions]
-        return {name: (w[k] - w[0]) / steps[k - 1] for k, name in enumerate(found, start=1)}
-
-    def _first_order(self, torque: Complexes, p: Parameters) -> dict[str, Complexes]:
-        """Derivatives of w by the laws' amplitudes where all are zero: −g/(K + sD) for a law g."""
-        H = torque.shape[1]
-        f = np.where(self.clear, torque, 0).swapaxes(1, 2)
-        K = p.K[:, None]
-        compliance = 1 / (K + self.s[:, None] * p.D[:, None])
-        delta = samples_of(compliance * f, _points(H))
-        laws = {}
-        if "cubic" in p.layout:
-            laws["cubic"] = delta**3
-        if "backlash" in p.layout:
-            laws["backlash"] = -0.5 * K * _sign(delta)
-        if "hysteresis" in p.layout:
-            laws["hysteresis"] = _dahl(delta, p["presliding"][:, None])
-        return {name: -(compliance * phasors_of(law, H)).swapaxes(1, 2) for name, law in laws.items()}
-
-    def _deflections(self, torque: Complexes, values: Floats) -> Complexes:
-        """w for several torques, each shape (B, r, H, n), and sets of parameters, shape (B, 6, n)."""
-        H = torque.shape[2]
-        f = np.where(self.clear, torque, 0).swapaxes(2, 3)
-        samples = np.moveaxis(samples_of(f, _points(H)), -1, 0)
-        gear = _Gear.of(values, 2 * np.pi / (np.abs(self.s[:, :1]) * _points(H)))
-        with np.errstate(
-            over="ignore", invalid="ignore"
-        ):  # parameters far off are refused by their cost
-            delta = phasors_of(np.moveaxis(gear.wound_up(samples), 0, -1), H)
-        return np.asarray((delta - gear.linear_compliance(H, _points(H)) * f).swapaxes(2, 3))
+        values, units, H = _values(p), self.units(p), wound.beyond.shape[2]
+        found = {name: wound.change(f=df.swapaxes(1, 2)) for name, df in torque.items()}
+        for name in {**stiffness, **dict.fromkeys(n for n in _GEAR if n in p.layout)}:
+            beyond: Complexes | float = 0.0
+            if name in _GEAR:
+                step = _SMALL * units[name]
+                changed = values.copy()
+                changed[_GEAR.index(name)] += step
+                there, _ = beyond_linear(_laws(changed), wound.samples, H)
+                beyond = (there - wound.beyond) / step[:, None]
+            kappa = stiffness[name].swapaxes(1, 2) if name in stiffness else 0.0
+            found[name] = wound.change(beyond=beyond, stiffness=kappa)
+        return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
@@ -171,12 +192,53 @@ class JointLaws:
 
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
-        return phasors_of(_dahl(self.angle, bristle[:, None]), H).swapaxes(1, 2)
+        return phasors_of(dahl(self.angle, 1 / np.maximum(bristle, _LEAST_ANGLE)[:, None]), H).swapaxes(
+            1, 2
+        )
 
     def presliding_slope(self, bristle: Floats, shape: Complexes) -> Complexes:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
+
+
+def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:
+    """Gears of n joints with the laws that are significant at each, from their torsion curves' range.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (P, P)
+        Of the parameters.
+    """
+    error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    found = {}
+    for name, (target, judge) in _GEAR_FIELDS.items():
+        if name in p.layout:
+            clear = np.abs(p[judge]) > _SIGNIFICANT * error[p.layout[judge]]
+            if EFFECTS[judge].positive:
+                clear &= p[judge] > 0
+            found[target] = np.where(clear, p[name], 0.0).tolist()
+    if "piecewise" in p.layout:
+        found |= _slopes(p, error)
+    return tuple(
+        Gear(
+            K=max(float(p.K[j]), 0.0),
+            tried_rad=float(curve.amplitude_rad.max()),
+            tried_Nm=float(curve.amplitude_Nm.max()),
+            **{field: values[j] for field, values in found.items()},
+        )
+        for j, curve in enumerate(curves)
+    )
+
+
+def _slopes(p: Parameters, error: Floats) -> dict[str, list[float]]:
+    """Three slopes and their torques as in catalogues; zero at joints without a significant change."""
+    bends = ("piecewise", "second_bend")
+    clear = np.any([np.abs(p[name]) > _SIGNIFICANT * error[p.layout[name]] for name in bends], axis=0)
+    K2 = p.K + p["piecewise"]
+    T1 = p.K * p["knee"]
+    found = {"K2": K2, "K3": K2 + p["second_bend"], "T1_Nm": T1, "T2_Nm": T1 + K2 * p["second_knee"]}
+    return {name: np.where(clear, values, 0.0).tolist() for name, values in found.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,108 +274,31 @@ class SignSlope:
         return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
 
 
+def _low(s: Complexes, angle: Complexes, torque: Complexes, arm: Floats, main: np.ndarray) -> np.ndarray:
+    """Harmonics at which the arm moves less than the gear winds up, shape (r, n, m)."""
+    arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
+    size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
+    locked = np.median((np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main], axis=0)
+    low = np.abs(s)[:, None] < locked[:, None]
+    return np.asarray(low[..., : max(int(low.sum(axis=2).max()), 0)])
+
+
 def _points(H: int) -> int:
     points = _POINTS * max(H, _LEAST_HARMONICS)
     return points if points < _FINE else max(_FINE, points // 2)
 
 
 def _values(p: Parameters) -> Floats:
-    """Parameters of the gears, shape (6, n); those not fitted are zero."""
+    """Parameters of the gears, shape (9, n); those not fitted are zero."""
     return np.array([np.broadcast_to(p.effect(name), p.K.shape) for name in _GEAR])
 
 
-@dataclass(frozen=True, eq=False)
-class _Gear:
-    """Gears with B sets of parameters, each shape (B, 1, n), integrated over a period in equal steps.
-
-    The θ-method, exponentially fitted: exact for a linear gear under constant torque, whether its time
-    constant D/K is longer or shorter than a step.
-    """
-
-    K: Floats
-    cubic: Floats
-    half_play: Floats
-    level: Floats
-    sharpness: Floats
-    """Inverse of the presliding deflection; 0 without hysteresis."""
-    rate: Floats
-    """Damping over the step, (B, r, n), N·m/rad."""
-    theta: Floats
-    """Weight of the new torque in a step, (B, r, n)."""
-
-    @classmethod
-    def of(cls, values: Floats, step: Floats) -> _Gear:
-        """Gears with parameters of shape (B, 6, n) and steps of shape (r, 1), s."""
-        K, D, cubic, play, level, presliding = np.moveaxis(values, 1, 0)[:, :, None]
-        rate = np.maximum(D / step, _SLACK * K)
-        z = np.clip(K / rate, 1e-3, 500.0)
-        sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
-        return cls(K, cubic, 0.5 * play, level, sharpness, rate, 1 / -np.expm1(-z) - 1 / z)
-
-    def linear_compliance(self, H: int, points: int) -> Complexes:
-        """Response of the same integration to the torque with K and D alone, shape (B, r, n, H)."""
-        late = np.exp(-2j * np.pi * np.arange(1, H + 1) / points)
-        K, rate, theta = (v[..., None] for v in (self.K, self.rate, self.theta))
-        pole = rate - (1 - theta) * K
-        return np.asarray((theta + (1 - theta) * late) / (rate + theta * K - pole * late))
-
-    def wound_up(self, f: Floats) -> Floats:
-        """Periodic deflection under the torque f, both shape (t, B, r, n)."""
-        theta, rate, hysteretic, points = self.theta, self.rate, bool(self.level.any()), len(f)
-        before = points if hysteretic else points // 2  # hysteresis needs a period to become periodic
-        first = f[-before % points]
-        delta, spring, loop = first / self.K, first, np.zeros_like(first)
-        step, found = np.zeros_like(first), np.empty(f.shape)
-        for k in range(1 - before, points):
-            target = theta * f[k % points] + (1 - theta) * (f[(k - 1) % points] - spring) + rate * delta
-            new = delta + step
-            for _ in range(_NEWTON):
-                spring, slope, _ = self._spring(new, delta, loop, target, hysteretic)
-                new = new + (target - rate * new - theta * spring) / (rate + theta * slope)
-            spring, _, loop = self._spring(new, delta, loop, target, hysteretic)
-            step, delta = new - delta, new
-            if k >= 0:
-                found[k] = delta
-        return found
-
-    def _spring(
-        self, new: Floats, old: Floats, loop: Floats, target: Floats, hysteretic: bool
-    ) -> tuple[Floats, Floats, Floats]:
-        """Torque without damping after a step, its slope, and the state of the hysteresis."""
-        e, slope = new, self.K
-        if self.half_play.any():
-            e = new - np.minimum(np.maximum(new, -self.half_play), self.half_play)
-            slope = np.where(e == 0, 0.0, slope)
-        spring = self.K * e
-        if self.cubic.any():
-            squared = self.cubic * e * e
-            spring = spring + squared * e
-            slope = np.maximum(slope + 3 * squared, _STABLE * slope)
-        if hysteretic:
-            move = new - old
-            sign = np.sign(np.where(move == 0, target - self.rate * new - self.theta * spring, move))
-            loop = sign + (loop - sign) * np.exp(-np.abs(move) * self.sharpness)
-            spring = spring + self.level * loop
-            slope = slope + self.level * self.sharpness * (1 - sign * loop)
-        return spring, slope, loop
+def _laws(values: Floats) -> GearLaws:
+    K, cubic, play, level, presliding, bend, knee, second, further = values[..., None]
+    return GearLaws.made(K, cubic, play, level, presliding, (knee, knee + further), (bend, second))
 
 
 def _sign(x: Floats) -> Floats:
     """Sign of periodic samples, with a jump that is resolved between samples."""
     step = 0.25 * np.abs(np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1))
     return np.asarray(np.clip(x / np.maximum(step, np.finfo(float).tiny), -1, 1))
-
-
-def _dahl(delta: Floats, preslide: Floats) -> Floats:
-    """Dahl's z over a period, dz/dδ = (1 − z sign δ̇)/x, in its periodic steady state; last axis time."""
-    step = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
-    decay = np.exp(-np.abs(step) / np.maximum(preslide[..., 0], _LEAST_ANGLE))
-    drive = np.sign(step) * (1 - decay)
-    z, last = np.zeros(step.shape), np.zeros(step.shape[1:])
-    for k in range(len(step)):
-        last = drive[k] + decay[k] * last
-    last /= np.maximum(1 - np.prod(decay, axis=0), 1e-9)
-    for k in range(len(step)):
-        z[k] = last
-        last = drive[k] + decay[k] * last
-    return np.moveaxis(z, 0, -1)

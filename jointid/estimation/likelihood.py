@@ -25,6 +25,7 @@ from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
+from jointid.gears.torsion_curve import TorsionCurve
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
@@ -37,8 +38,8 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
-_EVALUATIONS, _LAW_EVALUATIONS = 150, 10
-"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes eight."""
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 40
+"""Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes ten."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
 _RIDGE = 1e-12
@@ -70,6 +71,8 @@ class LikelihoodEstimate(Estimate):
     """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
     inertias: tuple[Inertia, ...]
     """Fitted inertia of each record; the given one where it is exact."""
+    torsion_curves: tuple[TorsionCurve, ...]
+    """Of every gear."""
 
     def whole_cost(self, misfit: float) -> float:
         """Cost of the data over a misfit, plus that of the prior."""
@@ -169,6 +172,7 @@ def maximum_likelihood(
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
         inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
+        torsion_curves=fitted.torsion_curves(),
     )
 
 

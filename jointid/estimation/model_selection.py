@@ -64,7 +64,7 @@ _DECISIVE = 0.3
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _HOPELESS = 3e4
-"""Misfit of wrong units, signs or gear ratios, beyond that of any nonlinear gear."""
+"""Misfit of wrong units, signs or gear ratios, of which no law explains a decisive share."""
 _MOST_EFFECTS = 3
 _MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 16, 10.0
 """Fits of one search, and the same while the misfit is poor; wrong data would take many more."""
@@ -75,6 +75,11 @@ _FAR_OFF = 4.0
 """Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_BENT = 4.0
+"""Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
+_FAR_LAWS, _ROUGH = ("cubic", "backlash", "hysteresis"), 0.1
+"""Laws that are fitted where the linear fit is lost; at their start damping over stiffness, and
+hysteresis over the largest torque and deflection."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
 _USUAL = 0.05
@@ -84,7 +89,7 @@ _MOST_STARTS = 2
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
-_MOST_SLOW_FITS = 6
+_MOST_SLOW_FITS = 8
 """Fits with a law of the gears."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
@@ -117,6 +122,7 @@ def choose_model(
     optional: list[str] = []
     if not exactly:
         effects = [name for name in EFFECTS if gear == "auto" or name not in GEAR_LAWS]
+        effects = [name for name in effects if name != "piecewise"]  # in place of a cubic law
         if np.any(phasors.drift):  # a superposed motion that does not reverse
             effects.remove("motor_presliding")
         if phasors.motion.any():
@@ -186,6 +192,28 @@ def fit_model(
     )
 
 
+def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+
+    The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    """
+    s = 1j * phasors.omega[:, None]
+    torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
+    arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
+    delta = phasors.q - arm
+    product = torque * delta.conj() / np.abs(arm) ** 2
+    K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
+    layout = ParameterLayout.of(phasors.n, effects=["hysteresis"])
+    return layout.named(
+        layout.pack(
+            K=np.abs(K),
+            D=_ROUGH * np.abs(K / phasors.omega.max()),
+            hysteresis=_ROUGH * np.abs(torque).max(axis=0),
+            presliding=_ROUGH * np.abs(delta).max(axis=0),
+        )
+    )
+
+
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
     """The parameters, with the mean of the lags as the delay where there are lags."""
     p = estimate.named
@@ -228,6 +256,10 @@ class _Search:
                     self.fit(self.base, start)
             if self.misfit(self.base) >= _LOST and "friction" in self.optional:
                 self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
+        far = () if self.phasors.motion.any() else _FAR_LAWS
+        for law in far:  # and so does a gear that is far from linear
+            if min(self.misfit(m) for m in self.tried) >= _LOST and law in self.optional:
+                self.fit(self.base.with_part(law), _by_motion(self.phasors, self.prior))
         best = self._least(list(self.tried))
         while len(self.tried) < self._most_fits(best):
             found = [best]
@@ -319,7 +351,8 @@ class _Search:
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
         tried_laws = 1 if self._is_explained(model) else _TRIED_LAWS
-        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:tried_laws]
+        least = _DECISIVE * found.cost if found.misfit > _HOPELESS else 0.0
+        laws = [part for part in clear if part in LAWS and scored[part].gain > least][:tried_laws]
         tried = _TRIED if self.rows < _MANY_ROWS or found.misfit > _EXPLAINED else 1
         wider = [
             model.with_part(part)
@@ -331,6 +364,10 @@ class _Search:
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
             wider = [*wider, *sharper] if decisive else [*sharper, *wider]
+        if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / np.sqrt(
+            max(found.expected_cost, 1.0)
+        ):
+            wider.insert(0, model.without("cubic").with_part("piecewise"))
         return [each for each in wider if each not in self.tried]
 
     def _is_promising(self, model: Model, part: str, score: Score) -> bool:

@@ -24,6 +24,7 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
 from jointid.motion.free_friction import FreeFriction
@@ -32,10 +33,17 @@ from jointid.small_matrices import inverse, lifted
 
 _STIFFEST = 100.0
 """Upper bound on K as a multiple of the start value; beyond it the iteration has diverged."""
-_PRESLIDING, _PRESLIDING_START = ("presliding", "bristle"), 0.03
-"""Presliding deflections and angles, and their start value over the largest deflection or angle."""
+_SHAPES = {"presliding": 0.03, "bristle": 0.03, "knee": 0.35, "second_knee": 0.35}
+"""Presliding deflections and angles, and wind-ups at changes of slope: start values over the largest
+deflection or angle."""
 _SHARPEST, _SLOWEST = 1e-4, 2.0
 """Their range: beyond it a sharper hysteresis, or one that is a spring, looks the same."""
+_LARGEST = 4.0
+"""Upper bound on play and hysteresis over the largest linear wind-up and torque."""
+_FLATTEST = 0.1
+"""Least slope of a piecewise linear gear, over K."""
+_BENDS = {"piecewise": 0.73, "second_bend": 1.33}
+"""Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +106,19 @@ class Problem:
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
-        for name in _PRESLIDING:
+        for name in _SHAPES:
             if name in self.layout and self.laws is not None:
                 share = p[name] / self.laws.units(p)[name]
                 if np.any((share < _SHARPEST) | (share > _SLOWEST)):
                     return False
+        units = {} if self.laws is None else self.laws.units(p)
+        bounded = [name for name in ("backlash", "hysteresis") if name in self.layout]
+        if any(np.any(np.abs(p[name]) > _LARGEST * units[name]) for name in bounded):
+            return False
+        if "piecewise" in self.layout:
+            least = np.minimum(p["piecewise"], p["piecewise"] + p["second_bend"])
+            if np.any(p.K + least < _FLATTEST * p.K):
+                return False
         if "M2" not in self.layout:
             return True
         matrices = self.prior.symmetric(p["M2"]), self.arm_inertia(p)
@@ -114,9 +130,12 @@ class Problem:
         shapes = {block.name: block.shape for block in self.layout.blocks}
         given = {block.name: values[block.name] for block in values.layout.blocks}
         same = {name: value for name, value in given.items() if shapes.get(name) == value.shape}
-        for name in _PRESLIDING:
+        for name, share in _SHAPES.items():
             if name in self.layout and self.laws is not None:
-                means[name] = _PRESLIDING_START * self.laws.units(values)[name]
+                means[name] = share * self.laws.units(values)[name]
+        if "piecewise" in self.layout and self.laws is not None and "cubic" in given:
+            rise = given["cubic"] * self.laws.units(values)["knee"] ** 2
+            means |= {name: share * rise for name, share in _BENDS.items()}
         return self.layout.pack(**(means | same))
 
     def pull(self, vector: Floats) -> tuple[Floats, Floats]:
@@ -185,19 +204,25 @@ def make_problem(
         inertial = (s * s)[..., None] * rotor
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
         variance[..., n:] += np.abs(inertial) ** 2 * variance[..., :n]
-        torque = inertial * z[..., :n]
+        torque, angle = inertial * z[..., :n], z[..., :n]
+        main = np.zeros(z.shape[:2], bool)
+        main[:, 0] = True
         if motion is not None:
-            torque = np.where(phasors.motion[:, None, None], motion[1] * rotor, torque)
-        laws = JointLaws.of(s, z[..., :n], z[..., n:] - torque, variance)
+            moves = phasors.motion[:, None, None]
+            torque = np.where(moves, motion[1] * rotor, torque)
+            angle = np.where(moves, motion[1] / (s * s)[..., None], angle)
+            main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
+        arm = inverse(prior.M2)[prior.pose]
+        laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, main)
     known = np.any(z != 0, axis=2)
-    group, main = row_groups(phasors, known)
+    group, groups = row_groups(phasors, known)
     return Problem(
         s=s,
         z=z,
         noise=noise,
         known=known,
         group=group,
-        main=main,
+        main=groups,
         ends=EndTerms.of(phasors, s),
         motion=motion,
         images=torque_images(phasors),
@@ -239,6 +264,8 @@ class Residual:
     """The same for the nonlinear laws: of motions, without the terms of the ends."""
     law: tuple[Complexes, Complexes]
     """Deflection w and arm friction P of nonlinear laws, each shape (r, H, n)."""
+    wound: WoundGears | None
+    """Wind-up of nonlinear gears."""
 
     @classmethod
     def at(cls, problem: Problem, vector: Floats) -> Residual:
@@ -253,7 +280,7 @@ class Residual:
         X = inverse(compliance)
         lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * _filtered(s, p)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
-        own = _motor_stiffness(problem, p)
+        own = motor_stiffness(problem, p)
         E = np.zeros((*X.shape[:3], 2 * n), complex)
         E[..., :n] = -X
         for j in range(n):
@@ -267,15 +294,18 @@ class Residual:
             torque -= sliding_friction(problem.friction, p, s.shape[1])
         if "motor_presliding" in problem.layout and problem.laws is not None:
             torque -= p["motor_presliding"] * problem.laws.presliding(p["bristle"], s.shape[1])
-        waveform, law = torque, (np.zeros_like(q), np.zeros_like(q))
+        waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
-            waveform = _without_ends(problem, p, torque, q, own)
-            law = problem.laws.deflection(waveform, p), np.zeros_like(q)
+            waveform, angle = _without_ends(problem, p, torque, q, own)
             if "arm_coulomb" in problem.layout:
                 law = law[0], p.effect("arm_coulomb") * problem.laws.arm_friction(waveform, arm)
+            moved = angle - (arm @ (waveform - law[1])[..., None])[..., 0]
+            wound = problem.laws.wound(waveform, moved, gear, p)
+            if wound is not None:
+                law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law)
+        return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law, wound)
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.
@@ -316,10 +346,12 @@ class Residual:
         f = _through(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        J[..., layout["K"]] = by_gear * (1 + p.effect("loss_factor") * _loss(problem))[..., None, :]
-        J[..., layout["D"]] = by_gear * s[..., None]
+        stiffness = {"K": 1 + p.effect("loss_factor") * _loss(problem), "D": s}
         if "loss_factor" in layout:
-            J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem))[..., None, :]
+            stiffness["loss_factor"] = p.K * _loss(problem)
+        stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
+        for name, value in stiffness.items():
+            J[..., layout[name]] = by_gear * value[..., None, :]
         turns = None
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.waveform, self.arm)
@@ -332,7 +364,7 @@ class Residual:
         slopes = {}
         if problem.laws is not None:
             sines = own if problem.motion is None else {}  # a small effect of a small effect
-            slopes = problem.laws.slopes(self.waveform, p, sines)
+            slopes = problem.laws.slopes(self.wound, p, stiffness, sines)
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
@@ -381,7 +413,7 @@ class Residual:
             "lag": lag,
             "torque_filter": lag / (1 + s * np.abs(p.effect("torque_filter"))),
             "torque_scale": tau,
-            "position_filter": -_motor_stiffness(problem, p) * s * smooth[..., :n],
+            "position_filter": -motor_stiffness(problem, p) * s * smooth[..., :n],
             "M": -s * s * q,
         }
         if problem.friction is not None:
@@ -456,15 +488,18 @@ def _loss(problem: Problem) -> Complexes:
 
 def _without_ends(
     problem: Problem, p: Parameters, torque: Complexes, q: Complexes, own: Complexes
-) -> Complexes:
-    """Torque through the gears with the motors' acceleration itself, for a motion's waveform."""
+) -> tuple[Complexes, Complexes]:
+    """Torque through the gears and motor angles; of motions, from the motors' acceleration itself."""
     if problem.motion is None:
-        return torque
+        return torque, q
     velocity, acceleration = problem.motion
     inertial = acceleration * problem.rotor_inertia(p)[problem.prior.rotor, None]
     viscous = 0.0 if problem.friction is None else p.viscous * velocity
     moved = np.any(velocity != 0, axis=(1, 2))[:, None, None]
-    return np.where(moved, torque + own * q - inertial - viscous, torque)
+    return (
+        np.where(moved, torque + own * q - inertial - viscous, torque),
+        np.where(moved, acceleration / problem.s[..., None] ** 2, q),
+    )
 
 
 def _filtered(s: Complexes, p: Parameters) -> Complexes | float:
@@ -479,7 +514,7 @@ def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, C
     return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
 
 
-def _motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
+def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     """s²M with viscous friction, shape (r, H, n), N·m/rad."""
     s = problem.s[..., None]
     inertial = s * s * problem.rotor_inertia(p)[problem.prior.rotor, None]

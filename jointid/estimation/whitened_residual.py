@@ -8,7 +8,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.residual import Problem, Residual
+from jointid.estimation.residual import Problem, Residual, motor_stiffness
+from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection, real_rows
 from jointid.small_matrices import whitener
 
@@ -104,13 +105,26 @@ class WhitenedResidual:
         left = 1 - rank / max(problem.rows, 1)
         return np.asarray(squares / np.maximum(measured * left, 1.0))
 
+    def free_friction(self) -> Complexes:
+        """Free friction at the reversals and terms of the ends, shape (r, H, n), N·m."""
+        return self.projection.explained(self.whole, self.W.shape[1])
+
+    def torsion_curves(self) -> tuple[TorsionCurve, ...]:
+        """Torque through every gear, by the balance at its motor, over its deflection."""
+        at, n = self.at, self.at.problem.n
+        z = np.concatenate([at.problem.z[..., :n] * at.advance, at.problem.z[..., n:]], axis=2)
+        gain, own = at.lag * at.p.torque_scale, motor_stiffness(at.problem, at.p)
+        friction = gain * z[..., n:] - own * z[..., :n] - at.torque + self.free_friction()
+        noise = at.problem.noise.covariance
+        return torsion_curves(at.problem.s, z, noise, own, gain, friction, at.arm, at.law[1])
+
     def compensated(self) -> tuple[Complexes, Complexes]:
         """Motor angle and torque without friction, delay, effects and ends, both shape (r, h, n).
 
         The torque is that of equation (1) at the fitted parameters, plus the residual.
         """
         h = self.at.fundamentals
-        left = self.at.r[:, :h] - self.projection.explained(self.whole, self.W.shape[1])[:, :h]
+        left = (self.at.r - self.free_friction())[:, :h]
         # At a stationary motor the whole residual is friction.
         left = np.where(self.at.problem.used[:, None], left, 0.0)
         return self.at.position, np.asarray(self.at.ideal_torque() + left)

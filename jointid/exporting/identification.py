@@ -11,6 +11,7 @@ from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction, require_method
 from jointid.files.digest import study_digest
+from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.study import STATES, Analysis
 from jointid.uncertainty.error_parts import error_parts
@@ -89,6 +90,8 @@ class Identification:
     """Values and standard errors of fitted effects, by names of their parameters."""
     priors: tuple[PriorRow, ...] = ()
     """Inertias and torque scales as given and as fitted."""
+    gears: tuple[Gear, ...] = ()
+    """Laws of the gears, n of them; empty when not stated."""
 
     def __post_init__(self) -> None:
         n = self.inertia.n
@@ -123,6 +126,8 @@ class Identification:
                 raise JointIdError(
                     f"The inertia has {counted(n, 'joint')}, nominal or a pose has {joints.n}."
                 )
+        if self.gears and len(self.gears) != n:
+            raise JointIdError(f"gears: {counted(len(self.gears), 'gear')}; expected one per joint.")
         require_method(self.obtained.method)
 
     @property
@@ -177,6 +182,7 @@ def identification(analysis: Analysis) -> Identification:
         error_parts={part.key: part.error for part in error_parts(fit)},
         effects=effect_values(fit),
         priors=analysis.priors,
+        gears=fit.gears,
         obtained=Obtained(
             version=__version__,
             digest=study_digest(study),

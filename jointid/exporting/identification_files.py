@@ -12,6 +12,7 @@ Both hold the same document, motor side, SI units:
     [error_parts] noise, prior, unseen, choice: parts of the standard errors
     [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
     [effects.NAME] values, standard_error
+    [gears] kind, K, cubic, backlash_rad, hysteresis_Nm, ..., tried_rad, tried_Nm: laws by joint
     [inertia] M, M2, added     [poses.NAME] likewise, as fitted together with K and D     [nominal] K, D
     [priors] name, unit, given, given_std, fitted, fitted_std, is_fitted, disagreement: every inertia and
              torque scale; the disagreement in standard deviations of the given value
@@ -27,6 +28,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,7 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
 from jointid.files.study_saving import inertia_table
+from jointid.gears.gear import Gear
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.rounding import UNDETERMINED
 from jointid.uncertainty.prior_rows import PriorRow
@@ -70,6 +73,7 @@ _TOML_WORDS = {
 _FRICTION = {"coulomb": "[0.05, 0.01]", "viscous": "[0.002, 0.0005]", "standard_error": "[…]"}
 _ERROR_PARTS = {name: f"{name} = […]" for name in ("noise", "prior", "unseen", "choice")}
 _EFFECT = {"values": "values = […]", "standard_error": "standard_error = […]"}
+_GEARS = {field.name: f"{field.name} = […]" for field in fields(Gear)} | {"kind": "kind = […]"}
 _PRIORS = {
     "name": 'name = ["J_m1"]',
     "unit": 'unit = ["kg·m²"]',
@@ -109,6 +113,7 @@ _TOP = {
     "error_parts": "[error_parts], noise = …, prior = …",
     "effects": "[effects.lag], values = …, standard_error = …",
     "priors": "[priors], name = …, given = …, fitted = …",
+    "gears": "[gears], K = …, cubic = …",
     "friction": "[friction], coulomb = …, viscous = …, standard_error = …",
     "delay": "[delay], seconds = …, standard_error = …",
     "inertia": "[inertia], M = …, M2 = …",
@@ -149,6 +154,8 @@ def to_document(identification: Identification) -> dict[str, Any]:
             name: {"values": values.tolist(), "standard_error": errors.tolist()}
             for name, (values, errors) in i.effects.items()
         }
+    if i.gears:
+        document["gears"] = {name: [getattr(gear, name) for gear in i.gears] for name in _GEARS}
     document["inertia"] = inertia_table(i.inertia)
     if i.poses:
         document["poses"] = {name: inertia_table(pose) for name, pose in i.poses.items()}
@@ -294,6 +301,11 @@ def _identification(top: CheckedTable) -> Identification:
             for name, table in top.named_tables("effects", _EFFECT).items()
             if name in EFFECT_PARAMETERS
         }
+    if "gears" in top:
+        table = top.table("gears", _GEARS)
+        columns = {name: table.numbers(name) for name in _GEARS if name in table and name != "kind"}
+        rows = zip(*columns.values(), strict=False)
+        known["gears"] = tuple(Gear(**dict(zip(columns, row, strict=True))) for row in rows)
     if "priors" in top:
         known["priors"] = _prior_rows(top.table("priors", _PRIORS))
     known["obtained"] = Obtained(

@@ -32,7 +32,7 @@ class ArmSide:
     gear_ratio: Floats
     """Motor turns per joint turn, negative where the motor turns the other way, shape (n,)."""
     K: Floats
-    """Stiffness, shape (n,), N·m/rad."""
+    """Stiffness, shape (n,), N·m/rad; of a nonlinear gear the secant at the largest torque tried."""
     D: Floats
     """Damping, shape (n,), N·m·s/rad."""
     covariance: Floats
@@ -80,9 +80,13 @@ def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
     none = np.zeros(i.n)
     # A small negative friction is noise; simulators refuse it.
     friction = [none, none] if i.friction is None else [i.friction.coulomb, i.friction.viscous]
+    K = i.elasticity.K.copy()
+    for j, gear in enumerate(i.gears):
+        if gear.kind != "linear":
+            K[j] = gear.secant(gear.tried_Nm)
     return ArmSide(
         gear_ratio=N,
-        K=N**2 * i.elasticity.K,
+        K=N**2 * K,
         D=N**2 * i.elasticity.D,
         covariance=twice[:, None] * i.covariance * twice,
         rotor=N**2 * i.inertia.M,
@@ -284,6 +288,13 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
             f"     Joint {j + 1}, motor side: K = {_text(i.K[j])} N.m/rad {_error(errors[j])}, "
             f"D = {_text(i.D[j])} N.m.s/rad {_error(errors[i.n + j])}, J_m = {_text(J_m)} kg.m^2."
         )
+        if i.gears and i.gears[j].kind != "linear":
+            gear = i.gears[j]
+            lines.append(
+                f"     Its gear is not linear ({' + '.join(gear.laws)}), this format is: the stiffness "
+                f"below is the secant {_text(gear.secant(gear.tried_Nm))} N.m/rad at "
+                f"{gear.tried_Nm:.3g} N.m, without play, motor side."
+            )
     fitted = any(row.is_fitted for row in i.priors)
     lines.append(f"     Inertias are those {'fitted together with K and D' if fitted else 'given'}.")
     if i.friction is None:

@@ -9,9 +9,14 @@ from io import StringIO
 import numpy as np
 
 from jointid.answer import without
+from jointid.exporting.identification import Identification
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
+_EVERY = 4
+"""Of the points of a torsion curve, for a file of moderate size."""
+_ROWS = 101
+"""Of the look-up table of a law; odd, so that it holds zero."""
 _FORMULA = ("=", "+", "-", "@", "\t")
 """First characters by which a spreadsheet takes a text for a formula, and runs it."""
 
@@ -73,6 +78,60 @@ def transfer_matrix_table(analysis: Analysis) -> str:
             frequency = omega / (2 * np.pi)
             rows.append([pose, frequency, *row, *more, *cleaned.get(omega, nothing)])
     return csv_text(header, rows)
+
+
+def torsion_table(analysis: Analysis) -> str:
+    """Torsion curves: one row per joint, record and point of its period.
+
+    Parameters
+    ----------
+    analysis : Analysis
+
+    Returns
+    -------
+    str
+        CSV with a header row: measured wind-up and torque of the gear with their noise (standard
+        deviation), and the elastic torque of the fitted law. Motor side; damping and hysteresis are part
+        of the measured torque, the mean wind-up of a record is set to 0.
+    """
+    header = ["joint", "record", "pose", "frequency_hz", "deflection_rad", "torque_Nm"]
+    header += ["deflection_std_rad", "torque_std_Nm", "law_Nm"]
+    rows: list[list[object]] = []
+    for j, (curve, gear) in enumerate(
+        zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True), start=1
+    ):
+        law = gear.torque(curve.deflection_rad)
+        for r, record in enumerate(analysis.study.records):
+            first = [j, analysis.phasors.labels[r], record.pose or "", record.frequency_hz]
+            noise = [float(curve.deflection_noise_rad[r]), float(curve.torque_noise_Nm[r])]
+            points = np.stack([curve.deflection_rad[r], curve.torque_Nm[r]], axis=1)[::_EVERY].tolist()
+            fitted = law[r, ::_EVERY].tolist()
+            rows += [[*first, *xy, *noise, f] for xy, f in zip(points, fitted, strict=True)]
+    return csv_text(header, rows)
+
+
+def gear_table(found: Identification) -> str:
+    """Torque of every gear's law over its wind-up as a look-up table, up to the torque tried.
+
+    For Simulink's 1-D Lookup Table, Modelica's CombiTable1Ds and own controllers. Without damping and
+    hysteresis; motor side.
+
+    Returns
+    -------
+    str
+        CSV with a header row, columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``.
+    """
+    share = np.linspace(-1, 1, _ROWS)
+    columns = []
+    for gear in found.gears:
+        delta = share * gear.tried_rad
+        columns += [delta, gear.torque(delta)]
+    header = [
+        f"{name}_m{j + 1}_{unit}"
+        for j in range(found.n)
+        for name, unit in (("deflection", "rad"), ("torque", "Nm"))
+    ]
+    return csv_text(header, np.stack(columns, axis=1).tolist())
 
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:

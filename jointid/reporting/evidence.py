@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jointid.answer import without
+from jointid.answer import gear_terms, without
 from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, study_outcome
 from jointid.cut.rectangle import rectangle
@@ -16,7 +16,13 @@ from jointid.errors import JointIdError
 from jointid.figures.response_curves import element_name
 from jointid.figures.style import LIGHT
 from jointid.reporting.blocks import Block, Figure, Paragraph
-from jointid.reporting.figures import PAGE_WIDTH, cut_figure, element_figure, single_record_figure
+from jointid.reporting.figures import (
+    PAGE_WIDTH,
+    cut_figure,
+    element_figure,
+    single_record_figure,
+    torsion_figure,
+)
 from jointid.rounding import significant
 from jointid.study import Analysis
 from jointid.wording import capitalised
@@ -62,6 +68,27 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
                 f"{next(numbers)} {names}{suffix}{paper.get(first, '')}.",
             )
+
+
+def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block]:
+    """Torsion curve of every gear, with the terms of catalogues."""
+    fit = analysis.fit
+    yield Paragraph(
+        "Torque through each gear over its wind-up, from motor data alone; the blue line is the fitted "
+        "elastic law, damping and hysteresis open the measured loops. The mean wind-up of a record is "
+        "not observable and set to 0."
+    )
+    width = (PAGE_WIDTH - _GAP) / 2 if fit.n > 1 else PAGE_WIDTH
+    for first in range(0, fit.n, 2):
+        joints = [j for j in (first, first + 1) if j < fit.n]
+        terms = ". ".join(
+            f"Joint {j + 1}: " + "; ".join(f"{k} {v}" for k, v in gear_terms(fit, j).items())
+            for j in joints
+        )
+        yield Figure(
+            tuple(torsion_figure(analysis, j, width=width) for j in joints),
+            f"{next(numbers)} Torsion curves, motor side. {terms}.",
+        )
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:

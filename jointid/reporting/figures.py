@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.answer import gear_terms
 from jointid.arrays import Floats
 from jointid.cut.outcome import millimetres
 from jointid.cut.tracking import TrackingRun
@@ -25,6 +26,7 @@ from jointid.figures.response_curves import (
     single_record_curves,
 )
 from jointid.figures.style import LIGHT
+from jointid.figures.torsion import drawn_records
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.study import Analysis
 
@@ -89,6 +91,34 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
     curves = single_record_curves(analysis, pose, joint)
     name = f"acceleration over torque of motor {joint + 1}"
     return _bode(curves, magnitude_limits(analysis, pose, joint), name, "Magnitude", PAGE_WIDTH)
+
+
+def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
+    """Measured torque of one gear over its wind-up, and the fitted law; the joint from 0."""
+    curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
+    x, y = (1.08 * np.abs(v).max() for v in (1e3 * curve.deflection_rad, curve.torque_Nm))
+    frame = _Frame(36.0, 6.0, width - 42.0, 130, (-x, x), (-y, y))
+    ticks = [_linear_ticks(limit) for limit in (x, y)]
+    shapes = _frame(frame, ticks[0], _signed(ticks[0]), ticks[1], _signed(ticks[1]))
+    for r in drawn_records(curve.amplitude_Nm):
+        loop = frame.place(1e3 * curve.deflection_rad[r, ::2], curve.torque_Nm[r, ::2])
+        shapes.append(Line(loop, LIGHT.measured, 0.5, opacity=0.6))
+    tried = np.linspace(-gear.tried_rad, gear.tried_rad, 101)
+    law = frame.place(1e3 * tried, gear.torque(tried))
+    shapes.append(Line(law, LIGHT.identified, 1.6))
+    shapes.append(Text(width / 2 + 15, 156, "Wind-up (mrad)", 7, "middle"))
+    shapes.append(Text(8, 71, f"Torque of gear {joint + 1} (N·m)", 7, "middle", turned=True))
+    terms = "; ".join(f"{name}: {value}" for name, value in gear_terms(analysis.fit, joint).items())
+    return Drawing(
+        width, 160, tuple(shapes), f"Torsion curve of joint {joint + 1}. {terms}.", least=0.75
+    )
+
+
+def _linear_ticks(limit: float) -> Floats:
+    """About five round numbers between ± limit."""
+    step = 10.0 ** np.floor(np.log10(limit))
+    step *= next(f for f in (0.2, 0.5, 1.0, 2.0) if limit / (f * step) < 4 or f == 2.0)
+    return np.asarray(step * np.arange(-int(limit / step), int(limit / step) + 1))
 
 
 def cut_figure(rows: Sequence[tuple[str, str, Sequence[tuple[str, TrackingRun]]]]) -> Drawing:

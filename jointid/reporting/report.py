@@ -18,7 +18,7 @@ from jointid.answer import (
 from jointid.cut.outcome import Outcome, millimetres, whose
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
-from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks
+from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
@@ -63,6 +63,7 @@ def make_report(
     sections = [
         Section("Answer", tuple(_answer(analysis, outcome))),
         Section("Verdict", (Verdict(analysis.findings),)),
+        Section("Torsion curves of the gears", tuple(torsion_blocks(analysis, numbers))),
         Section("Model over measurement", tuple(response_blocks(analysis, numbers))),
     ]
     tell(0.5, "Cutting the three corner zones")

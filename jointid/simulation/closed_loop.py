@@ -6,13 +6,15 @@ the linear dynamics advance exactly, by a matrix exponential. All records advanc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
+from jointid.gears.gear import Gear, gears_with
+from jointid.gears.laws import GearLaws
 from jointid.joints import Elasticity, Inertia
 from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
@@ -31,6 +33,7 @@ def simulate_records(
     controller: Controller | None = None,
     friction: MotorFriction | None = None,
     measurement: Measurement | None = None,
+    gears: Sequence[Gear] | None = None,
     pose: str | None = None,
     declare_timing: bool = True,
     seed: int = 0,
@@ -52,6 +55,9 @@ def simulate_records(
         By default no friction.
     measurement : Measurement, optional
         By default exact.
+    gears : sequence of Gear, optional
+        Laws of the gears in addition to K and D; by default linear ones. Integrated in steps of
+        ``friction.step_s``.
     pose : str, optional
         Name that the records carry.
     declare_timing : bool
@@ -77,7 +83,10 @@ def simulate_records(
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
     frequencies = _frequencies(frequencies_hz, controller.sample_rate_hz)
     seed = whole_number("seed", seed, 0)
-    robot = Robot(inertia, elasticity, controller, friction)
+    laws = None
+    if gears is not None and any(gear.laws != ("linear",) for gear in gears_with(elasticity.K, gears)):
+        laws = GearLaws.of(gears_with(elasticity.K, gears))
+    robot = Robot(inertia, elasticity, controller, friction, laws)
     weights = excitation.weights(robot.n)
     A = excitation.amplitudes(2 * np.pi * frequencies, robot.n)[:, None, :] * weights
     reference = Reference(
@@ -88,7 +97,7 @@ def simulate_records(
     samples = _record_lengths(excitation, controller, reference.omega / (2 * np.pi))
     settle = excitation.settle_s
     if settle is None:
-        settle = robot.settling_time_s() if np.any(robot.coulomb > 0) else 0.0
+        settle = robot.settling_time_s() if laws or np.any(robot.coulomb > 0) else 0.0
     before = int(np.ceil(settle / robot.T - 1e-9))
     _require_memory(before + int(samples.max()), reference.A.size)
 

@@ -14,9 +14,17 @@ from jointid.joints import Elasticity, Inertia
 class Step(NamedTuple):
     """Time step under a constant motor torque: x ← [E G] [x; torque], x = θm, θa, θ̇m, θ̇a."""
 
-    EG: Floats  # (4n, 5n)
+    EG: Floats  # (4n, 5n), with gears (4n, 6n): their torques beyond K δ follow those of the motors
     resistance: Floats  # (n, 1), torque that changes a motor's velocity by 1 rad/s over the step
     older: bool  # under the torque of one sample earlier, because of the delay
+    duration_s: float
+
+
+def gear_input(inertia: Inertia) -> Floats:
+    """Columns of B for torques of the gears: on the arm, and against the motors, shape (4n, n)."""
+    n = inertia.n
+    on_arm = np.linalg.inv(inertia.M2)
+    return np.vstack([np.zeros((2 * n, n)), -np.diag(1 / inertia.M), on_arm])
 
 
 def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Floats, Floats]:
@@ -32,11 +40,12 @@ def plant(inertia: Inertia, elasticity: Elasticity, viscous: Floats) -> tuple[Fl
 
 def constant_torque(A: Floats, B: Floats, duration: float, older: bool) -> Step:
     """Exact step under a constant torque, by one matrix exponential."""
-    states, n = B.shape
-    extended = np.zeros((states + n, states + n))
+    states, inputs = B.shape
+    n = states // 4
+    extended = np.zeros((states + inputs, states + inputs))
     extended[:states] = np.hstack([A, B])
     EG = np.ascontiguousarray(expm(extended * duration)[:states])
-    return Step(EG, 1 / np.diagonal(EG[2 * n : 3 * n, 4 * n :])[:, None], older)
+    return Step(EG, 1 / np.diagonal(EG[2 * n : 3 * n, 4 * n :])[:, None], older, duration)
 
 
 def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
@@ -48,13 +57,13 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
 
     Parameters
     ----------
-    Z : ndarray, shape (5n, R)
+    Z : ndarray, shape (5n, R) or (6n, R)
     step : Step
     coulomb : ndarray, shape (n, 1)
         F_c, N·m.
     """
     n = len(coulomb)
-    EG, resistance, _ = step
+    EG, resistance = step.EG, step.resistance
     motors = slice(2 * n, 3 * n)
     # The torque of one motor moves another only through springs and arm, within a step by ten orders of
     # magnitude less than its own motor: the motors are independent.
@@ -65,7 +74,7 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
     friction = sign * coulomb
     stops = sign * (needed - friction) <= 0
     if not stops.any():
-        Z[4 * n :] -= friction
+        Z[4 * n : 5 * n] -= friction
         Z[: 4 * n] = EG @ Z
         return
     other = needed - momentum  # torque of all but friction, on average
@@ -77,7 +86,7 @@ def step_with_friction(Z: Floats, step: Step, coulomb: Floats) -> None:
     np.copyto(friction, needed, where=sticks)
     stayed = sticks & (velocity == 0)
     theta = Z[:n].copy()
-    Z[4 * n :] -= friction
+    Z[4 * n : 5 * n] -= friction
     Z[: 4 * n] = EG @ Z
     np.copyto(Z[motors], 0.0, where=sticks)
     np.copyto(Z[:n], theta, where=stayed)

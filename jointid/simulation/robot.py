@@ -14,10 +14,17 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
+from jointid.gears.laws import GearLaws
 from jointid.joints import Elasticity, Inertia
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import SampledReference
-from jointid.simulation.motor_dynamics import Step, constant_torque, plant, step_with_friction
+from jointid.simulation.motor_dynamics import (
+    Step,
+    constant_torque,
+    gear_input,
+    plant,
+    step_with_friction,
+)
 from jointid.wording import counted
 
 _CHUNKS = 64
@@ -43,7 +50,12 @@ class Robot:
     """Arm, motors and joint control; sampled, exact between the samples."""
 
     def __init__(
-        self, inertia: Inertia, elasticity: Elasticity, controller: Controller, friction: MotorFriction
+        self,
+        inertia: Inertia,
+        elasticity: Elasticity,
+        controller: Controller,
+        friction: MotorFriction,
+        gears: GearLaws | None = None,
     ) -> None:
         if inertia.n != elasticity.n:
             raise JointIdError(
@@ -61,12 +73,14 @@ class Robot:
         share = max(controller.torque_delay_s / self.T - whole, 0.0)
         self.delay = whole  # in samples; the older torque acts for a share of the sample longer
         self.A, self.B = plant(inertia, elasticity, self.viscous)
-        longest = friction.step_s if np.any(self.coulomb > 0) else self.T
+        self.gears = gears
+        inputs = self.B if gears is None else np.hstack([self.B, gear_input(inertia)])
+        longest = self.T if gears is None and not np.any(self.coulomb > 0) else friction.step_s
         self.steps: list[Step] = []
         for part, older in [(share, True), (1 - share, False)]:
             if part > 1e-9:
                 count = int(np.ceil(part * self.T / longest - 1e-9))
-                self.steps += [constant_torque(self.A, self.B, part * self.T / count, older)] * count
+                self.steps += [constant_torque(self.A, inputs, part * self.T / count, older)] * count
         self.closed, self.drive = self._closed_loop()
         self._require_stable()
 
@@ -92,6 +106,7 @@ class Robot:
         else:  # at rest, with the springs relaxed
             Z, y_before = np.zeros((5 * n, shape[2])), np.zeros(shape[1:])
             torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
+        loop = np.zeros_like(y_before)
         sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
         position_source, torque_source = sources
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
@@ -113,11 +128,18 @@ class Robot:
                 y_before = y
                 torques.append(torque)
                 for step in self.steps:
-                    Z[4 * n :] = torques[0 if step.older else 1]
+                    Z[4 * n : 5 * n] = torques[0 if step.older else 1]
+                    if self.gears is not None:
+                        delta = Z[:n] - Z[n : 2 * n]
+                        moved = 0.5 * step.duration_s * (Z[2 * n : 3 * n] - Z[3 * n : 4 * n])
+                        middle = self.gears.loop(loop, moved)
+                        Z[5 * n :] = self.gears.beyond_linear(delta + moved, middle)
                     if has_friction:
                         step_with_friction(Z, step, self.coulomb)
                     else:
                         Z[: 4 * n] = step.EG @ Z
+                    if self.gears is not None:
+                        loop = self.gears.loop(loop, Z[:n] - Z[n : 2 * n] - delta)
             tau[first:last] *= torque_gain
             tau[first:last] += _noise(torque_source, torque_noise, feed.shape)
             if progress is not None:
@@ -140,8 +162,8 @@ class Robot:
         n, delay = self.n, self.delay
         size = 5 * n + (delay + 1) * n
         plant = np.eye(4 * n, size + n)  # x after the sample from s and the new torque
-        for EG, _, older in self.steps:
-            E, G = EG[:, : 4 * n], EG[:, 4 * n :]
+        for step in self.steps:
+            E, G, older = step.EG[:, : 4 * n], step.EG[:, 4 * n : 5 * n], step.older
             plant = E @ plant
             # Torque columns run from the newest of s to the oldest; the new one follows s.
             age = delay + older
@@ -192,7 +214,7 @@ class Robot:
         drift = [now, now, velocity, velocity, now - velocity * self.T, *[load] * (self.delay + 1)]
         state += np.concatenate(drift)[:, None]
         history = [state[start : start + n] for start in range(5 * n, len(state), n)]
-        Z = np.vstack([state[: 4 * n], np.zeros_like(A.real)])
+        Z = np.vstack([state[: 4 * n], *[np.zeros_like(A.real)] * (1 if self.gears is None else 2)])
         return Z, state[4 * n : 5 * n], deque(reversed(history), maxlen=self.delay + 2)
 
 

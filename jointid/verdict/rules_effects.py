@@ -8,9 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.rounding import significant
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
-from jointid.wording import capitalised
+from jointid.wording import capitalised, enumerated
 
 _REMEDIES = {
     "arm_viscous": ("There is viscous friction at the arm", ""),
@@ -42,10 +44,17 @@ _REMEDIES = {
         "A gear {hardens|softens}",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
+    "piecewise": (
+        "A gear has three slopes",
+        "K holds for small deflections. Measure at the amplitude that the work needs.",
+    ),
     "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
+
+_DOUBT = 10.0
+"""Difference of the criterion up to which a model is a rival of the chosen one."""
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
@@ -66,6 +75,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         others = alternatives(fit, name)
         if name in _TIMES:
             remedy = half_a_sample(evidence) or remedy
+        if name in GEAR_LAWS:
+            remedy = f"{remedy} {_settled_by(evidence)}".strip()
         yield note(
             f"{title}, or there is {others}" if others else title,
             f"{capitalised(label)}: {values} {shown[0][1]}".rstrip()
@@ -77,3 +88,25 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
 
 _TIMES = ("lag", "position_filter", "torque_filter")
 """Effects that act like a delay."""
+
+
+def _settled_by(evidence: Evidence) -> str:
+    """Range of torque that was tried, and the records that settle a doubt between two laws."""
+    fit = evidence.fit
+    tried = enumerated(
+        [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
+    )
+    own = {EFFECTS[law].name for law in GEAR_LAWS if law in fit.parameters.layout}
+    best = min((c.criterion for c in fit.candidates if c.chosen), default=0.0)
+    rivals = {
+        EFFECTS[law].name
+        for law in GEAR_LAWS
+        for c in fit.candidates
+        if c.criterion < best + _DOUBT and EFFECTS[law].name in c.name
+    } - own
+    if not rivals:
+        return f"Tried up to {tried}."
+    return (
+        f"Tried up to {tried}. Another law, {enumerated(sorted(rivals))}, explains the records almost "
+        "as well: records of a second amplitude, half as large, settle it."
+    )

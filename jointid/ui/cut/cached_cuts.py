@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import ZONES_M, Outcome, Prediction, predicted_cut
+from jointid.cut.outcome import ZONES_M, Outcome, Prediction, gear_cuts, predicted_cut
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.tolerance import errors_of_mismatch
 from jointid.cut.tracking import TrackingRun, track
@@ -83,6 +83,15 @@ def _after(
 ) -> Future[TrackingRun]:
     key = ("after", digest, method, settings, *p95.K.tolist(), *p95.D.tolist())
     return _begin(key, settings, track, robot.arm, p95, robot.elasticity)
+
+
+def gears(
+    digest: str, method: str, settings: CutSettings, robot: CutRobot
+) -> tuple[TrackingRun, TrackingRun]:
+    """Cuts of a robot with nonlinear gears, by servos that know K and D, and their laws."""
+    found = _begin(("gears", digest, method, settings), settings, gear_cuts, robot)
+    awaited("Cutting", found)
+    return found.result()
 
 
 def offset_costs(

@@ -204,8 +204,24 @@ def show_assumptions() -> None:
             "real robot, so the robot before has exactly these springs. After the identification the "
             "servo has them too, and what is left is the uncertainty of the fit: the blue path is that "
             "of a robot at the 95 % point of the path error. Errors of the inertias act through K and "
-            "D; flexible links and gear backlash are in neither."
+            "D; flexible links are in neither."
         )
+
+
+def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
+    """Show the same cut with the identified nonlinear gears, by a servo without and with their laws."""
+    if not robot.gears:
+        return
+    st.subheader("With the gears as they are", anchor=False)
+    linear, whole = cached_cuts.gears(page.digest, page.method, settings.after, robot)
+    laws = "; ".join(f"joint {j}: {' + '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
+    left, right = st.columns(2)
+    left.metric("Servo that knows K and D", millimetres(linear.max_contour_error_m), border=True)
+    right.metric("Servo that knows the curve", millimetres(whole.max_contour_error_m), border=True)
+    st.caption(
+        f"Largest path error of a robot with the identified gears ({laws}). The cuts above have linear "
+        "gears. Beyond the torques of the records the laws are extrapolated."
+    )
 
 
 def outcome_panel(page: Page, analysis: Analysis) -> None:

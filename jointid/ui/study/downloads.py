@@ -14,6 +14,7 @@ from jointid.exporting import (
     LANGUAGES,
     Identification,
     code_listing,
+    gear_table,
     identification,
     mujoco_snippet,
     phasor_table,
@@ -47,6 +48,7 @@ class Results:
     phasors: str
     transfer: str
     """Only a header when the records allow no transfer matrix."""
+    gears: str
     mat: bytes
 
 
@@ -60,6 +62,7 @@ def results(digest: str, method: str, _analysis: Analysis) -> Results:
         toml=to_toml(found),
         phasors=phasor_table(_analysis),
         transfer=transfer_matrix_table(_analysis),
+        gears=gear_table(found),
         mat=to_mat(_analysis),
     )
 
@@ -107,6 +110,14 @@ def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
     with st.container(horizontal=True):
         if analysis.study.sine_records:
             download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
+        download(
+            "Gear laws (.csv)",
+            results.gears,
+            f"{stem}_gears.csv",
+            "text/csv",
+            hint="Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
+            "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller.",
+        )
         if analysis.transfer_matrices:
             download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
     if not analysis.transfer_matrices:
@@ -118,7 +129,9 @@ def show_simulator_files(results: Results, n: int, stem: str) -> None:
     st.subheader("For robot simulators", anchor=False)
     st.write(
         "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
-        "side becomes N²K; damping and rotor inertia likewise."
+        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: of a "
+        "nonlinear gear they get the secant of its torsion curve at the largest torque tried, stated "
+        "in the file."
     )
     entered = st.text_input(
         "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),

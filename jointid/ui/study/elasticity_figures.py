@@ -5,9 +5,59 @@ from __future__ import annotations
 import streamlit as st
 
 from jointid import Analysis
-from jointid.figures import dynamic_stiffness, element_response, unexplained_torque
+from jointid.answer import gear_terms
+from jointid.exporting import torsion_table
+from jointid.figures import (
+    dynamic_stiffness,
+    element_response,
+    stiffness_over_amplitude,
+    torsion_curve,
+    unexplained_torque,
+)
+from jointid.ui.shared.charts import download, side_by_side
+from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
+from jointid.wording import file_stem
+
+_SPREAD = 1.5
+"""Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
+
+
+def show_torsion(page: Page, analysis: Analysis) -> None:
+    """Show the torsion curve of every gear, and K over amplitude where the records differ in it."""
+    fit = analysis.fit
+    st.subheader("Torsion curve of each gear", anchor=False)
+    st.caption(
+        "Torque through the gear over its wind-up, from motor data alone: s = τ − Mθ̈ − friction, wound "
+        "up by θ − θₐ with M₂θ̈ₐ = s. Each loop is one record with a band of ± two standard errors; "
+        "damping opens it. The mean wind-up of a record is not observable and set to 0. "
+        "Amplitudes beyond those tried are not known."
+    )
+    page.show_per_joint(
+        "torsion",
+        lambda j: torsion_curve(fit, j, dark=page.dark),
+        "Torsion curve of joint {0}, torque over wind-up with the fitted law",
+    )
+    for j, place in enumerate(side_by_side(fit.n)):
+        with place:
+            terms = gear_terms(fit, j)
+            show_text_table({"": [*terms], f"Joint {j + 1}": [*terms.values()]})
+    download(
+        "Torsion curves (.csv)",
+        torsion_table(analysis),
+        f"{file_stem(page.study.name)}_torsion.csv",
+        "text/csv",
+    )
+    largest = [curve.amplitude_Nm for curve in fit.torsion_curves]
+    if all(a.max() > _SPREAD * a.min() for a in largest):
+        with st.expander("K over amplitude and pose"):
+            poses = [record.pose or "" for record in analysis.study.records]
+            page.show_per_joint(
+                "amplitude",
+                lambda j: stiffness_over_amplitude(fit, j, poses, dark=page.dark),
+                "Stiffness of joint {0} over the torque amplitude of the records",
+            )
 
 
 def show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:

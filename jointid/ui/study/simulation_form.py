@@ -14,6 +14,7 @@ from jointid import (
     Controller,
     Elasticity,
     Excitation,
+    Gear,
     Inertia,
     JointIdError,
     Measurement,
@@ -51,6 +52,13 @@ _WRONG_HELP = (
 _GAIN_HELP = (
     "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
 )
+_LAWS = {
+    "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
+    "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
+    "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop, after Dahl."),
+    "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
+}
+"""Label and explanation of the laws of a gear, one number for all joints or one each."""
 _ADDED_HELP = (
     "All experiments are made again with a payload of known mass at a known place. Its inertia, motor "
     "side, is exact; it fixes the absolute torque scale."
@@ -79,6 +87,8 @@ class Settings:
     """Logged over true torque, by joint."""
     added: tuple[tuple[float, ...], ...]
     """Addition to M2 by the known payload of a second set of records; empty without one."""
+    gears: tuple[Gear, ...]
+    """Laws of the gears in addition to K and D."""
     inertia_std: float
     torque_std: float | None
 
@@ -111,6 +121,7 @@ def ask() -> Settings | None:
             viscous = _text(
                 "Viscous friction (N·m·s/rad)", "0, 0", "viscous", "Grows with the velocity."
             )
+            laws = _ask_laws()
         with right:
             st.markdown("**The experiments**")
             one, two = st.columns(2)
@@ -165,6 +176,7 @@ def ask() -> Settings | None:
         inertia_error=float(wrong) / 100,
         torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
         added=tuple(matrix_in("Addition to M2", added)) if added.strip() else (),
+        gears=_gears(laws, joints),
         inertia_std=inertia_std,
         torque_std=torque_std,
     )
@@ -199,6 +211,7 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
             torque_noise_Nm=settings.torque_noise_Nm,
             torque_gain=settings.torque_gain,
         ),
+        gears=settings.gears,
         inertia_error=settings.inertia_error,
         added=settings.added or None,
         seed=settings.seed,
@@ -227,7 +240,27 @@ def _errors(settings: Settings) -> str:
         text += f" Logged torque / true torque = {numbers_out(settings.torque_gain)}."
     if settings.added:
         text += " All experiments without and with a known payload."
+    for j, gear in enumerate(settings.gears, start=1):
+        if gear.kind != "linear":
+            values = ((label, getattr(gear, name)) for name, (label, *_) in _LAWS.items())
+            shown = ", ".join(f"{label.lower()} {plain(value)}" for label, value in values if value)
+            text += f" Gear {j}: {shown}."
     return text
+
+
+def _ask_laws() -> dict[str, str]:
+    """Ask for the laws of the gears; a text of one number per joint by field of ``Gear``."""
+    with st.expander("Nonlinear gears"):
+        return {
+            name: st.text_input(label, "0", key=f"sim_{name}", help=about, persist_state="session")
+            for name, (label, about) in _LAWS.items()
+        }
+
+
+def _gears(laws: dict[str, str], joints: int) -> tuple[Gear, ...]:
+    values = [numbers_in(_LAWS[name][0], text, count=joints) for name, text in laws.items()]
+    rows = zip(*values, strict=True)
+    return tuple(Gear(**dict(zip(laws, row, strict=True))) for row in rows)
 
 
 def _text(label: str, value: str, key: str, help_text: str | None = None) -> str:

@@ -1,0 +1,311 @@
+"""Gears as they are: the laws found, their values, and how often a linear robot is called nonlinear.
+
+    python -m benchmarks.gears [runs] [table ...]     or  python -m benchmarks gears
+
+Tables: hardening, slopes, backlash, hysteresis, combined, linear; without a name all of them. The robots
+are those of ``independent_robot``; plants, noise (0.1 to 3 % of the torque) and errors of the given
+inertias change from run to run. The law acts at one joint or at all.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import Cell, Table, written
+from benchmarks.independent_robot import Array, Robot, simulate
+from benchmarks.real_robots import PERFECT, Campaign, Case, Loads, rubbing
+from benchmarks.whole_error import NORMAL_95, Outcome, frequent, outcome
+from jointid import Gear, Study, extract_phasors, identify_elasticity
+
+Row = dict[str, Cell]
+FIELDS = {"cubic": "cubic", "backlash_rad": "backlash_rad", "hysteresis_Nm": "hysteresis_Nm"}
+"""Field of ``Gear`` for the law's field of the simulated robot."""
+NAMES = {
+    "knee_rad": "piecewise",
+    "cubic": "hardening",
+    "backlash_rad": "backlash",
+    "hysteresis_Nm": "hysteresis",
+}
+
+
+def hardening(share: float) -> dict[str, Callable[[Robot, Loads], Array]]:
+    """Additional torque at the peak deflection, over the linear one."""
+    return {"cubic": lambda robot, loads: share * robot.K / loads.deflection**2}
+
+
+def backlash(share: float) -> dict[str, Callable[[Robot, Loads], Array]]:
+    """Total play over the peak-to-peak deflection."""
+    return {"backlash_rad": lambda robot, loads: share * 2 * loads.deflection}
+
+
+def slopes(share: float, ratio: float) -> dict[str, Callable[[Robot, Loads], Array]]:
+    """A slope that changes by a ratio at a share of the peak deflection."""
+    return {
+        "knee_rad": lambda robot, loads: share * loads.deflection,
+        "knee_slope": lambda robot, loads: np.full(robot.n, ratio),
+    }
+
+
+def dahl(share: float, presliding: float = 0.03) -> dict[str, Callable[[Robot, Loads], Array]]:
+    """Level over the peak torque, presliding over the peak deflection."""
+    return {
+        "hysteresis_Nm": lambda robot, loads: share * loads.torque,
+        "hysteresis_rad": lambda robot, loads: presliding * loads.deflection,
+    }
+
+
+@dataclass(frozen=True)
+class GearCase:
+    """Laws, with friction over the smallest torque, joints and amplitudes."""
+
+    laws: Mapping[str, Callable[[Robot, Loads], Array]]
+    rub: float = 0.0
+    joints: int = 2
+    one: bool = False
+    """Whether only joint 1 has the laws."""
+    motions: Mapping[str, Any] | None = None
+    step_s: float = 8e-5
+    """Longest step of the simulation with hysteresis: a fraction of presliding over velocity."""
+
+    @property
+    def case(self) -> Case:
+        def change(robot: Robot, loads: Loads) -> dict[str, Any]:
+            values = {name: law(robot, loads) for name, law in self.laws.items()}
+            if self.one:
+                first = np.arange(robot.n) == 0
+                values = {
+                    name: np.where(first | (name == "hysteresis_rad"), value, 0.0)
+                    for name, value in values.items()
+                }
+            return (rubbing(self.rub, viscous=0.04)(robot, loads) if self.rub else {}) | values
+
+        fine = {"max_step_s": self.step_s} if "hysteresis_Nm" in self.laws else {}
+        return Case(change=change, joints=self.joints, motions=fine | (self.motions or {}))
+
+
+def true_gear(robot: Robot, j: int) -> Gear:
+    law = {field: float(getattr(robot, name)[j]) for name, field in FIELDS.items()}
+    K, knee = float(robot.K[j]), float(robot.knee_rad[j])
+    if knee:
+        K2, T1 = K * float(robot.knee_slope[j]), K * knee
+        law |= {"K2": K2, "K3": K2, "T1_Nm": T1, "T2_Nm": T1}
+    return Gear(K=K, presliding_rad=float(robot.hysteresis_rad[j]), **law)
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """One analysis against the truth."""
+
+    outcome: Outcome
+    robot: Robot
+
+    @property
+    def gears(self) -> tuple[Gear, ...]:
+        assert self.outcome.analysis is not None
+        return self.outcome.analysis.fit.gears
+
+    def kinds_right(self) -> bool:
+        """Whether every joint has exactly its laws."""
+        wanted = [
+            {name for field, name in NAMES.items() if getattr(self.robot, field)[j]} or {"linear"}
+            for j in range(self.robot.n)
+        ]
+        return [set(gear.laws) for gear in self.gears] == wanted
+
+    def torque_error(self) -> float:
+        """Largest error of the laws' torque over the range tried, over its peak."""
+        worst = 0.0
+        for j, gear in enumerate(self.gears):
+            delta = np.linspace(-gear.tried_rad, gear.tried_rad, 201)
+            true = true_gear(self.robot, j).torque(delta)
+            worst = max(worst, float(np.abs(gear.torque(delta) - true).max() / np.abs(true).max()))
+        return worst
+
+    def error(self, field: str) -> float:
+        """Largest relative error of a law's value over the joints that have it."""
+        true = getattr(self.robot, field)
+        got = np.array([getattr(gear, FIELDS[field]) for gear in self.gears])
+        return float(np.abs(got / np.where(true, true, np.inf) - 1)[true != 0].max())
+
+
+def found(case: Case, runs: int, first: int = 0) -> list[Found]:
+    campaigns = [case.campaign(run) for run in range(first, first + runs)]
+    logs = simulate([(each.robot, each.experiment) for each in campaigns])
+    studies = [each.study(records) for each, records in zip(campaigns, logs, strict=True)]
+    return [
+        Found(outcome(study, each.robot.answer), each.robot)
+        for study, each in zip(studies, campaigns, strict=True)
+    ]
+
+
+COLUMNS = {
+    "gears": "", "runs": ".0f", "laws right": ".0f", "law off, median %": ".2f",
+    "law off, most %": ".1f", "torque off, most %": ".2f", "K off, most %": ".2f",
+    "D off, most %": ".2f", "most |z| K": ".1f", "most |z| D": ".1f", "95 % holds": ".1f",
+    "silent wrong": ".0f", "with alarm": ".0f",
+    "CPU s, median": ".2f", "CPU s, most": ".2f", "models": "",
+}  # fmt: skip
+
+
+def row(name: str, made: GearCase, runs: int) -> Row:
+    every = found(made.case, runs)
+    good = [each for each in every if each.outcome.analysis is not None]
+    law = next(iter(made.laws), None)
+    n = made.joints
+    off = [100 * each.error(law) for each in good] if law in FIELDS else []
+    z = np.abs([each.outcome.z for each in every])
+    error = 100 * np.abs([each.outcome.error for each in good])
+    cpu = [each.outcome.cpu_s for each in every]
+    return {
+        "gears": name,
+        "runs": runs,
+        "laws right": sum(each.kinds_right() for each in good),
+        "law off, median %": float(np.median(off)) if off else None,
+        "law off, most %": max(off, default=None),
+        "torque off, most %": 100 * max((each.torque_error() for each in good), default=np.nan),
+        "K off, most %": float(error[:, :n].max()),
+        "D off, most %": float(error[:, n:].max()),
+        "most |z| K": float(z[:, :n].max()),
+        "most |z| D": float(z[:, n:].max()),
+        "95 % holds": 100 * float((z <= NORMAL_95).mean()),
+        "silent wrong": sum(each.outcome.silent_wrong for each in every),
+        "with alarm": sum(bool(each.outcome.alarms) for each in every),
+        "CPU s, median": float(np.median(cpu)),
+        "CPU s, most": max(cpu),
+        "models": frequent((each.outcome.model for each in every), 3),
+    }
+
+
+TWO = {"levels": (1.0, 0.5)}
+HARDENING = {f"{s} %": GearCase(hardening(s / 100)) for s in (5, 20, 50, 100)} | {
+    "20 % at joint 1": GearCase(hardening(0.2), one=True),
+    "−5 % (softening)": GearCase(hardening(-0.05)),
+    "20 %, friction": GearCase(hardening(0.2), rub=0.1),
+    "20 %, three joints": GearCase(hardening(0.2), joints=3),
+}
+SLOPES = {
+    "1.3 times beyond 40 %": GearCase(slopes(0.4, 1.3)),
+    "2 times beyond 40 %": GearCase(slopes(0.4, 2.0)),
+    "2 times beyond 20 %": GearCase(slopes(0.2, 2.0)),
+    "1.5 times beyond 70 %, friction": GearCase(slopes(0.7, 1.5), rub=0.1),
+}
+BACKLASH = {f"{s} %": GearCase(backlash(s / 100)) for s in (0.3, 1, 3, 10, 30)} | {
+    "3 % at joint 1": GearCase(backlash(0.03), one=True),
+    "3 %, friction": GearCase(backlash(0.03), rub=0.1),
+    "3 %, two amplitudes": GearCase(backlash(0.03), motions=TWO),
+}
+HYSTERESIS = {f"{s} %": GearCase(dahl(s / 100)) for s in (0.5, 2, 5, 10)} | {
+    "2 %, presliding 0.5 %": GearCase(dahl(0.02, 0.005), step_s=2e-5),
+    "2 %, presliding 10 %": GearCase(dahl(0.02, 0.1)),
+    "2 % at joint 1": GearCase(dahl(0.02), one=True),
+    "2 %, friction": GearCase(dahl(0.02), rub=0.1),
+    "2 %, two amplitudes": GearCase(dahl(0.02), motions=TWO),
+}
+COMBINED = {
+    "hardening 30 %, Dahl 3 %": GearCase(hardening(0.3) | dahl(0.03)),
+    "the same, friction": GearCase(hardening(0.3) | dahl(0.03), rub=0.1),
+    "the same, two amplitudes": GearCase(hardening(0.3) | dahl(0.03), motions=TWO),
+    "backlash 3 %, Dahl 3 %": GearCase(backlash(0.03) | dahl(0.03)),
+    "the same, friction ": GearCase(backlash(0.03) | dahl(0.03), rub=0.1),
+    "hardening 30 %, backlash 3 %": GearCase(hardening(0.3) | backlash(0.03)),
+    "four joints, hardening 30 %": GearCase(hardening(0.3), joints=4),
+}
+
+
+def rows(cases: Mapping[str, GearCase]) -> Callable[[int], Iterator[Row]]:
+    return lambda runs: (row(name, made, runs) for name, made in cases.items())
+
+
+LINEAR = {
+    "no friction": Case(),
+    "friction, 10 %": PERFECT["mild friction"],
+    "friction, 50 %": Case(change=rubbing(0.5, viscous=0.04)),
+    "two amplitudes": Case(motions=TWO),
+    "three joints": Case(joints=3),
+}
+LINEAR_COLUMNS = {
+    "linear robots": "", "runs": ".0f", "called nonlinear": ".0f", "95 % holds": ".1f",
+    "CPU s, auto": ".2f", "CPU s, linear": ".2f", "times, median": ".2f", "times, most": ".2f",
+}  # fmt: skip
+
+
+def linear_row(name: str, case: Case, runs: int) -> Row:
+    called, times, spent, holds = 0, [], [], []
+    for first in range(0, runs, 16):
+        part = [case.campaign(run) for run in range(first, min(first + 16, runs))]
+        logs = simulate([(each.robot, each.experiment) for each in part])
+        for each, records in zip(part, logs, strict=True):
+            fits, cpu = timed(each, records)
+            called += any(gear.kind != "linear" for gear in fits[0].gears)
+            z = (np.concatenate([fits[0].K, fits[0].D]) - each.robot.answer) / fits[0].standard_error
+            holds.append(np.abs(z) <= NORMAL_95)
+            spent.append(cpu)
+            times.append(cpu[0] / cpu[1])
+    auto, linear = np.median(spent, axis=0)
+    return {
+        "linear robots": name,
+        "runs": runs,
+        "called nonlinear": called,
+        "95 % holds": 100 * float(np.mean(holds)),
+        "CPU s, auto": float(auto),
+        "CPU s, linear": float(linear),
+        "times, median": float(np.median(times)),
+        "times, most": max(times),
+    }
+
+
+def timed(campaign: Campaign, records: list[Any]) -> tuple[list[Any], list[float]]:
+    """Fits with gear="auto" and "linear", and their CPU times."""
+    study: Study = campaign.study(records)
+    phasors, fits, cpu = extract_phasors(study.records), [], []
+    for gear in ("auto", "linear"):
+        begin = time.process_time()
+        fits.append(identify_elasticity(phasors, study.inertia, inertia_std=0.05, gear=gear))
+        cpu.append(time.process_time() - begin)
+    return fits, cpu
+
+
+def linear_rows(runs: int) -> Iterator[Row]:
+    for name, case in LINEAR.items():
+        yield linear_row(name, case, runs)
+
+
+TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]] = {
+    "hardening": (
+        "Hardening, torque at the peak deflection over the linear one",
+        COLUMNS,
+        rows(HARDENING),
+    ),
+    "slopes": ("Two slopes", COLUMNS, rows(SLOPES)),
+    "backlash": ("Backlash, play over the peak-to-peak deflection", COLUMNS, rows(BACKLASH)),
+    "hysteresis": ("Dahl hysteresis, level over the peak torque", COLUMNS, rows(HYSTERESIS)),
+    "combined": ("Several laws", COLUMNS, rows(COMBINED)),
+    "linear": ("Linear robots", LINEAR_COLUMNS, linear_rows),
+}
+
+
+def measure(quick: bool) -> Iterator[Table]:
+    """Return the tables for ``python -m benchmarks gears``."""
+    for name, (title, columns, made) in TABLES.items():
+        yield Table(f"gears, {name}", title, columns, tuple(made(1 if quick else 16)))
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print tables row by row, each as soon as it is measured."""
+    runs = int(arguments[0]) if arguments else 16
+    for name in arguments[1:] or TABLES:
+        title, columns, made = TABLES[name]
+        print(f"\n{Table(name, title, columns, ()).markdown()}", flush=True)
+        for each in made(runs):
+            cells = (written(each.get(column), form) for column, form in columns.items())
+            print(f"| {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,1 @@
+"""Gears: laws of their torque over wind-up, and measured torsion curves."""

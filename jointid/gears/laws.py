@@ -1,0 +1,143 @@
+"""Laws of many gears as arrays: torques beyond those of linear springs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.gears.gear import Gear, knees
+
+
+@dataclass(frozen=True, eq=False)
+class GearLaws:
+    """Springs f = K e + cubic e³ + bends + level z of gears; arrays that broadcast to one shape."""
+
+    K: Floats
+    cubic: Floats
+    half_play: Floats
+    level: Floats
+    sharpness: Floats
+    """Inverse of the presliding deflection; 0 without hysteresis."""
+    knees: tuple[Floats, Floats]
+    """Deflections at which the slope changes."""
+    bends: tuple[Floats, Floats]
+    """Changes of the slope there."""
+
+    def __post_init__(self) -> None:
+        present = {
+            "hardens": self.cubic, "plays": self.half_play, "hysteretic": self.level,
+            "bent": np.abs(self.bends[0]).max() + np.abs(self.bends[1]).max(),
+        }  # fmt: skip
+        for name, values in present.items():
+            object.__setattr__(self, name, bool(np.any(values)))
+
+    hardens: bool = False
+    plays: bool = False
+    hysteretic: bool = False
+    bent: bool = False
+
+    @classmethod
+    def of(cls, gears: Sequence[Gear], ratio: Floats | float = 1.0) -> GearLaws:
+        """Laws of n gears, each array of shape (n, 1), seen from behind gear ratios of shape (n,)."""
+        n = np.abs(np.broadcast_to(np.asarray(ratio, float), (len(gears),)))
+        names = ("K", "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad")
+        K, cubic, play, level, presliding = np.array([[getattr(g, x) for g in gears] for x in names])
+        at, bends = np.moveaxis(np.array([knees(gear) for gear in gears]), 0, -1)
+        arm = (n**2 * K, n**4 * cubic, play / n, n * level, presliding / n)
+        K, cubic, play, level, presliding = (v[:, None] for v in arm)
+        at, bends = (at / n)[..., None], (n**2 * bends)[..., None]
+        return cls.made(K, cubic, play, level, presliding, (at[0], at[1]), (bends[0], bends[1]))
+
+    @classmethod
+    def made(
+        cls,
+        K: Floats,
+        cubic: Floats,
+        play: Floats,
+        level: Floats,
+        presliding: Floats,
+        at: Sequence[Floats],
+        bends: Sequence[Floats],
+    ) -> GearLaws:
+        """Laws from their parameters, arrays of one shape."""
+        sharpness = np.where(level != 0, 1 / np.where(presliding > 0, presliding, 1.0), 0.0)
+        return cls(K, cubic, 0.5 * play, level, sharpness, (at[0], at[1]), (bends[0], bends[1]))
+
+    def smooth(self, delta: Floats) -> Floats:
+        """Torque of the cubic stiffness."""
+        return np.asarray(self.cubic * self._beyond_play(delta) ** 3)
+
+    def smooth_slope(self, delta: Floats) -> Floats:
+        """Slope of ``smooth``."""
+        return np.asarray(3 * self.cubic * self._beyond_play(delta) ** 2)
+
+    def kinked(self, delta: Floats) -> Floats:
+        """Torque beyond K δ of play and changes of slope."""
+        torque = -self.K * self._within_play(delta)
+        if self.bent:
+            e = self._beyond_play(delta)
+            for at, bend in zip(self.knees, self.bends, strict=True):
+                torque = torque + bend * _beyond(e, at)
+        return np.asarray(torque)
+
+    def kinked_energy(self, delta: Floats) -> Floats:
+        """Integral of ``kinked`` over the deflection."""
+        part = self._within_play(delta)
+        energy = -self.K * part * (delta - 0.5 * np.abs(part) * np.sign(delta))
+        if self.bent:
+            e = self._beyond_play(delta)
+            for at, bend in zip(self.knees, self.bends, strict=True):
+                energy = energy + 0.5 * bend * _beyond(e, at) ** 2
+        return np.asarray(energy)
+
+    def beyond_linear(self, delta: Floats, loop: Floats) -> Floats:
+        """Torque in addition to K δ, with the hysteresis in the state ``loop``."""
+        return np.asarray(self.smooth(delta) + self.kinked(delta) + self.level * loop)
+
+    def wound(self, delta: Floats, loop: Floats, move: Floats) -> tuple[Floats, Floats]:
+        """Torque without damping after a move to a deflection, and its slope."""
+        after = self.loop(loop, move) if self.hysteretic else loop
+        e = self._beyond_play(delta)
+        slope = np.where(e == 0, 0.0, self.K) if self.plays else self.K
+        for at, bend in zip(self.knees, self.bends, strict=True):
+            slope = slope + bend * (np.abs(e) > at)
+        sign = np.sign(move)
+        slope = slope + 3 * self.cubic * e * e + self.level * self.sharpness * (1 - sign * after)
+        return self.K * delta + self.beyond_linear(delta, after), np.asarray(slope)
+
+    def loop(self, before: Floats, move: Floats) -> Floats:
+        """State z of the hysteresis after a move of the deflection in one direction."""
+        sign = np.sign(move)
+        return np.asarray(sign + (before - sign) * np.exp(-np.abs(move) * self.sharpness))
+
+    def _within_play(self, delta: Floats) -> Floats:
+        """Deflection within the play; of a negative one, as a fit may try, with the other sign."""
+        if not self.plays:
+            return np.zeros_like(delta)
+        edge = np.abs(self.half_play)
+        return np.asarray(np.sign(self.half_play) * np.minimum(np.maximum(delta, -edge), edge))
+
+    def _beyond_play(self, delta: Floats) -> Floats:
+        return delta - self._within_play(delta) if self.plays else delta
+
+
+def _beyond(x: Floats, edge: Floats) -> Floats:
+    """Part of x beyond ± edge; np.clip is slower on small arrays."""
+    return np.asarray(x - np.minimum(np.maximum(x, -edge), edge))
+
+
+class GearState:
+    """Gears in a simulation, with the state of their hysteresis."""
+
+    def __init__(self, laws: GearLaws, delta: Floats) -> None:
+        self._laws, self._delta, self._loop = laws, delta.reshape(len(delta), -1), 0.0 * laws.K
+
+    def torque(self, delta: Floats) -> Floats:
+        """Torque beyond K δ at the next deflection, shape (n, runs)."""
+        if self._laws.hysteretic:
+            self._loop = self._laws.loop(self._loop, delta - self._delta)
+            self._delta = delta
+        return self._laws.beyond_linear(delta, self._loop)

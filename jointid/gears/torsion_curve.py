@@ -1,0 +1,110 @@
+"""The measured torsion curve of a gear: the torque through it over its wind-up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Complexes, Floats
+from jointid.phasors.periods import phasors_of, samples_of
+
+_POINTS = 256
+"""Samples of a period."""
+_CLEAR = 3.0
+"""Standard deviations from which a harmonic is part of a curve; the others are noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class TorsionCurve:
+    """Measured torque of one gear over its wind-up, a period of every record."""
+
+    deflection_rad: Floats
+    """Shape (records, points), rad. Each record's mean is not observable and set to 0."""
+    torque_Nm: Floats
+    """Torque through the gear, damping and hysteresis included, shape (records, points), N·m."""
+    deflection_noise_rad: Floats
+    """Standard deviation from noise of each record's points, shape (records,), rad."""
+    torque_noise_Nm: Floats
+    """The same of the torque, shape (records,), N·m."""
+    frequency_hz: Floats
+    """Shape (records,), Hz."""
+
+    @property
+    def amplitude_rad(self) -> Floats:
+        """Half the peak-to-peak deflection of each record, shape (records,), rad."""
+        return np.asarray(0.5 * np.ptp(self.deflection_rad, axis=1))
+
+    @property
+    def amplitude_Nm(self) -> Floats:
+        """Half the peak-to-peak torque of each record, shape (records,), N·m."""
+        return np.asarray(0.5 * np.ptp(self.torque_Nm, axis=1))
+
+    @property
+    def stiffness(self) -> tuple[Floats, Floats, Floats]:
+        """Real part of torque over wind-up at the fundamental, its noise, and the torque amplitude.
+
+        Each shape (records,); N·m/rad, N·m/rad and N·m.
+        """
+        delta, torque = (phasors_of(v, 1)[:, 0] for v in (self.deflection_rad, self.torque_Nm))
+        size = np.maximum(np.abs(delta), np.finfo(float).tiny)
+        K = (torque / np.where(delta == 0, size, delta)).real
+        noise = np.hypot(self.torque_noise_Nm, np.abs(K) * self.deflection_noise_rad) / size
+        return np.asarray(K), np.asarray(noise), np.abs(torque)
+
+
+def torsion_curves(
+    s: Complexes,
+    z: Complexes,
+    covariance: Complexes,
+    own: Complexes,
+    gain: Complexes | float,
+    friction: Complexes | float,
+    arm: Complexes,
+    arm_friction: Complexes | float = 0.0,
+) -> tuple[TorsionCurve, ...]:
+    """Torsion curves of n gears from H harmonics of r records.
+
+    The torque through a gear is f = gain τ − own q − friction, the balance at its motor. Less the
+    friction P at the arm it moves the arm by θ_a = A⁻¹ (f − P), M2 θ̈_a = f of the ideal arm; the
+    deflection is q − θ_a.
+
+    Parameters
+    ----------
+    s : ndarray, shape (r, H)
+        Laplace variable of every harmonic.
+    z, covariance : ndarray, shapes (r, H, 2n) and (r, H, 2n, 2n)
+        Motor angles q and torques τ, and their noise.
+    own, gain : ndarray, shape (r, H, n)
+        Dynamic stiffness of the motors, s²M, and torque over logged torque.
+    friction, arm_friction : ndarray, shape (r, H, n)
+        At the motors, and P at the arm.
+    arm : ndarray, shape (r, H, n, n)
+        Compliance A⁻¹ of the arm.
+    """
+    n = z.shape[2] // 2
+    eye = np.eye(n)
+    balance = np.concatenate(
+        [-own[..., None] * eye, (gain * np.ones_like(own))[..., None] * eye], axis=3
+    )
+    wind_up = (
+        np.concatenate([np.broadcast_to(eye, arm.shape), np.zeros_like(arm)], axis=3) - arm @ balance
+    )
+    torque = (balance @ z[..., None])[..., 0] - friction
+    arm_angle = (arm @ (torque - arm_friction)[..., None])[..., 0]
+    signals = np.stack([z[..., :n] - arm_angle, torque])
+    variance = np.stack([((E @ covariance) * E.conj()).sum(axis=3).real for E in (wind_up, balance)])
+    clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
+    clear[:, 0] = True
+    waves = samples_of(np.where(clear, signals, 0).swapaxes(2, 3), _POINTS)  # (2, r, n, t)
+    sigma = np.sqrt(0.5 * np.where(clear, variance, 0).sum(axis=2))
+    return tuple(
+        TorsionCurve(
+            deflection_rad=waves[0, :, j],
+            torque_Nm=waves[1, :, j],
+            deflection_noise_rad=sigma[0, :, j],
+            torque_noise_Nm=sigma[1, :, j],
+            frequency_hz=np.abs(s[:, 0]) / (2 * np.pi),
+        )
+        for j in range(n)
+    )

@@ -1,0 +1,215 @@
+"""Gears: their laws, their measured torsion curves, simulated robots and arms that have them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from benchmarks.independent_robot import Robot, paper_motions, simulate
+from jointid import (
+    Elasticity,
+    ElasticityFit,
+    Excitation,
+    Gear,
+    Inertia,
+    JointIdError,
+    Phasors,
+    PlanarArm,
+    extract_phasors,
+    identify_elasticity,
+    rectangle,
+    simulate_records,
+    track,
+)
+
+PAPER = Robot(
+    M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]], K=[43.0, 7.5], D=[0.10, 0.015]
+)
+INERTIA = Inertia(PAPER.M, PAPER.M2)
+BAND = np.array([3.0, 5, 8, 11, 14, 17, 21, 26, 30])
+HARD, PLAY, DAHL, SLOPES = (
+    Gear(cubic=9000.0),
+    Gear(backlash_rad=0.004),
+    Gear(hysteresis_Nm=0.08, presliding_rad=0.002),
+    Gear(K2=70.0, K3=90.0, T1_Nm=0.7, T2_Nm=1.6),
+)
+
+
+def fitted(robot: Robot, **more: float) -> ElasticityFit:
+    (records,) = simulate([(robot, paper_motions(robot, BAND, noise=0.003, periods=6.5, **more))])
+    return identify_elasticity(extract_phasors(records), INERTIA)
+
+
+@pytest.fixture(scope="module")
+def measured() -> Phasors:
+    """Phasors of the paper's robot with a hardening gear at joint 1."""
+    robot = replace(PAPER, cubic=[9000.0, 0.0])
+    (records,) = simulate([(robot, paper_motions(robot, BAND, noise=0.003, periods=6.5))])
+    return extract_phasors(records)
+
+
+@pytest.fixture(scope="module")
+def stiffening(measured: Phasors) -> ElasticityFit:
+    return identify_elasticity(measured, INERTIA)
+
+
+def test_torque_and_deflection_are_inverse() -> None:
+    torque = np.linspace(-2.5, 2.5, 11)
+    for gear in (HARD, PLAY, SLOPES, Gear()):
+        whole = replace(gear, K=43.0)
+        np.testing.assert_allclose(whole.torque(whole.deflection(torque)), torque, atol=1e-9)
+    softening = Gear(K=43.0, cubic=-9000.0)
+    top = np.sqrt(43.0 / 27000)
+    assert softening.deflection(99.0) == pytest.approx(top)
+
+
+def test_three_slopes_are_those_of_a_catalogue() -> None:
+    gear = replace(SLOPES, K=43.0)
+    at = gear.deflection([0.7, 1.6])
+    assert at == pytest.approx([0.7 / 43, 0.7 / 43 + 0.9 / 70])
+    beyond = gear.torque(at[1] + 0.01) - gear.torque(at[1])
+    assert beyond == pytest.approx(0.9)
+    assert gear.secant(0.5) == pytest.approx(43.0)
+    assert gear.secant(1.6) == pytest.approx(1.6 / at[1])
+
+
+def test_the_dominant_law_names_the_gear() -> None:
+    both = Gear(K=43.0, cubic=9000.0, backlash_rad=1e-4, tried_rad=0.05)
+    assert (both.kind, both.laws) == ("hardening", ("hardening", "backlash"))
+    assert replace(both, tried_rad=0.002).kind == "backlash"
+    assert Gear(K=43.0, loss_factor=0.1).laws == ("linear",)
+
+
+def test_impossible_gears_are_refused() -> None:
+    for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
+        with pytest.raises(JointIdError):
+            Gear(**wrong)
+    with pytest.raises(JointIdError, match="one Gear for each"):
+        simulate_records(INERTIA, Elasticity(PAPER.K, PAPER.D), [5.0], gears=[Gear()])
+    with pytest.raises(JointIdError, match="state it once"):
+        simulate_records(INERTIA, Elasticity(PAPER.K, PAPER.D), [5.0], gears=[Gear(K=1.0), Gear()])
+
+
+def test_a_hardening_gear_is_found_at_its_joint(stiffening: ElasticityFit) -> None:
+    first, second = stiffening.gears
+    assert (first.kind, second.kind) == ("hardening", "linear")
+    assert first.cubic == pytest.approx(9000.0, rel=0.01)
+    assert (stiffening.K[0], stiffening.K[1]) == (first.K, second.K)
+    assert pytest.approx(PAPER.K, rel=2e-3) == stiffening.K
+    assert np.all(np.abs(stiffening.estimate - PAPER.answer) < 4 * stiffening.standard_error)
+
+
+def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> None:
+    curve = stiffening.torsion_curves[0]
+    assert curve.deflection_rad.shape == curve.torque_Nm.shape == (2 * BAND.size, 256)
+    np.testing.assert_allclose(curve.deflection_rad.mean(axis=1), 0, atol=1e-12)
+    omega = 2 * np.pi * curve.frequency_hz[:, None]
+    steps = np.roll(curve.deflection_rad, -1, axis=1) - np.roll(curve.deflection_rad, 1, axis=1)
+    rate = steps * omega * 256 / (4 * np.pi)
+    true = 43.0 * curve.deflection_rad + 9000 * curve.deflection_rad**3 + 0.10 * rate
+    within = 8 * (curve.torque_noise_Nm + 43.0 * curve.deflection_noise_rad)
+    assert np.all(np.abs(curve.torque_Nm - true).max(axis=1) < within + 2e-3 * curve.amplitude_Nm.max())
+    assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
+
+
+def test_backlash_and_damping_are_told_apart() -> None:
+    robot = replace(PAPER, backlash_rad=[0.003, 0.0])
+    fit = fitted(robot)
+    assert [gear.laws for gear in fit.gears] == [("backlash",), ("linear",)]
+    assert fit.gears[0].backlash_rad == pytest.approx(0.003, rel=0.02)
+    assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
+
+
+def test_hysteresis_is_no_damping() -> None:
+    robot = replace(PAPER, hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003)
+    fit = fitted(robot, max_step_s=1e-4)
+    assert fit.gears[0].kind == "hysteresis"
+    assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
+    assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
+
+
+def test_a_linear_gear_stays_linear_by_request(measured: Phasors) -> None:
+    fit = identify_elasticity(measured, INERTIA, gear="linear")
+    assert [gear.laws for gear in fit.gears] == [("linear",)] * 2
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, DAHL, SLOPES], ids=lambda gear: gear.kind)
+def test_simulated_records_obey_their_law(gear: Gear) -> None:
+    """A single joint in open loop: the logged torque drives an independent integration."""
+    inertia, elasticity = Inertia([0.0025], [[0.0041]]), Elasticity([43.0], [0.1])
+    gear = replace(gear, K=43.0)
+    (record,) = simulate_records(
+        inertia, elasticity, [8.0], gears=[gear], excitation=Excitation(duration_s=0.25, settle_s=0.0)
+    )
+    step = record.time_s[1]
+    start = simulate_records(
+        inertia, elasticity, [8.0], excitation=Excitation(duration_s=0.25, settle_s=0.0)
+    )[0]
+    held = record.tau_Nm[:, 0]
+
+    def rate(time: float, x: np.ndarray) -> list[float]:
+        theta, arm, w, v, z = x
+        spring = float(gear.torque(theta - arm)) + 0.1 * (w - v) + gear.hysteresis_Nm * z
+        torque = held[min(int(time / step + 1e-9), held.size - 1)]
+        turn = (w - v) / gear.presliding_rad if gear.presliding_rad else 0.0
+        return [w, v, (torque - spring) / 0.0025, spring / 0.0041, turn - abs(turn) * z]
+
+    x = np.array([record.theta_rad[0, 0], *_steady(start, inertia, elasticity), 0.0])
+    theta = [x[0]]
+    for k in range(300):
+        x = solve_ivp(rate, (k * step, (k + 1) * step * (1 - 1e-12)), x, rtol=1e-8, atol=1e-11).y[:, -1]
+        theta.append(x[0])
+    moved = np.ptp(record.theta_rad)
+    assert np.abs(np.array(theta) - record.theta_rad[:301, 0]).max() < 1e-4 * moved
+
+
+def _steady(record: object, inertia: Inertia, elasticity: Elasticity) -> tuple[float, float, float]:
+    """Arm angle, motor velocity and arm velocity of the linear robot at the first sample."""
+    phasors = extract_phasors([record])  # type: ignore[list-item]
+    s, q, tau = 1j * phasors.omega[0], phasors.q[0, 0], phasors.tau[0, 0]
+    arm = (tau - s * s * inertia.M[0] * q) / (s * s * inertia.M2[0, 0])
+    return arm.imag, (s * q).imag, (s * arm).imag
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, DAHL, SLOPES], ids=lambda gear: gear.kind)
+def test_the_cut_agrees_with_an_independent_integration(gear: Gear) -> None:
+    arm, elasticity = PlanarArm.example(), Elasticity([43.0, 7.5], [0.10, 0.015])
+    run = track(arm, rectangle(zone_m=0.010), elasticity, elasticity, gears=[gear, Gear()], dt=1e-4)
+    n, stop = arm.gear_ratio, 3000
+    step = run.time_s[1]
+    law = replace(gear, K=43.0)
+
+    def rate(x: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        q, theta, v, w, z = x[:2], x[2:4], x[4:6], x[6:8], x[8]
+        spring = n**2 * (elasticity.K * (theta - q) + elasticity.D * (w - v))
+        twist = n[0] * (theta[0] - q[0])
+        more = float(law.torque(twist)) - 43.0 * twist + law.hysteresis_Nm * z
+        spring[0] += n[0] * more
+        turn = n[0] * (w[0] - v[0]) / law.presliding_rad if law.presliding_rad else 0.0
+        motor = (n * torque - spring) / arm.rotor_inertia_arm_kgm2
+        return np.concatenate(
+            [v, w, arm.joint_acceleration(q, v, spring), motor, [turn - abs(turn) * z]]
+        )
+
+    x = np.concatenate([run.joint_angle_rad[0]] * 2 + [np.zeros(5)])
+    places = [x[:2]]
+    for k in range(stop):
+        torque = run.motor_torque_Nm[k]
+        first = rate(x, torque)
+        second = rate(x + 0.5 * step * first, torque)
+        third = rate(x + 0.5 * step * second, torque)
+        x = x + step / 6 * (first + 2 * second + 2 * third + rate(x + step * third, torque))
+        places.append(x[:2])
+    gap = arm.tool(np.array(places)) - run.tool_m[: stop + 1]
+    assert np.hypot(*gap.T).max() < 5e-6
+
+
+def test_a_servo_that_knows_the_curve_cuts_better() -> None:
+    arm, elasticity = PlanarArm.example(), Elasticity([43.0, 7.5], [0.10, 0.015])
+    gears, path = [HARD, Gear(cubic=250.0)], rectangle(zone_m=0.010)
+    linear = track(arm, path, elasticity, elasticity, gears=gears)
+    known = track(arm, path, elasticity, elasticity, gears=gears, assumed_gears=gears)
+    assert known.max_contour_error_m < 0.1 * linear.max_contour_error_m
