@@ -33,6 +33,7 @@ LONG = {
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",
     "setpoints": "10,000 random experiments as set points: no limit exceeded in a written file",
+    "mutated_logs": "100,000 damaged logs over all readers: only tables and JointIdError",
     "friction": "what friction and an untold delay do to the estimators",
     "app": "the app in a real browser",
     "sessions": "twenty people at one server",

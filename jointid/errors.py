@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+_MOST = 3000
+"""Most characters of a message; names from files can make it any length."""
+
 
 class JointIdError(ValueError):
     """Input that cannot be used.
@@ -32,7 +35,7 @@ class JointIdError(ValueError):
         column: str | None = None,
         hint: str | None = None,
     ) -> None:
-        super().__init__(f"{message} {hint}" if hint else message)
+        super().__init__(_shortened(f"{message} {hint}" if hint else message))
         self.file = file
         self.line = line
         self.column = column
@@ -44,3 +47,10 @@ class JointIdError(ValueError):
         outer.file, outer.line, outer.column = self.file or file, self.line, self.column
         outer.hint = self.hint
         return outer
+
+
+def _shortened(message: str) -> str:
+    """Return a message without its middle where it is too long; what to do stands at its end."""
+    if len(message) <= _MOST:
+        return message
+    return f"{message[: _MOST - 1000]} … {message[-900:]}"

@@ -105,6 +105,17 @@ class TestMapping:
         assert figures(at) == 2
         assert any("To check" in caption.value for caption in at.caption)
 
+    def test_a_role_that_no_column_fits_is_asked_for(self, page: AppTest) -> None:
+        data = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
+        at = drop(page, ("run.csv", data))
+        assert widget(at, "selectbox", "Position of joint 1").value is None
+        assert "No column is chosen for the position of joint 1" in at.error[0].value
+        widget(at, "selectbox", "Position of joint 1").set_value("velocity")
+        at = shown(at.run())
+        assert "No column is chosen for the torque of joint 1" in at.error[0].value
+        widget(at, "selectbox", "Torque of joint 1").set_value("abc")
+        assert not shown(at.run()).error
+
     def test_a_unit_that_needs_a_scale_asks_for_it(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert widget(at, "selectbox", "Unit of torque 1").value == "%"

@@ -9,7 +9,8 @@ import pytest
 from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
-from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.inertia_prior import InertiaPrior, checked_std
+from jointid.estimation.start_values import without_inertias
 
 TRUTH = np.concatenate([PAPER.K, PAPER.D])
 SIGMA = np.array([1e-6, 1e-6, 2e-3, 1e-3])
@@ -231,3 +232,21 @@ def test_a_position_filter_is_told_from_a_delay() -> None:
     fit = identify_elasticity(phasors, PARALLELOGRAM, inertia_std=0.05)
     assert "position filter" in next(c.name for c in fit.candidates if c.chosen)
     assert np.abs((fit.estimate - TRUTH) / fit.standard_error).max() < 4
+
+
+@pytest.mark.parametrize(("std", "means"), [(1e-15, 0.0), (0.03, 0.03), (1e9, math.inf)])
+def test_senseless_standard_deviations_are_exact_or_unknown(std: float, means: float) -> None:
+    assert checked_std("inertia_std", std) == means
+
+
+def test_start_values_need_no_inertias() -> None:
+    """Of one pose, from the records alone; noise makes them inaccurate, but they are near the truth."""
+    phasors = measured(SERIAL)
+    given = InertiaPrior.of(Inertia([1.0, 1.0], np.eye(2)), *phasors.q.shape, inertia_std=math.inf)
+    start = without_inertias(phasors, given)
+    assert start is not None
+    np.testing.assert_allclose(start.K, PAPER.K, rtol=0.05)
+    np.testing.assert_allclose(start["M"][0], SERIAL.M, rtol=0.05)
+    np.testing.assert_allclose(start["M2"][0], SERIAL.M2[np.tril_indices(2)], rtol=0.05)
+    two = InertiaPrior.of([SERIAL, PARALLELOGRAM] * 7, *phasors.q.shape, inertia_std=0.1)
+    assert without_inertias(phasors, two) is None

@@ -53,7 +53,7 @@ FLOORS = [
     ["small_matrices", "background", "parsing"],
     ["records", "joints"],
     ["robot_models"],
-    ["phasors", "simulation"],
+    ["phasors", "simulation", "arm_side"],
     ["motion"],
     ["transfer_matrix"],
     ["estimation"],

@@ -39,7 +39,7 @@ from jointid.estimation.likelihood import (
 from jointid.estimation.linear_fit import weighted
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.parameters import ParameterLayout
-from jointid.estimation.residual import fitted_layout, make_problem
+from jointid.estimation.residual import Residual, fitted_layout, make_problem
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
 Law = Callable[[np.ndarray], np.ndarray]
@@ -278,6 +278,26 @@ def test_parts_that_are_demanded_are_fitted_also_where_there_are_none(
     if friction or method == "auto" or not rubs:
         assert errors_percent(fit).max() < 0.2
         assert in_standard_errors(fit).max() < 4
+
+
+def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:
+    """Against central differences: every parameter moves the instants at which the arm turns back."""
+    phasors = extract_phasors(prescribed_motion(np.sign), harmonics=15)
+    effects = ("arm_viscous", "arm_coulomb", "lag", "position_filter", "gravity")
+    prior = InertiaPrior.of(PARALLELOGRAM, *phasors.q.shape, inertia_std=0.05, torque_std=0.05)
+    friction = friction_waveforms(phasors, 0.0)
+    layout = fitted_layout(prior, friction, True, effects)
+    noise = spring_equations(phasors, PARALLELOGRAM).noise
+    problem = make_problem(phasors, prior, layout, PAPER.K, friction, noise)
+    given = ParameterLayout.of(2, friction=True, effects=("arm_coulomb", "arm_viscous"))
+    start = given.pack(K=PAPER.K, D=PAPER.D, coulomb=COULOMB, arm_coulomb=COULOMB, arm_viscous=1e-3)
+    p = problem.start(given.named(start))
+    J = Residual.at(problem, p).jacobian(problem.z)
+    for k, label in enumerate(layout.labels):
+        step = 1e-6 * max(abs(p[k]), 1e-3) * np.eye(p.size)[k]
+        ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        assert np.linalg.norm(J[..., k] - column) < 1e-4 * np.linalg.norm(column), label
 
 
 @pytest.mark.parametrize("window", [None, 0.0, 0.1])

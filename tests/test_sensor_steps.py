@@ -71,3 +71,24 @@ def test_rounding_of_slow_and_sticking_motion_is_claimed(
     of_first = np.sqrt(np.mean(off, axis=0)[0] / np.mean(claimed, axis=0)[0])
     assert 0.3 < of_first < 1.7
     assert 0.4 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.6
+
+
+@pytest.mark.parametrize("rate", [1000.0, 617.3])
+def test_a_motion_below_one_step_has_the_error_of_a_step(rate: float) -> None:
+    """The log stands still; that is no proof of rest, where other records show the encoder's step."""
+    rng = np.random.default_rng(2)
+    time = np.arange(3000) / rate
+    off, claimed = [], []
+    for _ in range(60):
+        size, at = rng.uniform(0.05, 0.45), rng.uniform(0, 2 * np.pi)
+        hidden = size * np.sin(2 * np.pi * 7.0 * time + at)
+        large = 5 * np.sin(2 * np.pi * 7.0 * time + 1.0)
+        wave = np.cos(2 * np.pi * 7.0 * time)
+        records = [SineRecord(7.0, time, np.rint(motion), wave) for motion in (hidden, large)]
+        phasors = extract_phasors(records)
+        assert phasors.q[0, 0] == 0
+        off.append(size**2)
+        claimed.append(phasors.covariance[0, 0, 0].real)
+    assert 0.5 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.5
+    exact = extract_phasors([SineRecord(7.0, time, 0 * wave, wave), SineRecord(7.0, time, large, wave)])
+    assert exact.covariance[0, 0, 0].real == 0  # a blocked motor under an exact sensor

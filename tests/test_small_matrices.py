@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid.estimation.free_friction import FreeFriction, real_rows
+from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import inverse, lifted, positive_inverse, root, whitener
 
 

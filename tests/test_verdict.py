@@ -30,10 +30,10 @@ from jointid import (
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence, findings
-from jointid.verdict.link_side import fit_link_side, link_side_finding
-from jointid.verdict.plausibility import scale_findings
-from jointid.verdict.rules_causes import against_the_paper
+from jointid.verdict.rules_causes import against_the_paper, torque_lags
+from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
+from jointid.verdict.wrong_data import wrong_data
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)
 
@@ -210,7 +210,7 @@ def scaled(angle: Any = 1.0, torque: Any = 1.0) -> list[SineRecord]:
 
 def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | None:
     """What is said of scales, without an estimate having to be possible."""
-    found = scale_findings(extract_phasors(records), [inertia] * len(records))
+    found = wrong_data(extract_phasors(records), [inertia] * len(records))
     assert len(found) < 2
     return found[0] if found else None
 
@@ -385,7 +385,7 @@ def test_noise_that_biases_least_squares_is_told() -> None:
     assert not list(against_the_paper(evidence(sound(), SERIAL, method="least-squares")))
 
 
-@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 400 µs")])
+@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 0.4 ms")])
 def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
     case = evidence(sound(delay_s=delay_s, told=False), SERIAL, delay=True)
     (lag,) = said(findings(case), verb)
@@ -397,7 +397,7 @@ def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
 
 def test_lag_of_a_hold_is_recognised() -> None:
     case = evidence(sound(hold=True, told=False), SERIAL, delay=True)
-    (lag,) = said(findings(case), "The torque lags by 500 µs")
+    (lag,) = said(findings(case), "The torque lags by 0.5 ms")
     assert "torque_hold = true" in lag.remedy
 
 
@@ -711,7 +711,7 @@ def test_friction_and_lag_together_are_both_named() -> None:
     case = evidence(rubbing(), PARALLELOGRAM, friction=True)
     late = replace(case, fit=replace(case.fit, delay=4e-4, delay_error=2e-6))
     (both,) = said(against_the_paper(late), "Friction and torque lag matter")
-    assert "lags by 400 µs" in both.detail
+    assert "lags by 0.4 ms" in both.detail
     by_chance = replace(case, fit=replace(case.fit, delay=4e-8, delay_error=2e-6))
     assert said(against_the_paper(by_chance), "Friction matters")
 
@@ -805,10 +805,16 @@ def of_the_arm(n: int, *, noise: float, seed: int = 5) -> tuple[Phasors, Inertia
 def test_angles_of_the_arm_are_told(n: int, noise: float) -> None:
     phasors, inertia, elasticity = of_the_arm(n, noise=noise)
     inertias = [inertia] * phasors.omega.size
-    np.testing.assert_allclose(fit_link_side(phasors, inertias).K, elasticity.K, rtol=0.05)
-    (found,) = scale_findings(phasors, inertias)
+    scorer = Scorer.of(phasors, inertias)
+    as_arm = scorer.scores([replace(scorer.as_logged(), kind="arm angle")])
+    np.testing.assert_allclose(as_arm.K[0], elasticity.K, rtol=0.05)
+    (found,) = wrong_data(phasors, inertias)
     assert found.title == "The positions look like the arm's, not the motors'"
     assert "gear ratio of" not in found.detail
+
+
+def of_arm(found: Sequence[Finding]) -> list[Finding]:
+    return said(found, "positions look like the arm's") + said(found, "measured behind the gears")
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -819,15 +825,88 @@ def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
     phasors = extract_phasors(records)
     for M, M2 in ((1, 1), (1, 1.3), (1, 0.7), (1.5, 1), (0.5, 1), (1, 2)):
         wrong = Inertia(inertia.M * M, inertia.M2 * M2)
-        assert not link_side_finding(phasors, [wrong] * len(records))
+        assert not of_arm(wrong_data(phasors, [wrong] * len(records)))
     for factor in (-1.0, 2.0, 100.0, 180 / np.pi):
         turned = replace(phasors, q=phasors.q * factor)
-        assert not link_side_finding(turned, [inertia] * len(records))
+        assert not of_arm(wrong_data(turned, [inertia] * len(records)))
 
 
 def test_friction_is_not_called_the_arms_angle() -> None:
     records = list(rubbing())
-    assert not link_side_finding(extract_phasors(records), [PARALLELOGRAM] * len(records))
+    assert not of_arm(wrong_data(extract_phasors(records), [PARALLELOGRAM] * len(records)))
+
+
+def exchanged(*order: int) -> list[SineRecord]:
+    """Records with the torques in another order."""
+    return [remade(r, tau_Nm=r.tau_Nm[:, list(order)]) for r in sound()]
+
+
+@pytest.mark.parametrize(
+    ("records", "inertia", "title"),
+    [
+        (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
+        (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
+        (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
+        (lambda: scaled(torque=0.5**0.5), SERIAL, "looks like an rms value where the peak is meant"),
+        (lambda: scaled(angle=1e6), SERIAL, "looks given in µrad, or time is probably in seconds"),
+        (
+            lambda: scaled(torque=2.0),
+            SERIAL,
+            "gear ratio, or the unit of the torque, looks wrong in all",
+        ),
+    ],
+)
+def test_exchanged_joints_and_units_that_inertias_absorb(
+    records: Any, inertia: Inertia, title: str
+) -> None:
+    """Uncertain inertias could explain some of them; K and D would then be wrong."""
+    study = Study(records(), inertia, inertia_std=0.05)
+    first = analyse(study).findings[0]
+    assert first.level == "problem"
+    assert title in first.title
+
+
+def test_torques_behind_the_gears_are_named() -> None:
+    """What a sensor at the joint shows: the motor's torque without that of its rotor."""
+    phasors = extract_phasors(sound())
+    square = phasors.omega[:, None] ** 2
+    gear = replace(phasors, tau=phasors.tau + square * SERIAL.M * phasors.q)
+    (found,) = wrong_data(gear, [SERIAL] * square.size)
+    assert "measured behind the gears" in found.title
+
+
+@pytest.mark.parametrize(("factor", "level"), [(1.3, "warning"), (2.2, "problem")])
+def test_inertias_beyond_belief_make_the_answer_unusable(factor: float, level: str) -> None:
+    study = Study(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor), inertia_std=0.05)
+    (found,) = said(analyse(study).findings, "inertias look wrong")
+    assert found.level == level
+
+
+def test_no_negative_inertia_is_suggested() -> None:
+    """Gravity on a light arm at low frequency: the torque opposes the acceleration."""
+    inertia = Inertia([1e-3], [[2e-3]])
+    frequencies, torques = campaign([2.0, 2.5, 3.1, 3.7, 4.6, 5.7], 1)
+    records = steady_records(
+        inertia, Elasticity([5.0], [0.01]), frequencies, torques, noise=(1e-6, 1e-4)
+    )
+    pulled = [remade(r, tau_Nm=r.tau_Nm + 8.0 * r.theta_rad) for r in records]
+    found = findings(evidence(pulled, inertia, method="weighted"))
+    assert not any(re.search(r"J\S* = −", f.detail) for f in found)
+    assert said(found, "A spring or gravity acts on joint 1") or said(found, "sign of the")
+
+
+def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
+    case = evidence(sound(delay_s=0.0005, told=False), SERIAL, method="auto")
+    assert case.fit.delay is not None
+    (chosen,) = (c for c in case.fit.candidates if c.chosen)
+    twin = replace(chosen, parts=("torque_filter",), chosen=False)
+    others = (chosen, twin)
+    (lag,) = said(torque_lags(replace(case, fit=replace(case.fit, candidates=others))), "torque lags")
+    assert lag.title == "The torque lags by 0.5 ms, or there is a torque filter"
+    assert "cannot tell these apart" in lag.detail
+    far = replace(twin, criterion=twin.criterion + 20)
+    (lag,) = torque_lags(replace(case, fit=replace(case.fit, candidates=(chosen, far))))
+    assert lag.title == "The torque lags by 0.5 ms"
 
 
 @pytest.mark.long

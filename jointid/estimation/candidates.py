@@ -76,6 +76,8 @@ class Candidate:
     """Information criterion, 2 · cost over the best model's misfit + penalty; the smallest is chosen.
     Infinite where the model was not fitted, or a part of it is not significant."""
     chosen: bool
+    parts: tuple[str, ...] = ()
+    """What it has beside K and D, see ``Model.parts``."""
 
 
 @dataclass(frozen=True, eq=False)

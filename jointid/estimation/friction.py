@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.free_friction import FreeFriction
+from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves

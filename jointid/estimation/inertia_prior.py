@@ -18,6 +18,9 @@ _LEAST_COUPLING = 0.1
 """A coupling's standard deviation is at least this share of that of √(M2_ii M2_jj): one given as 0 must
 stay free."""
 
+_EXACT, _UNKNOWN = 1e-12, 1e6
+"""Relative standard deviations below and above which a value counts as exact and as unknown."""
+
 _ROUNDING = 1e-9
 """Difference between inertias, over the largest element, that counts as rounding."""
 
@@ -200,6 +203,8 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
 def checked_std(name: str, value: object) -> float:
     """Return a relative standard deviation as a float, None as 0.
 
+    One too small to matter is 0, exact; one too large to say anything is infinite, unknown.
+
     Raises
     ------
     JointIdError
@@ -213,4 +218,4 @@ def checked_std(name: str, value: object) -> float:
             f"{name} = {value!r:.60}: expected a relative standard deviation, such as 0.05 for 5 %, "
             "0 for exact values, or infinity for unknown ones."
         )
-    return std
+    return 0.0 if std < _EXACT else np.inf if std > _UNKNOWN else std

@@ -19,7 +19,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.effects import GEAR_LAWS
 from jointid.estimation.parameters import Parameters
-from jointid.phasors.periods import phasors_of, samples_of
+from jointid.phasors.periods import pairs, phasors_of, samples_of
 
 _CLEAR = 3.0
 """Standard deviations from which a harmonic of the torque counts; the others are noise."""
@@ -161,6 +161,12 @@ class JointLaws:
         signs = _sign(samples_of(velocity.swapaxes(1, 2), _points(H)))
         return phasors_of(signs, H).swapaxes(1, 2)
 
+    def arm_friction_slope(self, torque: Complexes, arm: Complexes) -> SignSlope:
+        """Derivative of the phasors of sign θ̇_a by those of θ̇_a, both of them for the torque f."""
+        f, H = np.where(self.clear, torque, 0), torque.shape[1]
+        velocity = self.s[..., None] * (arm @ f[..., None])[..., 0]
+        return SignSlope.at(samples_of(velocity.swapaxes(1, 2), _points(H)), H)
+
     def presliding(self, bristle: Floats, H: int) -> Complexes:
         """Phasors of z(θ) for presliding angles, shape (n,); shape (r, H, n)."""
         return phasors_of(_dahl(self.angle, bristle[:, None]), H).swapaxes(1, 2)
@@ -169,6 +175,39 @@ class JointLaws:
         """Derivative of the phasors ``shape`` of z(θ) by the presliding angles, shape (r, H, n)."""
         changed = self.presliding((1 + _STEP) * bristle, shape.shape[1])
         return np.asarray((changed - shape) / (_STEP * np.maximum(bristle, _LEAST_ANGLE)))
+
+
+@dataclass(frozen=True, eq=False)
+class SignSlope:
+    """Derivative of ``_sign``: of the samples at its jumps alone, up to m over a period."""
+
+    inner: Floats
+    """Change of these samples by the sines and cosines of the signal, shape (r, n, m, 2H)."""
+    outer: Floats
+    """Their sines and cosines, shape (r, n, 2H, m)."""
+
+    @classmethod
+    def at(cls, x: Floats, H: int) -> SignSlope:
+        """Derivative at samples over a period, shape (r, n, t)."""
+        points = x.shape[-1]
+        rise = np.roll(x, -1, axis=-1) - np.roll(x, 1, axis=-1)
+        inside = np.abs(x) < 0.25 * np.abs(rise)
+        place = np.argsort(~inside, axis=-1, kind="stable")[..., : max(1, inside.sum(axis=-1).max())]
+        x, rise = (np.take_along_axis(v, place, axis=-1)[..., None] for v in (x, rise))
+        inside = np.take_along_axis(inside, place, axis=-1)[..., None]
+        waves = pairs(H, points).T
+        rise = np.where(inside, rise, np.inf)
+        turn = (x / rise) * (waves[(place + 1) % points] - waves[place - 1])
+        own = waves[place]
+        inner = np.where(inside, 4 * (own - turn) / np.abs(rise), 0.0)
+        return cls(inner, (2 / points) * own.swapaxes(2, 3))
+
+    def of(self, change: Complexes) -> Complexes:
+        """Change of the sign's phasors for changes of the signal's, both shape (r, H, n, c)."""
+        rows = np.concatenate([change.real, change.imag], axis=1).swapaxes(1, 2)
+        found = self.outer @ (self.inner @ rows)
+        H = change.shape[1]
+        return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
 
 
 def _points(H: int) -> int:

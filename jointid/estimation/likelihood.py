@@ -37,7 +37,7 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
-_EVALUATIONS, _LAW_EVALUATIONS = 150, 15
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 10
 """Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes eight."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
@@ -46,6 +46,10 @@ _RIDGE = 1e-12
 _IDLE, _MOST_IDLE = 0.02, 3
 """Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
 iteration."""
+_POOR, _STUCK = 10.0, 3e-3
+"""Misfit of a model that does not explain the data, and decrease over the cost that will not help it."""
+_ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
+"""The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
 _TOLERANCE = 1e-2
 """Step in standard errors at which the iteration ends: far below what the noise resolves."""
 
@@ -126,7 +130,7 @@ def maximum_likelihood(
     p, normal = _minimise(problem, p, scale)
     first = Misfit.at(problem, p, normal)
     scale = first.scale
-    p, normal = _minimise(problem, p, scale)
+    p, normal = _minimise(problem, p, scale, roughly=first.cost > _POOR * first.expected_cost > 0)
     fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
     harmonics = phasors.harmonics
@@ -278,19 +282,24 @@ def _require_rows(problem: Problem, p: Floats) -> None:
         )
 
 
-def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Floats]:
+def _minimise(
+    problem: Problem, p: Floats, scale: Floats, *, roughly: bool = False
+) -> tuple[Floats, Floats]:
     """Levenberg-Marquardt; returns the parameters and the normal matrix Σ JᵀJ there.
 
-    It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit.
+    It ends when a step is below ``_TOLERANCE`` standard errors, inflated by the misfit; ``roughly``,
+    for a model that does not explain the data, when the cost hardly falls.
     """
     damping, idle = 1e-3, 0
+    least = _ROUGH_IDLE if roughly else _IDLE
     cost, gradient, normal = quadratic(problem, p, scale)
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left = _LAW_EVALUATIONS if slow else _EVALUATIONS
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
-        near = _TOLERANCE * np.sqrt(max(1.0, 2 * cost / problem.rows))
+        misfit = max(1.0, 2 * cost / problem.rows)
+        near = (_ROUGH_TOLERANCE if roughly else _TOLERANCE) * np.sqrt(misfit)
         while True:
             scaled = normal / np.outer(size, size) + damping * np.eye(p.size)
             step = -np.linalg.solve(scaled, gradient / size) / size
@@ -298,13 +307,17 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
             if problem.feasible(trial):
                 if damping < 1 and np.abs(step * size).max() < near:
                     return trial, normal
-                new, left = _attempt(problem, trial, scale), left - 1
-                if new is not None and new[0] <= cost * (1 + 1e-12):
+                new, left = _attempt(problem, trial, scale, cost * (1 + 1e-12)), left - 1
+                if new is not None:
                     break
-            if damping > 1e8 or left <= 0:
+            expected = float(step @ (2 * gradient + normal @ step))  # of the cost, negative
+            hopeless = roughly and -expected < least * misfit
+            hopeless |= misfit > _POOR and -expected < _STUCK * cost
+            if damping > 1e8 or left <= 0 or hopeless:
                 return p, normal
             damping = max(10 * damping, 1e-6)
-        idle = idle + 1 if cost - new[0] < _IDLE * max(1.0, 2 * cost / problem.rows) else 0
+        fall = cost - new[0]
+        idle = idle + 1 if fall < least * misfit or (misfit > _POOR and fall < _STUCK * cost) else 0
         p, (cost, gradient, normal) = trial, new
         if idle == _MOST_IDLE:
             break
@@ -312,11 +325,16 @@ def _minimise(problem: Problem, p: Floats, scale: Floats) -> tuple[Floats, Float
     return p, normal
 
 
-def _attempt(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats] | None:
-    """The same as ``quadratic``; None where parameters far off overflow."""
+def _attempt(
+    problem: Problem, p: Floats, scale: Floats, most: float
+) -> tuple[float, Floats, Floats] | None:
+    """The same as ``quadratic``; None where the cost is above ``most`` or overflows."""
     with np.errstate(all="ignore"):
         try:
-            cost, gradient, normal = quadratic(problem, p, scale)
+            residual = WhitenedResidual.of(problem, p, scale)
+            if not residual.cost + _penalty(problem, p) <= most:
+                return None
+            cost, gradient, normal = _quadratic_at(residual, p)
         except np.linalg.LinAlgError:
             return None
     return (cost, gradient, normal) if np.isfinite(cost) and np.isfinite(normal).all() else None
@@ -324,7 +342,11 @@ def _attempt(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats,
 
 def quadratic(problem: Problem, p: Floats, scale: Floats) -> tuple[float, Floats, Floats]:
     """Cost, half its gradient, and normal matrix, the prior's part included."""
-    residual = WhitenedResidual.of(problem, p, scale)
+    return _quadratic_at(WhitenedResidual.of(problem, p, scale), p)
+
+
+def _quadratic_at(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats, Floats]:
+    problem = residual.at.problem
     rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
     deviation, weight = problem.pull(p)
     cost = float(rows @ rows) + _penalty(problem, p)

@@ -23,8 +23,9 @@ from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_lik
 from jointid.estimation.linear_fit import friction_start
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
+from jointid.estimation.start_values import at_resonances, without_inertias
 from jointid.joints import Inertia
-from jointid.phasors.extract import Phasors
+from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),
@@ -45,6 +46,8 @@ _NEEDED = 3.0
 """Ratio of misfits from which a part is needed, whatever its standard error."""
 _LOST = 100.0
 """Misfit from which the search is repeated from other start values."""
+_DOUBTFUL = 3.0
+"""Misfit from which the simplest model is fitted from start values without the given inertias, too."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
 _WORTH = 0.2
@@ -63,12 +66,21 @@ _TRIED, _TRIED_LAWS = 5, 2
 _HOPELESS = 3e4
 """Misfit of wrong units, signs or gear ratios, beyond that of any nonlinear gear."""
 _MOST_EFFECTS = 3
-_MOST_FITS = 24
-"""Fits of one search; wrong data would take many more."""
-_DOUBT = 0.005
-"""Probability that the score of any part widens the error bars on an ideal robot."""
+_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 16, 10.0
+"""Fits of one search, and the same while the misfit is poor; wrong data would take many more."""
+_DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
+"""Probability that the score of any part widens the error bars on an ideal robot, and the same if it
+moves K or D far, which few parts do."""
+_FAR_OFF = 4.0
+"""Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_HALFWAY = 0.25
+"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+_USUAL = 0.05
+"""Probability of a misfit of the fundamentals that calls for no slow fit."""
+_MOST_STARTS = 2
+"""Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
@@ -133,8 +145,8 @@ def _searched(search: _Search) -> Choice:
     probe = search.base
     if "friction" in search.optional and search.phasors.harmonics.shape[1] > 1:
         probe = Model(0.03, search.base.delay or "delay" in search.optional)
-    for start in _other_starts(search.phasors, search.prior):
-        other = replace(search, start=start, tried={}, slow_fits=0)
+    for start in (*search.free_start(), *at_resonances(search.phasors, search.prior)):
+        other = replace(search, start=start, tried={}, fits={}, slow_fits=0)
         other.fit(probe, start)
         if other.misfit(probe) < better:
             found = other.best()
@@ -143,15 +155,8 @@ def _searched(search: _Search) -> Choice:
     return search.choice(best)
 
 
-def _other_starts(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
-    """K with the arm's resonance at frequencies of the records, and a small D."""
-    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)  # M2jj, kg·m²
-    layout, starts = ParameterLayout.of(phasors.n), []
-    for share in (0.5, 1.0, 0.0):
-        omega = float(np.quantile(phasors.excited, share))
-        K = own * omega**2
-        starts.append(layout.named(layout.pack(K=K, D=0.05 * K / omega)))
-    return starts
+def _is_slow(model: Model) -> bool:
+    return not set(GEAR_LAWS).isdisjoint(model.effects)
 
 
 def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
@@ -204,6 +209,8 @@ class _Search:
     """The others: "friction", "delay" and keys of ``EFFECTS``."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     waveforms: dict[tuple[float | None, bool], FrictionWaveforms | None] = field(default_factory=dict)
+    fits: dict[Model, int] = field(default_factory=dict)
+    """Number of start values from which each model was fitted."""
     slow_fits: int = 0
 
     def best(self) -> Model:
@@ -216,30 +223,46 @@ class _Search:
                 self.fit(replace(self.base, reversal=0.03), rough.named)
         else:
             self.fit(self.base, self.start)
+            if self.misfit(self.base) > _DOUBTFUL and self.phasors.harmonics.shape[1] < MANY_HARMONICS:
+                for start in self.free_start():  # wrong inertias may lead the linear estimate astray
+                    self.fit(self.base, start)
             if self.misfit(self.base) >= _LOST and "friction" in self.optional:
                 self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
         best = self._least(list(self.tried))
-        while len(self.tried) < _MOST_FITS:
+        while len(self.tried) < self._most_fits(best):
             found = [best]
-            for wider in self._extensions(best):
+            for wider in sorted(self._extensions(best), key=_is_slow):
                 leading = self._least(found)
                 explained = self.misfit(leading) < _EXPLAINED < self.misfit(best)
                 if explained and not {*wider.effects}.difference(best.effects).isdisjoint(LAWS):
                     continue
+                if len(self.tried) >= self._most_fits(leading):
+                    break
+                if _is_slow(wider) and leading != best and self._is_explained(leading):
+                    continue  # its score decides again
                 if leading.reversal != best.reversal and wider.reversal == best.reversal:
                     continue  # richer friction first: other parts absorb some of it
-                self._fit_wider(wider, best)
-                found.append(self._pruned(wider))
+                self._fit_wider(wider, best, leading)
+                found.append(self._pruned(wider) if self._is_kept(wider, best) else wider)
             better = self._least(found)
             if better == best:
                 break
             best = better
         return best
 
+    def _most_fits(self, best: Model) -> int:
+        return _MOST_POOR_FITS if self.misfit(best) > _POOR else _MOST_FITS
+
+    def free_start(self) -> tuple[Parameters, ...]:
+        """Start values without uncertain inertias, if the records give any."""
+        start = without_inertias(self.phasors, self.prior) if self.prior.inertia_std else None
+        return () if start is None else (start,)
+
     def fit(self, model: Model, start: Parameters) -> None:
         """Fit a model; of two fits from different starts the better one stays."""
         earlier = self.tried.get(model)
-        if not set(GEAR_LAWS).isdisjoint(model.effects):
+        self.fits[model] = self.fits.get(model, 0) + 1
+        if _is_slow(model):
             if self.slow_fits == (_MOST_SLOW_FITS if not self.phasors.motion.any() else 3):
                 self.tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
                 return
@@ -250,16 +273,34 @@ class _Search:
         except JointIdError as error:
             self.tried.setdefault(model, error)
             return
-        if not isinstance(earlier, LikelihoodEstimate) or estimate.misfit < earlier.misfit:
+        worse = isinstance(earlier, LikelihoodEstimate) and earlier.whole_cost(1) < estimate.whole_cost(
+            1
+        )
+        if not worse:
             self.tried[model] = estimate
 
-    def _fit_wider(self, wider: Model, narrow: Model) -> None:
-        """Fit with one more part, from the estimate without it or, where that is far off, the start."""
+    def _is_kept(self, wider: Model, narrow: Model) -> bool:
+        """Whether a wider model may last; a slow one with a part that is not significant does not."""
+        estimate = self.tried[wider]
+        if isinstance(estimate, JointIdError) or not _is_slow(wider):
+            return True
+        added = [part for part in wider.parts if part not in narrow.parts and part in self.optional]
+        return all(self._part_is_significant(wider, estimate, part) for part in added)
+
+    def _fit_wider(self, wider: Model, narrow: Model, leading: Model) -> None:
+        """Fit with one more part, from the estimate without it.
+
+        Where that is far off, the fit starts from that of the same parts with other friction, or else
+        as all do.
+        """
         if wider in self.tried:
             return
         found = self.tried[narrow]
         if self.misfit(narrow) >= _LOST:
-            self.fit(wider, self.start)
+            near, start = self.tried[leading], self.start
+            if isinstance(near, LikelihoodEstimate) and leading.parts == wider.parts:
+                start = near.named if near.misfit < _LOST else start
+            self.fit(wider, start)
         if isinstance(found, LikelihoodEstimate) and not self.misfit(wider) < _LOST:
             self.fit(wider, found.named)
 
@@ -277,15 +318,43 @@ class _Search:
             if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
-        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:_TRIED_LAWS]
+        tried_laws = 1 if self._is_explained(model) else _TRIED_LAWS
+        laws = [part for part in clear if part in LAWS and found.misfit < _HOPELESS][:tried_laws]
         tried = _TRIED if self.rows < _MANY_ROWS or found.misfit > _EXPLAINED else 1
-        wider = [model.with_part(part) for part in clear if part in laws or part not in LAWS][:tried]
+        wider = [
+            model.with_part(part)
+            for part in clear
+            if (part in laws or part not in LAWS) and self._is_promising(model, part, scored[part])
+        ][:tried]
         if model.reversal is not None and found.misfit > _EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
             wider = [*wider, *sharper] if decisive else [*sharper, *wider]
         return [each for each in wider if each not in self.tried]
+
+    def _is_promising(self, model: Model, part: str, score: Score) -> bool:
+        """Whether a slow fit with one more part is worth its time, by the part's score.
+
+        It is not where the part cannot explain enough of the misfit to be kept, nor where the model
+        explains the data without it and K and D would hardly move. Its score still widens the errors.
+        """
+        found = self.tried[model]
+        if isinstance(found, JointIdError) or not _is_slow(model.with_part(part)):
+            return True
+        if part != "friction" and found.misfit > _EXPLAINED:
+            needed = _WORTH * (found.misfit - 1) * found.expected_cost
+            return score.gain > _HALFWAY * needed
+        sigma = np.sqrt(np.diag(found.elasticity_covariance))
+        return not self._is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))
+
+    def _is_explained(self, model: Model) -> bool:
+        """Whether noise explains what a model leaves, at the fundamentals as well."""
+        found = self.tried[model]
+        if isinstance(found, JointIdError) or found.misfit > _EXPLAINED:
+            return False
+        misfit, freedom = found.fundamental
+        return bool(chi2.sf(misfit * freedom, freedom) > _USUAL)
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
@@ -313,7 +382,8 @@ class _Search:
                 narrower.append(model.without(part).with_part("delay"))
             for narrow in narrower:
                 models.append(narrow)
-                if self.misfit(narrow) > _NEEDED * max(1.0, found.misfit):
+                far = self.misfit(narrow) > _NEEDED * max(1.0, found.misfit)
+                if far and self.fits.get(narrow, 0) < _MOST_STARTS:
                     self.fit(narrow, _with_delay(found))  # from other starts it may have diverged
         best = self._least(models)
         return best if best == model else self._pruned(best)
@@ -432,27 +502,33 @@ class _Search:
 
         The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
         out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
-        1994). A part that was not fitted counts in full where its score is nearly significant: one that
-        moves K by so many standard errors has a score of at least as many.
+        1994). A part that was not fitted counts in full where its score is nearly significant, sooner
+        where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
         """
         found = self.tried[best]
         size = 2 * self.phasors.n
         if isinstance(found, JointIdError):
             return np.zeros((size, size))
-        criterion, shifts = self.criterion(), []
-        doubt, misfit = _DOUBT / max(len(self.optional), 1), max(1.0, found.misfit)
+        criterion, shifts, misfit = self.criterion(), [], max(1.0, found.misfit)
+        sigma = np.sqrt(np.diag(found.elasticity_covariance))
+
+        def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
+            doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
+            return bool(2 * gain > chi2.isf(doubt / max(len(self.optional), 1), count))
+
         for model, estimate in self.tried.items():
             if model == best or not isinstance(estimate, LikelihoodEstimate):
                 continue
             weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
             added = set(model.parts).difference(best.parts)
             if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
-                gain = 2 * (found.whole_cost(misfit) - estimate.whole_cost(misfit))
-                weight = max(weight, float(gain > chi2.isf(doubt, estimate.p.size - found.p.size)))
+                gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
+                shift = estimate.elasticity - found.elasticity
+                weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
             shifts.append((weight, estimate.elasticity - found.elasticity))
         for part, score in self.scores(best).items():
-            clear = 2 * score.gain / misfit > chi2.isf(doubt, score.count)
-            if clear and best.with_part(part) not in self.tried:
+            doubtful = is_doubtful(score.gain / misfit, score.count, score.shift)
+            if doubtful and best.with_part(part) not in self.tried:
                 shifts.append((1.0, score.shift))
         equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
         total = 1 + sum(weight for weight, _ in equals)
@@ -476,4 +552,5 @@ class _Search:
             parameters=fitted.parameter_count if fitted else 0,
             criterion=criterion,
             chosen=chosen and fitted is not None,
+            parts=model.parts,
         )

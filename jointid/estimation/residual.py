@@ -19,14 +19,14 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.effects import ARM_EFFECTS, LAWS
-from jointid.estimation.free_friction import FreeFriction
 from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_laws import JointLaws
+from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
+from jointid.motion.free_friction import FreeFriction
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 
@@ -320,10 +320,12 @@ class Residual:
         J[..., layout["D"]] = by_gear * s[..., None]
         if "loss_factor" in layout:
             J[..., layout["loss_factor"]] = by_gear * (p.K * _loss(problem))[..., None, :]
-        self._differentiate_arm(J, f - self.law[1])
+        turns = None
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.waveform, self.arm)
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
+            turns = problem.laws.arm_friction_slope(self.waveform, self.arm)
+        self._differentiate_arm(J, f - self.law[1], turns)
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]
         own = self._own_columns(smooth)
@@ -334,6 +336,8 @@ class Residual:
         for name, columns in own.items():
             through = self.X * slopes[name][..., None, :] if name in slopes else 0
             whole = columns[..., None, :] * np.eye(n) + through
+            if turns is not None:
+                whole += self._by_turns(turns, self.arm * self._clear(columns)[..., None, :])
             block, _, part = name.partition(" ")
             place = np.arange(layout.size)[layout[block]]
             if block == "curve":
@@ -349,6 +353,20 @@ class Residual:
         for name in slopes.keys() - own.keys():
             J[..., layout[name]] += self.X * slopes[name][..., None, :]
         return J
+
+    def _clear(self, torque: Complexes) -> Complexes:
+        """Harmonics of a torque, shape (r, H, n), that decide when the arm turns back."""
+        laws = self.problem.laws
+        return torque if laws is None else np.where(laws.clear, torque, 0)
+
+    def _by_turns(self, turns: SignSlope, angle: Complexes) -> Complexes:
+        """Change of r by Coulomb friction at the arm for changes of its angle, both (r, H, n, c).
+
+        They move the instants at which the arm turns back.
+        """
+        change = turns.of(self.problem.s[..., None, None] * angle)
+        force = self.p["arm_coulomb"][:, None] * change
+        return np.asarray(-(self.X @ self.arm) @ force)
 
     def _own_columns(self, smooth: Complexes) -> dict[str, Complexes]:
         """Derivatives of the torque through a gear by its own motor's parameters, each (r, H, n)."""
@@ -376,7 +394,7 @@ class Residual:
             columns["motor_presliding"], columns["bristle"] = -shape, -p["motor_presliding"] * slope
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
 
-    def _differentiate_arm(self, J: Complexes, f: Complexes) -> None:
+    def _differentiate_arm(self, J: Complexes, f: Complexes, turns: SignSlope | None) -> None:
         """Fill the columns of M2 and of the effects on the arm's dynamic stiffness.
 
         ``f`` is the torque that moves the arm.
@@ -387,16 +405,21 @@ class Residual:
         share = -self.X @ self.arm  # −XA⁻¹
         angle = (self.arm @ f[..., None])[..., 0]
         by_arm = share * angle[..., None, :]  # ∂r/∂A_jj
+        moved = (self.arm @ self._clear(self.torque)[..., None])[..., 0]
         factors = {"arm_viscous": s, "link": -(s**4), "gravity": np.ones_like(s)}
         for name, factor in factors.items():
             if name in layout:
                 J[..., layout[name]] = by_arm * factor[..., None, None]
+                if turns is not None:
+                    turned = -self.arm * (moved * factor[..., None])[..., None, :]
+                    J[..., layout[name]] += self._by_turns(turns, turned)
         if "M2" in layout:
             rows, columns = problem.prior.elements
-            angle = angle * (s * s)[..., None]
-            by_element = share[..., rows] * angle[..., None, columns]
-            coupling = rows != columns
-            by_element[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
+            square = (s * s)[..., None]
+            by_element = _by_elements(share, angle * square, rows, columns)
+            if turns is not None:
+                turned = -_by_elements(self.arm, moved * square, rows, columns)
+                by_element += self._by_turns(turns, turned)
             for part in range(len(problem.prior.rest)):
                 first = layout["M2"].start + part * rows.size
                 uses = problem.prior.part[problem.prior.pose] == part
@@ -409,6 +432,14 @@ def _images(problem: Problem, p: Parameters) -> Complexes | float:
         return 0.0
     torque = problem.z[..., problem.n :] * p.torque_scale
     return np.asarray(problem.images * torque / problem.rotor_inertia(p)[problem.prior.rotor, None])
+
+
+def _by_elements(share: Complexes, angle: Complexes, rows: np.ndarray, columns: np.ndarray) -> Complexes:
+    """share · ∂M2 · angle for each distinct element of a symmetric matrix, shape (r, H, n, t)."""
+    found = share[..., rows] * angle[..., None, columns]
+    coupling = rows != columns
+    found[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
+    return np.asarray(found)
 
 
 def _loss(problem: Problem) -> Complexes:

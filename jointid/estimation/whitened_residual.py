@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.free_friction import FreeFriction, Projection, real_rows
 from jointid.estimation.residual import Problem, Residual
+from jointid.motion.free_friction import FreeFriction, Projection, real_rows
 from jointid.small_matrices import whitener
 
 _CLEAR = 4.0

@@ -12,6 +12,9 @@ from jointid.answer import without
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
+_FORMULA = ("=", "+", "-", "@", "\t")
+"""First characters by which a spreadsheet takes a text for a formula, and runs it."""
+
 
 def phasor_table(analysis: Analysis) -> str:
     """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
@@ -37,7 +40,7 @@ def phasor_table(analysis: Analysis) -> str:
         [label, record.pose or "", record.frequency_hz, *row]
         for label, record, row in zip(p.labels, analysis.study.records, values.tolist(), strict=True)
     )
-    return _csv(header, rows)
+    return csv_text(header, rows)
 
 
 def transfer_matrix_table(analysis: Analysis) -> str:
@@ -67,7 +70,7 @@ def transfer_matrix_table(analysis: Analysis) -> str:
         for omega, row, more in zip(matrix.omega.tolist(), _cells(matrix), quality, strict=True):
             frequency = omega / (2 * np.pi)
             rows.append([pose, frequency, *row, *more, *cleaned.get(omega, nothing)])
-    return _csv(header, rows)
+    return csv_text(header, rows)
 
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:
@@ -88,10 +91,20 @@ def _cells(matrix: TransferMatrix) -> list[list[float]]:
     return cells
 
 
-def _csv(header: list[str], rows: Iterable[list[object]]) -> str:
-    """CSV text; floats have the fewest digits that give the same number again."""
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return CSV; floats have the fewest digits that give the same number again.
+
+    A text that a spreadsheet would take for a formula gets an apostrophe in front, as spreadsheets do.
+    """
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerow([_plain(name) for name in header])
+    writer.writerows([_plain(cell) for cell in row] for row in rows)
     return text.getvalue()
+
+
+def _plain(cell: object) -> object:
+    if not isinstance(cell, str):
+        return cell
+    text = cell.replace("\r", " ")  # the writer leaves it bare: a spreadsheet begins a row there
+    return f"'{text}" if text.lstrip(" ").startswith(_FORMULA) else text

@@ -153,7 +153,11 @@ def read_columns(
                 null_values=[],
             ),
         )
+        if b'"' in data[body:]:
+            _require_closed_quotes(file, data, body, table.num_rows)
         columns = [np.asarray(column.to_numpy()) for column in table.columns]
+    except JointIdError:
+        raise
     except ARROW_FAULTS as error:
         _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", error) from error
@@ -161,6 +165,22 @@ def read_columns(
         _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", "a value is not finite, or the times do not increase")
     return columns
+
+
+def _require_closed_quotes(file: str, data: bytes, body: int, rows: int) -> None:
+    """Refuse a table whose quotes hide lines: an open one swallows all lines up to the next."""
+    lines = re.split(rb"\r\n|\r|\n", data[body:])
+    if rows == sum(bool(line.strip()) for line in lines):
+        return
+    above = lines_above(data, body)
+    number = next(
+        (k for k, line in enumerate(lines, start=above + 1) if line.count(b'"') % 2), above + 1
+    )
+    raise row_error(
+        (file, "line", number),
+        "a quote is not closed on its line, so that lines are lost.",
+        hint="Close or remove it.",
+    )
 
 
 def text_lines(file: str, data: bytes, *, errors: str, begin: int) -> Iterator[str]:

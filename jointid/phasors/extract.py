@@ -14,7 +14,7 @@ from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.phasors.fitted_sine import SineFit, padded
 from jointid.phasors.segment import Segment
-from jointid.phasors.sensor_steps import may_have_steps, step_variance
+from jointid.phasors.sensor_steps import hidden_variance, may_have_steps, step_variance
 from jointid.phasors.settling import settling_change
 from jointid.phasors.sine_fit import fit_sines
 from jointid.phasors.spectrum import largest_line_hz
@@ -207,6 +207,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
     for record in np.flatnonzero(stepped | _visible(fits)).tolist():
         covariance[record] += step_variance(records[record], fits[record])
+    covariance[:, :, range(n), range(n)] += hidden_variance(records)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
     leakage = z - np.array([fit.harmonics[0] for fit in fits]) * timing[:, 0]
@@ -313,7 +314,7 @@ def _frequency_found(
     place = np.where(block < count, (block - (count - 1) / 2) / count, 0.0)
     stated = np.array([record.frequency_hz for record in records])
     span = np.array([record.periods for record in records]) / stated
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         turns = ((local / phasor[:, None]).imag * place).sum(axis=1) / (place**2).sum(axis=1)
     found = stated + np.where(count[:, 0] >= 3, turns / span, 0.0) / (2 * np.pi)
     moves = strength.max(axis=(1, 2)) > 1e-12 * offset

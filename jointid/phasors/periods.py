@@ -16,7 +16,7 @@ def waves(H: int, points: int) -> Complexes:
 
 
 @lru_cache(maxsize=8)
-def _pairs(H: int, points: int) -> Floats:
+def pairs(H: int, points: int) -> Floats:
     """Sines above cosines, (2H, t): the real synthesis matrix of phasors."""
     return np.concatenate([waves(H, points).imag, waves(H, points).real])
 
@@ -24,12 +24,12 @@ def _pairs(H: int, points: int) -> Floats:
 def samples_of(phasors: Complexes, points: int) -> Floats:
     """Samples over a period (..., t) of phasors (..., H), by one product of contiguous matrices."""
     parts = np.concatenate([phasors.real, phasors.imag], axis=-1)
-    flat = parts.reshape(-1, parts.shape[-1]) @ _pairs(phasors.shape[-1], points)
+    flat = parts.reshape(-1, parts.shape[-1]) @ pairs(phasors.shape[-1], points)
     return np.asarray(flat.reshape(*phasors.shape[:-1], points))
 
 
 def phasors_of(samples: Floats, H: int) -> Complexes:
     """Phasors (..., H) of samples over a period (..., t)."""
     points = samples.shape[-1]
-    parts = (samples.reshape(-1, points) @ _pairs(H, points).T) * (2 / points)
+    parts = (samples.reshape(-1, points) @ pairs(H, points).T) * (2 / points)
     return np.asarray((parts[:, :H] + 1j * parts[:, H:]).reshape(*samples.shape[:-1], H))

@@ -9,6 +9,7 @@ noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -62,6 +63,21 @@ def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
             count = (period if lasting else different) / share
             variance[:, channel] = step**2 / 3 / np.maximum(count, 1.0) * undithered
     return (variance[:, :, None] * np.eye(scatter.size)).astype(complex)
+
+
+def hidden_variance(records: Sequence[SineRecord]) -> Floats:
+    """Variance of angles that stand still in a record, because their motion is below a step; (r, n).
+
+    Such a log is constant, without scatter. The step follows from the joint's other records. The motion
+    may have any amplitude up to half a step, and any phase: evenly over that disc, Δ²/8.
+    """
+    still = np.array([np.ptp(record.theta_rad[record.start :], axis=0) == 0 for record in records])
+    variance = np.zeros(still.shape)
+    for joint in np.flatnonzero(still.any(axis=0) & ~still.all(axis=0)):
+        moving = (records[k] for k in np.flatnonzero(~still[:, joint]).tolist())
+        steps = [quantum(record.theta_rad[record.start :, joint][:_EXAMINED]) for record in moving]
+        variance[still[:, joint], joint] = min(filter(None, steps), default=0.0) ** 2 / 8
+    return variance
 
 
 def _runs(signal: Floats, period: float, harmonics: int) -> tuple[float, Floats]:

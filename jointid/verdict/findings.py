@@ -12,8 +12,8 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
 from jointid.uncertainty.prior_rows import disagreements
+from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative
-from jointid.verdict.plausibility import GOOD, scale_findings
 from jointid.verdict.rules_causes import (
     against_the_paper,
     depends_on_amplitude,
@@ -21,7 +21,7 @@ from jointid.verdict.rules_causes import (
     torque_lags,
 )
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import inertias_look_wrong, joints_mixed_up
+from jointid.verdict.rules_inertia import inertias_look_wrong
 from jointid.verdict.rules_model import (
     hardly_known,
     hardly_tested,
@@ -43,12 +43,13 @@ from jointid.verdict.rules_records import (
     wrong_frequency,
 )
 from jointid.verdict.rules_response import foreign_peak, rejected
+from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import enumerated
 
 __all__ = ["Evidence", "Finding", "findings"]
 
 
-_FAR = 8.0
+_FAR = 4.0
 """Difference of a fitted from a given inertia, in standard deviations, from which units may be wrong."""
 
 _Rule = Callable[[Evidence], Iterator[Finding]]
@@ -101,12 +102,12 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        scales = scale_findings(evidence.phasors, evidence.inertias, misfit=_scale_misfit(judge))
+        scales = wrong_data(evidence.phasors, evidence.inertias, misfit=_scale_misfit(judge))
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]
         judged = replace(evidence, fit=judge)
-        causes = list(joints_mixed_up(judged)) or list(inertias_look_wrong(judged))
+        causes = list(inertias_look_wrong(judged))
         if not causes:  # wrong inertias would pass for both
             causes += poses_disagree(evidence)
             causes += depends_on_amplitude(evidence)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.estimation.effects import GEAR_LAWS
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.linear_fit import LINEAR
 from jointid.estimation.parameters import elasticity_labels
 from jointid.rounding import significant, with_error
@@ -78,9 +79,7 @@ def lag_size(evidence: Evidence) -> str | None:
     interval = float(np.median([record.interval_s for record in evidence.records]))
     if lag is None or error is None or abs(lag) < max(0.01 * interval, CLEAR * error):
         return None
-    if abs(lag) >= 1e-3:
-        return f"{number(1e3 * abs(lag))} ms"
-    return f"{number(1e6 * abs(lag))} µs"
+    return f"{number(1e3 * abs(lag))} ms"
 
 
 def torque_lags(evidence: Evidence) -> Iterator[Finding]:
@@ -105,12 +104,15 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         f"If the drive explains it, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml."
     )
-    remedy = half_a_sample(evidence, lag) or remedy
+    remedy = half_a_sample(evidence) or remedy
+    others = alternatives(fit, "delay")
+    names, high = elasticity_labels(fit.n), without[worst] > p[worst]
+    title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
+    samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     yield note(
-        f"The torque {'lags' if lag > 0 else 'leads'} by {size}",
-        f"That is {with_error(abs(lag) / interval, fit.delay_error / interval)} samples, and is allowed "
-        f"for. Without it {elasticity_labels(fit.n)[worst]} would be {percent(share[worst])} too "
-        f"{'high' if without[worst] > p[worst] else 'low'}.",
+        f"{title}, or there is {others}" if others else title,
+        f"{CANNOT_TELL if others else ''}That is {samples} samples, and is allowed for. Without it "
+        f"{names[worst]} would be {percent(share[worst])} too {'high' if high else 'low'}.",
         remedy,
         float(share[worst]),
         "edit mapping",
@@ -122,16 +124,40 @@ def _in_a_file(value: float) -> str:
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
-def half_a_sample(evidence: Evidence, lag: float) -> str:
-    """Remedy for a delay from a missing or wrong statement of the hold; else empty."""
-    held = [record.torque_hold for record in evidence.records]
-    samples = lag / float(np.median([record.interval_s for record in evidence.records]))
-    if not any(held) and abs(samples - 0.5) < 0.1:
+CANNOT_TELL = "The records cannot tell these apart. "
+_EQUAL = 6.0
+"""Difference of the information criterion between models that explain the data alike, 2 ln 20."""
+
+
+def alternatives(fit: ElasticityFit, part: str) -> str:
+    """Names of what explains the data as well in place of a part of the model, such as a delay."""
+    chosen = next((c for c in fit.candidates if c.chosen), None)
+    if chosen is None:
+        return ""
+    rest, found = set(chosen.parts) - {part}, {}
+    for other in fit.candidates:
+        added = set(other.parts) - set(chosen.parts)
+        if rest < set(other.parts) and len(added) == 1 and len(other.parts) == len(chosen.parts):
+            (name,) = added
+            if other.criterion - chosen.criterion < _EQUAL:
+                found[name] = EFFECTS[name].name if name in EFFECTS else f"a {name}"
+    return " or ".join(found.values())
+
+
+def half_a_sample(evidence: Evidence) -> str:
+    """Remedy for a delay from a missing or wrong statement of the hold; else empty.
+
+    A filter of the torque acts like a delay by its time constant, one of the position like a lead.
+    """
+    p, held = evidence.fit.parameters, [record.torque_hold for record in evidence.records]
+    lag = p.delay + p.effect("lag") + p.effect("torque_filter") - p.effect("position_filter")
+    samples = np.atleast_1d(lag) / float(np.median([r.interval_s for r in evidence.records]))
+    if not any(held) and np.all(np.abs(samples - 0.5) < 0.1):
         return (
             "The torque lags by half a sample. If the controller holds the torque from one sample to "
             "the next, mark it as held on import, or set torque_hold = true in study.toml."
         )
-    if all(held) and abs(samples + 0.5) < 0.1:
+    if all(held) and np.all(np.abs(samples + 0.5) < 0.1):
         return (
             "The torque leads by half a sample: it is probably not held. Mark it as not held on "
             "import, or set torque_hold = false in study.toml."

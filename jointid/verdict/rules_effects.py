@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
-from jointid.answer import EFFECT_PARAMETERS, effect_values
-from jointid.rounding import with_error
+import numpy as np
+
+from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
 from jointid.verdict.evidence import Evidence, Finding, note
+from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
+from jointid.wording import capitalised
 
 _REMEDIES = {
     "arm_viscous": ("There is viscous friction at the arm", ""),
@@ -16,13 +20,16 @@ _REMEDIES = {
         "D holds the viscous part only. K is the stiffness at the mean frequency of the records, on a "
         "logarithmic scale; it rises with frequency.",
     ),
-    "lag": ("The torques lag, each by a time of its own", "Check when each drive samples and acts."),
+    "lag": (
+        "The torques {lag|lead} by different times",
+        "Check when each drive samples and acts.",
+    ),
     "position_filter": (
-        "The positions are filtered",
+        "The positions {are filtered|lead as if the torques were filtered}",
         "Log unfiltered positions if the drive allows it.",
     ),
     "torque_filter": (
-        "The torques are filtered",
+        "The torques {are filtered|lead as if the positions were filtered}",
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
@@ -30,27 +37,43 @@ _REMEDIES = {
         "The links bend above the band",
         "K and D hold for the gears alone; a controller for higher frequencies needs the links as well.",
     ),
-    "gravity": ("Gravity acts as a spring at the arm", ""),
+    "gravity": ("Gravity {holds the arm like a spring|pushes the arm away}", ""),
     "cubic": (
-        "A gear hardens or softens",
+        "A gear {hardens|softens}",
         "K holds for small deflections. Measure at the amplitude that the work needs.",
     ),
     "backlash": ("A gear has backlash", "K holds outside the play. Check the gear's preload."),
     "hysteresis": ("A gear has hysteresis", "K is the spring without its hysteresis."),
 }
-"""Title and remedy by effect, that is by its first parameter."""
+"""Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Every effect that the chosen model has, with its size."""
-    for name, (sizes, errors) in effect_values(evidence.fit).items():
+    fit = evidence.fit
+    for name, (sizes, errors) in effect_values(fit).items():
         if name not in _REMEDIES:
             continue
         label, unit = EFFECT_PARAMETERS[name]
-        values = ", ".join(
-            f"{with_error(float(size), float(error))} (joint {j})"
-            for j, (size, error) in enumerate(zip(sizes, errors, strict=True), start=1)
-        )
+        shown = [
+            Quantity(label, float(size), float(error), unit).shown
+            for size, error in zip(sizes, errors, strict=True)
+        ]
+        values = ", ".join(f"{value} (joint {j})" for j, (value, _) in enumerate(shown, start=1))
         title, remedy = _REMEDIES[name]
-        detail = f"{label[:1].upper()}{label[1:]}: {values} {unit}".rstrip()
-        yield note(title, f"{detail}. The answer accounts for it.", remedy, 0.01)
+        negative = sizes[int(np.argmax(np.abs(sizes) / np.where(errors > 0, errors, np.inf)))] < 0
+        title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if negative else r"\1", title)
+        others = alternatives(fit, name)
+        if name in _TIMES:
+            remedy = half_a_sample(evidence) or remedy
+        yield note(
+            f"{title}, or there is {others}" if others else title,
+            f"{capitalised(label)}: {values} {shown[0][1]}".rstrip()
+            + f". {CANNOT_TELL if others else ''}The answer accounts for it.",
+            remedy,
+            0.01,
+        )
+
+
+_TIMES = ("lag", "position_filter", "torque_filter")
+"""Effects that act like a delay."""

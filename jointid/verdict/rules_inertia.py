@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,19 +12,18 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
-from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
+from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
 from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, some, warning
-from jointid.verdict.plausibility import low_frequency_inertia
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
+from jointid.verdict.wrong_data import low_frequency_inertia
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
+_ABSURD = 10.0
+"""Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
-
-_NEARLY = 0.01
-"""The same for the comparison of joints that may be mixed up."""
 
 
 def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
@@ -54,7 +52,10 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
             f"{number(np.sqrt(judged.misfit), 2)} times what noise explains, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
-    yield warning(
+    absurd = not exact and off[0][0] > _ABSURD
+    if absurd:
+        accounts += " So large an error is a wrong unit, a wrong torque constant or another robot."
+    yield (problem if absurd else warning)(
         "The inertias look wrong",
         f"{row.name} is given as {given} kg·m², the records have "
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
@@ -84,78 +85,6 @@ def _significance(row: PriorRow, exact: bool) -> float:
     return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
 
 
-def joints_mixed_up(evidence: Evidence) -> Iterator[Finding]:
-    """Inertias or torques of two joints exchanged, or an axis that runs backwards."""
-    fit = evidence.fit
-    if fit.n == 1 or (fit.misfit <= _EXPLAINED and not np.any(disagreements(fit) > CLEAR)):
-        return
-    as_given = _misfit(evidence, list(evidence.inertias), np.arange(fit.n))
-    tried = []
-    for a in range(fit.n):
-        for b in range(a + 1, fit.n):
-            order = np.arange(fit.n)
-            order[[a, b]] = b, a
-            swapped = [
-                Inertia(i.M[order], i.M2[np.ix_(order, order)], gravity=i.gravity)
-                for i in evidence.inertias
-            ]
-            names = f"joints {a + 1} and {b + 1}"
-            tried += [
-                (
-                    _misfit(evidence, swapped, np.arange(fit.n)),
-                    f"The inertias of {names} look exchanged",
-                ),
-                (
-                    _misfit(evidence, list(evidence.inertias), order),
-                    f"The torques of {names} look exchanged",
-                ),
-            ]
-    for j in range(fit.n):
-        sign = np.where(np.arange(fit.n) == j, -1.0, 1.0)
-        mirrored = [
-            Inertia(i.M, i.M2 * np.outer(sign, sign), gravity=i.gravity) for i in evidence.inertias
-        ]
-        title = f"Joint {j + 1} looks reversed against the others"
-        tried.append((_misfit(evidence, mirrored, np.arange(fit.n)), title))
-    best, title = min(tried)
-    if best < 0.1 * as_given and best < 100:
-        yield problem(
-            title,
-            f"As given, the records leave {number(np.sqrt(as_given), 2)} times what noise explains; "
-            f"otherwise {number(np.sqrt(best), 2)} times.",
-            "Check the order of the joints in M and M2 and of the columns, and the sign of the coupling "
-            "inertias: position and torque of a joint may both be reversed.",
-            1.0,
-            "edit inertias",
-        )
-
-
-def _misfit(evidence: Evidence, inertias: list[Inertia], order: np.ndarray) -> float:
-    """Misfit of the chosen friction and delay with other inertias or another order of the torques."""
-    phasors, n = evidence.phasors, evidence.fit.n
-    columns = np.concatenate([np.arange(n), n + order])
-    changed = replace(
-        phasors,
-        tau=phasors.tau[:, order],
-        harmonics=phasors.harmonics[..., columns],
-        harmonic_covariance=phasors.harmonic_covariance[..., columns[:, None], columns],
-        covariance=phasors.covariance[:, columns[:, None], columns],
-    )
-    fit = evidence.fit
-    try:
-        estimate = identify_elasticity(
-            changed,
-            inertias,
-            method="maximum-likelihood",
-            friction=fit.friction is not None,
-            delay=fit.delay is not None,
-            inertia_std=float(np.clip(fit.prior.inertia_std, _NEARLY, _LOOSE)),
-        )
-    except JointIdError:
-        return np.inf
-    return estimate.misfit + float(np.square(disagreements(estimate)).sum())
-
-
 def _far_off(evidence: Evidence) -> Iterator[Finding]:
     """At low frequency the torques are (M + M2) q̈, which shows inertias of another pose or drive."""
     fit = evidence.fit
@@ -173,7 +102,18 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
         scale = np.sqrt(np.outer(np.diag(given), np.diag(given)))
         off = np.abs((measured + measured.T) / 2 - given) / scale
         i, j = (int(k) for k in np.unravel_index(np.argmax(off), off.shape))
-        if off[i, j] > 0.2:
+        falling = np.flatnonzero(np.diag(measured) <= 0)
+        if falling.size:
+            where = f" in pose {pose}" if pose else ""
+            yield problem(
+                f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
+                "At the lowest frequencies its torque opposes the acceleration, as no inertia does. The "
+                f"residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                "Check the sign of the torque. If it is right, measure at higher frequencies, or where "
+                "neither gravity nor springs and hoses pull.",
+                1.0,
+            )
+        elif off[i, j] > 0.2:
             element = f"J_m{i + 1} + J_a{i + 1}" if i == j else f"J_{i + 1}{j + 1}"
             where = f" in pose {pose}" if pose else ""
             yield problem(

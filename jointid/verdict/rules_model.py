@@ -101,7 +101,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
             remedy = f"The torque carries odd harmonics of {percent(odd)}: friction. " + (
                 "Use the automatic estimator." if fit.method in LINEAR else "Check the inertias too."
             )
-    if fit.delay is not None and (mended := half_a_sample(evidence, fit.delay)):
+    if mended := half_a_sample(evidence):
         remedy, action = mended, "edit mapping"
     elif fit.friction is not None:
         remedy = (
@@ -109,14 +109,14 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
             "from outside remain."
         )
     share = relative(fit.standard_error, fit.estimate).max()
+    left = f"The residual is {number(np.sqrt(fit.misfit), 2)} × noise"
+    if freedom > 0:
+        left += f", at the frequencies of the motion {number(np.sqrt(max(misfit, 1.0)), 2)} × noise"
+    widened = number(np.sqrt(fit.inflation), 2)
+    if fit.inflation > 1:
+        left += f". The part of the error bars that comes from noise is widened by {widened}"
     yield warning(
-        "The model, not the noise, limits the answer",
-        f"The equations leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains, at the "
-        f"frequencies of the motion {number(np.sqrt(max(misfit, 1.0)), 2)} times. The part of the error "
-        f"bars that comes from noise is widened by {number(np.sqrt(fit.inflation), 2)}.",
-        remedy,
-        float(share),
-        action,
+        "The model, not the noise, limits the answer", f"{left}.", remedy, float(share), action
     )
 
 
@@ -128,8 +128,9 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
         return
     yield warning(
         "The records hardly test the model",
-        f"{counted(len(evidence.records), 'record')} give hardly more equations than there are unknowns "
-        f"({number(freedom, 2)} more): what the model lacks may not show.",
+        f"{counted(len(evidence.records), 'record')} give "
+        + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
+        + " more equations than there are unknowns: an effect that the model lacks may not show.",
         "Add records at other frequencies.",
         0.3,
     )

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
+from jointid.verdict.causes import DEGREES, GOOD
 from jointid.verdict.evidence import Evidence, Finding, number, problem
-
-_SUSPECTS = 8
-"""Number of records left out one at a time: those with a stiffness furthest from the median."""
+from jointid.verdict.scorer import Scorer
 
 _LEFT = 0.02
 """Largest share of the misfit without the record; by noise alone, one record changes little."""
@@ -34,10 +32,9 @@ _FEWEST = 4
 _TOLERANCE = 0.15
 """Relative difference within which a factor counts as a known one, or as 1."""
 
-_DEGREES = np.pi / 180
 _KNOWN = (
-    (_DEGREES, "angle", "looks logged in degrees", "Multiply {} by π/180 in this record."),
-    (-_DEGREES, "angle", "looks logged in degrees, with the sign reversed", "Multiply {} by −π/180."),
+    (DEGREES, "angle", "looks logged in degrees", "Multiply {} by π/180 in this record."),
+    (-DEGREES, "angle", "looks logged in degrees, with the sign reversed", "Multiply {} by −π/180."),
     (-1.0, "torque", "looks reversed in sign", "Reverse the sign of {} in this record."),
     (1e3, "torque", "looks logged in mN·m", "Divide {} by 1000 in this record."),
     (1e-3, "angle", "looks logged in mrad", "Divide {} by 1000 in this record."),
@@ -98,37 +95,30 @@ def find_outlier(
         The answer. With a small misfit there is no search.
     """
     count, n = phasors.omega.size, phasors.n
-    sound = fit is not None and bool(np.all(fit.K > 0)) and fit.misfit < 10
+    sound = fit is not None and bool(np.all(fit.K > 0)) and fit.misfit < GOOD
     if sound or count - 1 < max(_FEWEST, n + 1):
         return None
-    as_is = _fitted(phasors, inertias)
-    with_it = np.inf if as_is is None else as_is.misfit
-    if with_it < 10:
+    scorer = Scorer.of(phasors, inertias)
+    as_logged = [scorer.as_logged()]
+    whole = scorer.scores(as_logged)
+    if whole.cost[0] < GOOD:
         return None
-    stiffness = np.abs(spring_equations(phasors, inertias).stiffness)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        apart = np.abs(np.log(stiffness / np.median(stiffness, axis=0)))
-    order = np.argsort(-np.nan_to_num(apart, nan=50.0, posinf=50.0).max(axis=1))[:_SUSPECTS]
-    fits = {int(i): _fitted(*_without(phasors, inertias, int(i))) for i in order}
-    misfit = {i: np.inf if each is None else each.misfit for i, each in fits.items()}
-    first, *others = sorted(misfit, key=lambda i: misfit[i])
-    left = misfit[first]
-    reference = with_it if np.isfinite(with_it) else _infinite_as(phasors, inertias)
-    if not left < _LEFT * reference or any(misfit[i] < _OTHERS_LEFT * reference for i in others):
+    without = scorer.scores(as_logged, 1 - np.eye(count))
+    first, second = np.argsort(without.cost, kind="stable")[:2].tolist()
+    left, reference = float(without.cost[first]), float(whole.misfit[0])
+    if not (left < _LEFT * reference and without.cost[second] >= _OTHERS_LEFT * reference):
         return None
-    best = fits[first]
-    if best is None:
-        return None
-    factor, by_angle = _factor(phasors, inertias[first], best, first)
+    K, D = without.K[first], without.D[first]
+    factor, by_angle = _factor(phasors, inertias[first], K, D, first)
     if factor is not None:
-        mended = _fitted(_mended(phasors, first, factor, by_angle), inertias)
-        if mended is None or mended.misfit > max(3 * left, 0.1 * _LEFT * reference):
-            factor = None
-    if factor is None and not left < 10:
+        scale = np.r_[factor, np.ones(n)] if by_angle else np.r_[np.ones(n), 1 / factor]
+        corrected = scorer.corrected(first, 1 / scale).scores(as_logged).cost[0]
+        factor = factor if corrected <= max(3 * left, 0.1 * _LEFT * reference) else None
+    if factor is None and not left < GOOD:
         return None  # the others do not fit either
-    own = spring_equations(phasors, inertias).stiffness[first]
-    expected = np.abs(best.K + 1j * phasors.omega[first] * best.D)
-    return Outlier(first, with_it, left, np.abs(own) / expected, factor, by_angle)
+    own = np.abs(spring_equations(phasors, inertias).stiffness[first])
+    expected = np.abs(K + 1j * phasors.omega[first] * D)
+    return Outlier(first, float(whole.cost[0]), left, own / expected, factor, by_angle)
 
 
 def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
@@ -158,12 +148,12 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
 
 
 def _factor(
-    phasors: Phasors, inertia: Inertia, fit: ElasticityFit, i: int
+    phasors: Phasors, inertia: Inertia, K: Floats, D: Floats, i: int
 ) -> tuple[Floats | None, bool]:
     """Real factors of each joint that make a record agree with K and D of the others."""
     s = np.asarray(1j * phasors.omega[i : i + 1], np.complex128)
     arm = np.asarray(np.linalg.inv(dynamic_arm_inertia(s.imag, inertia)), np.float64)
-    Z = motor_impedance(s, inertia.M, arm, fit.K, fit.D)[0][0]
+    Z = motor_impedance(s, inertia.M, arm, K, D)[0][0]
     q, tau = phasors.q[i], phasors.tau[i]
     # One factor for all joints does not separate angle from torque: the usual signal is assumed.
     predicted = Z @ q
@@ -204,34 +194,3 @@ def _snapped(factor: float) -> float:
 
 def _usual_on_angle(factor: float) -> bool:
     return next((signal for known, signal, *_ in _KNOWN if known == factor), "angle") == "angle"
-
-
-def _mended(phasors: Phasors, i: int, factor: Floats, by_angle: bool) -> Phasors:
-    """The phasors with one record divided by the factor."""
-    n = phasors.n
-    scale = np.ones((phasors.omega.size, 2 * n))
-    scale[i] = np.r_[factor, np.ones(n)] if by_angle else np.r_[np.ones(n), 1 / factor]
-    return phasors.scaled(scale)
-
-
-def _without(phasors: Phasors, inertias: list[Inertia], i: int) -> tuple[Phasors, list[Inertia]]:
-    rest = [k for k in range(phasors.omega.size) if k != i]
-    return phasors.select(rest), [inertias[k] for k in rest]
-
-
-def _fitted(phasors: Phasors, inertias: list[Inertia]) -> ElasticityFit | None:
-    """The linear fit; None when it is unphysical."""
-    try:
-        fit = identify_elasticity(phasors, inertias, method="weighted")
-    except JointIdError:
-        return None
-    lossy = -4 * fit.standard_error[fit.n :] < fit.D
-    return fit if np.all(fit.K > 0) and lossy.all() else None
-
-
-def _infinite_as(phasors: Phasors, inertias: list[Inertia]) -> float:
-    """Misfit assigned to unphysical fits; without any fit, larger than any other."""
-    try:
-        return max(identify_elasticity(phasors, inertias, method="weighted").misfit, 500.0)
-    except JointIdError:
-        return 1e6

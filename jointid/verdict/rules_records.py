@@ -221,16 +221,21 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         if not stepped.any():
             continue
         counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
-        limited = rounding[stepped, j] > 0.5 * variance[stepped, j]
-        if limited.mean() > 0.5 or counts.min() < 10:
+        limited = (rounding[stepped, j] > 0.5 * variance[stepped, j]).mean() > 0.5
+        if limited or counts.min() < 10:
             size = float(np.median(step[stepped, j]))
             make = warning if counts.min() < 3 else note
+            share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
             yield make(
-                f"The encoder of joint {j + 1} limits the noise",
+                f"The encoder of joint {j + 1} "
+                + ("limits the noise" if limited else "is coarse for the smallest motion"),
                 f"It counts in steps of {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
-                f"the smallest sine is {number(counts.min(), 2)} steps in amplitude. Rounding makes "
-                f"{percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))} of "
-                "the angle's noise.",
+                f"the smallest sine is {number(counts.min(), 2)} steps in amplitude. "
+                + (
+                    f"Rounding makes {share} of the angle's noise."
+                    if limited
+                    else "Rounding of so few steps repeats with the motion and does not average out."
+                ),
                 "Move further at the frequencies with the smallest motion, record longer, and avoid "
                 "frequencies that divide the sample rate, where the same steps repeat.",
                 0.5 * _worst_error(evidence),

@@ -7,12 +7,12 @@ import unicodedata
 from dataclasses import dataclass
 
 from jointid.importing.columns.log_table import LogColumn
-from jointid.importing.columns.units import QUANTITIES
+from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 
 _LINES = {  # English, German, French, Italian, Spanish; without accents
     "time": "time t zeit zeitstempel timestamp timestamps stamp clock temps tempo tiempo uhrzeit "
-    "zeitpunkt abtastzeit sec secs nsec elapsed messzeit",
-    "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter",
+    "zeitpunkt abtastzeit sec secs nsec elapsed messzeit duration",
+    "sample": "sample samples index idx nr no takt cycle zyklus step schritt ipoc counter zaehler",
     "position": "position positions pos angle angles ang theta th q phi winkel lage lagen ist istwert "
     "istposition istwinkel istlage lageistwert motorwinkel gelenkwinkel achswinkel drehwinkel "
     "encoder enc inc ink inkr inkremente increments drehgeber geber resolver axis achse joint "
@@ -22,24 +22,44 @@ _LINES = {  # English, German, French, Italian, Spanish; without accents
     "motormoment istmoment effort efforts couple coppia par moteur load last current curr strom "
     "motorstrom iq i amp courant corrente corriente torcurr axistorque acttorque",
     "velocity": "velocity velocities vel speed speeds dq qd qdot omega w drehzahl geschwindigkeit "
-    "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd jerk",
+    "geschw vitesse velocita velocidad rate rpm dot acceleration acc accel beschleunigung qdd ddq jerk "
+    "dtau dtheta",
     "command": "command cmd commanded soll sollwert sollposition sollmoment sollwinkel reference ref "
-    "desired des target ziel setpoint setp consigne stell vorgabe planned nominal error err fehler "
-    "deviation abweichung schleppfehler deflection feedforward ff vorsteuerung",
-    "other": "temperature temp temperatur voltage spannung volt power leistung status state mode error "
-    "flag digital input output force kraft pressure druck busvoltage pwm",
+    "desired des target ziel setpoint setp consigne stell vorgabe planned nominal feedforward ff "
+    "vorsteuerung d",
+    "no": "error err fehler deviation abweichung schleppfehler deflection limit limits min max offset "
+    "temperature temp temperatur pressure druck status flag success id",
+    "other": "voltage spannung volt power leistung state mode digital input output force kraft "
+    "busvoltage pwm ext external hat filtered estimate estimated",
     "motor": "motor motorside mot rotor antrieb antriebsseitig motorseitig motormoment motorwinkel "
     "moteur motore drive",
-    "joint": "joint link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
+    "joint": "joint j link arm load abtrieb output achse axis gelenk axe asse eje abtriebsseitig "
     "lastseitig",
     "behind": "joint link linkside jointside arm armside loadside output abtrieb abtriebsseitig gelenk "
     "gelenkmoment gelenkwinkel lastseitig",
-    "any": "joint axis achse gelenk ist act actual measured fbk feedback load last th",
+    "any": "joint axis achse gelenk ist istwert act actual measured fbk fb feedback load last th",
+    "path": "axes drives value values main plc prg gvl robot channel",
     "current": "current curr strom motorstrom iq i amp courant corrente corriente",
 }
 WORDS = {kind: set(line.split()) for kind, line in _LINES.items()}
 _ALL_WORDS = set().union(*WORDS.values())
 _TOKEN = re.compile(r"[a-z]+|\d+")
+_SOFT = WORDS["any"] | WORDS["current"]
+_QUANTITY = set().union(*(WORDS[k] for k in ("time", "position", "torque", "velocity"))) - WORDS["any"]
+_COSTS = (("velocity", 4.0), ("command", 1.5), ("no", 4.0), ("other", 1.0), ("sample", 1.5))
+"""Evidence against a position and a torque."""
+
+# CiA 402 (IEC 61800-7-201): objects of the drive profile; those of axis k begin at 6000h + 800h (k - 1).
+_OBJECTS = {
+    0x6063: "position actual", 0x6064: "position actual", 0x6077: "torque actual",
+    0x6078: "current actual", 0x606C: "velocity actual", 0x6069: "velocity actual",
+    0x6062: "position demand command", 0x606B: "velocity demand", 0x6074: "torque demand command",
+    0x607A: "position target", 0x6071: "torque target", 0x60FF: "velocity target",
+    0x60F4: "position error", 0x6079: "voltage", 0x6040: "status", 0x6041: "status",
+}  # fmt: skip
+_OBJECT = re.compile(
+    r"(?<![0-9a-z])(?:0x(6[0-9a-f]{3})|(6[0-9a-f]{3})h|(6[0-9a-f]{3})(?=:))(?![0-9a-z])"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +76,10 @@ class NamedColumn:
 def described(column: LogColumn) -> NamedColumn:
     """Score a column as position and as torque from its name and unit, and identify its joint."""
     words = words_of(column.name)
-    stated = set(words)
+    stated = _of_quantity(column.name)
+    current = stated & WORDS["current"]
+    if current and stated & WORDS["position"] - WORDS["any"] <= {"q"}:
+        stated = stated - {"q"}  # the q axis of the motor, not an angle
     score = {}
     for role, (units, _) in QUANTITIES.items():
         points = 0.0
@@ -69,24 +92,61 @@ def described(column: LogColumn) -> NamedColumn:
             points += 0.2
         elif column.unit:
             points -= 4.0
-        if stated & WORDS["current"] and role == "torque":
+        if current and role == "torque":
             points -= 0.5
-        for kind, cost in (("velocity", 3.0), ("command", 1.5), ("other", 1.0), ("time", 1.0)):
+        for kind, cost in _COSTS:
             points -= cost * bool(stated & WORDS[kind] - WORDS[role])
-        points -= 0.25 * bool("motor" in stated and role == "position")
+        if clock := stated & WORDS["time"]:
+            points -= 1.0 if clock <= {"t"} else 4.0
+        points -= 0.25 * bool("motor" in words and role == "position")
         score[role] = points
+    if stated & WORDS["torque"] - _SOFT:
+        score["position"] -= 4.0  # "q7_tau" is the torque of a joint
+    elif score["position"] == score["torque"]:
+        score = dict.fromkeys(score, min(0.0, score["torque"]))
     # Without the words for quantities, the rest of the name identifies the joint.
     left = [w for w in words if w.isdigit() or w not in _ALL_WORDS]
-    return NamedColumn(column, " ".join(left).lstrip("0") or " ".join(left), score)
+    return NamedColumn(column, re.sub(r"^0+(?=\d)", "", " ".join(left)), score)
+
+
+def _of_quantity(name: str) -> set[str]:
+    """Words of the last part of a path that names a quantity: pos, rel of "pos_vel_mapper.pos_rel"."""
+    parts = [set(words_of(part)) for part in re.split(r"[./\\|]+", name)]
+    return next((part for part in reversed(parts) if part & _QUANTITY), set().union(*parts))
+
+
+def states_quantity(column: LogColumn) -> bool:
+    """Whether name or unit say that a column is neither a clock nor a counter."""
+    stated = _of_quantity(column.name)
+    if stated & WORDS["time"] or stated & WORDS["sample"]:
+        return False
+    return bool(stated & _QUANTITY) or column.unit not in ("", SAMPLES, *TIME_UNITS)
+
+
+def drive_object(name: str) -> str:
+    """Words for the CiA 402 object that a name states, "torque actual" for "6077h", or ""."""
+    found = _OBJECT.search(name.lower())
+    words = _object_words(found).strip() if found else ""
+    return words if found and words != found[0] else ""
 
 
 def words_of(name: str) -> tuple[str, ...]:
     """Lower-case words and numbers of a name: "ActPos_A1" is act, pos, a, 1."""
-    plain = unicodedata.normalize("NFKD", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name))
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    if drive_object(name):
+        name = _OBJECT.sub(_object_words, name.lower())
+    plain = unicodedata.normalize("NFKD", re.sub(r"\b[iI]_?[qQ](?![a-z])", "iq", name))
     plain = "".join(c for c in plain if not unicodedata.combining(c)).lower()
     for letter, word in (("θ", "theta"), ("τ", "tau"), ("φ", "phi"), ("ϑ", "theta"), ("ß", "ss")):
         plain = plain.replace(letter, word)
     return tuple(_TOKEN.findall(plain))
+
+
+def _object_words(found: re.Match[str]) -> str:
+    code = int(next(filter(None, found.groups())), 16)
+    axis = (code - 0x6000) // 0x800
+    words = _OBJECTS.get(code - axis * 0x800, "")
+    return f"{words} {axis + 1 if axis else ''} " if words else found[0]
 
 
 def number_in(group: str) -> int | None:

@@ -13,19 +13,22 @@ from jointid.importing.columns.column_words import (
     NamedColumn,
     by_number,
     described,
+    drive_object,
     number_in,
     words_of,
 )
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
-from jointid.importing.map.mapping import JOINT, MOTOR, Channel, JointMapping, Mapping
+from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR, Channel, JointMapping, Mapping
 from jointid.importing.map.more_joints import join_by_number, lone_columns
 from jointid.importing.map.reasons import Reason, scale_reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted
 
+NO_COLUMN = LogColumn("", np.zeros(0))
+"""In the place of a column that nothing indicates."""
 _NO_SIDE = "The name says no side; the motor's is assumed."
 
 
@@ -52,8 +55,8 @@ def guess_mapping(table: LogTable) -> Guess:
     Returns
     -------
     Guess
-        A complete mapping with a reason for every entry. Scales and gear ratios are never in a log:
-        they are 1 until the user gives them.
+        A mapping with a reason for every entry; a role that no column fits has none ("") until the user
+        chooses one. Scales and gear ratios are never in a log: they are 1 until the user gives them.
 
     Raises
     ------
@@ -65,10 +68,13 @@ def guess_mapping(table: LogTable) -> Guess:
     columns = [described(c) for c in table.columns if c.name != time.column]
     pairs = _pairs(columns, reasons)
     if not pairs:
-        pairs = pairs_by_shape([c.column for c in columns], reasons)
+        pairs = pairs_by_shape(table, time, [c.column for c in columns], reasons)
     if not pairs:
         pairs = _first_two(table, columns, reasons)
-    joints = tuple(_joint(number, *pair, reasons) for number, pair in enumerate(pairs, start=1))
+    if len(pairs) > MAX_JOINTS:
+        reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
+    found = enumerate(pairs[:MAX_JOINTS], start=1)
+    joints = tuple(_joint(number, *pair, reasons) for number, pair in found)
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
     return Guess(Mapping(time, joints), tuple(reasons))
@@ -80,7 +86,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
     for entry in columns:
         for role in ("position", "torque"):
             other = "torque" if role == "position" else "position"
-            if entry.score[role] <= 0 or entry.score[role] < entry.score[other]:
+            if entry.score[role] <= max(0.0, entry.score[other]):
                 continue
             group = best.setdefault(entry.group, {})
             if role not in group or entry.score[role] > group[role].score[role]:
@@ -111,7 +117,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
 def _first_two(
     table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
-    """Return a first proposal when names are unclear: the clearest columns, else the first that vary."""
+    """Return one joint when no two columns belong together: the clearest column of each role, if any."""
     varying = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
     varying = varying or [*columns]
     if len(varying) < 2:
@@ -119,13 +125,17 @@ def _first_two(
             f"{table.name} has {counted(len(varying), 'column')} of changing values beside the time; "
             f"a log needs a position and a torque. Columns found: {', '.join(table.names[:20])}."
         )
-    position = max(varying, key=lambda c: c.score["position"])
-    rest = [c for c in varying if c is not position]
-    torque = max(rest, key=lambda c: c.score["torque"])
-    for role, entry in (("position", position), ("torque", torque)):
-        why = f'No name says which column is the {role}; "{entry.column.name}" is a mere proposal. '
-        reasons.append(Reason(f"{role} of joint 1", why + "Choose the right one."))
-    return [(position.column, torque.column)]
+    pair = []
+    for role, other in (("position", "torque"), ("torque", "position")):
+        fit = max(varying, key=lambda c, r=role: c.score[r])  # type: ignore[misc]
+        if fit.score[role] > max(0.0, fit.score[other]):
+            pair.append(fit.column)
+            why = f'"{fit.column.name}" fits best as {role}; no name says with which column it belongs.'
+        else:
+            pair.append(NO_COLUMN)
+            why = f"No name or unit says which column is the {role}: choose it."
+        reasons.append(Reason(f"{role} of joint 1", why))
+    return [(pair[0], pair[1])]
 
 
 def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
@@ -156,11 +166,13 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in ANGLE_UNITS:
         return column.unit, True, f'The file says "{column.unit}".'
     values = column.values[np.isfinite(column.values)]
+    if not values.size:
+        return "rad", False, "Radians, until a column is chosen."
     whole = bool(np.all(values == np.round(values)))
-    span = float(np.ptp(values)) if values.size else 0.0
+    span = 2 * (0.5 * float(values.max()) - 0.5 * float(values.min()))
     if whole and span >= 20:
         return "counts", False, f"Whole numbers over a range of {span:g}: encoder counts."
-    largest = float(np.abs(values).max()) if values.size else 0.0
+    largest = float(np.abs(values).max())
     if largest > 20:
         return "deg", False, f"Values up to {largest:.4g} are taken for degrees."
     return "rad", False, f"Values up to {largest:.4g} are taken for radians."
@@ -169,6 +181,8 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
 def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in TORQUE_UNITS:
         return column.unit, True, f'The file says "{column.unit}".'
+    if drive_object(column.name):
+        return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
         return "A", False, "The name says current; its unit is taken for ampere."
     return "N·m", False, "The file names no unit; newton metres are assumed."

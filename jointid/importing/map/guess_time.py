@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.importing.columns.column_words import WORDS, words_of
+from jointid.importing.columns.column_words import WORDS, states_quantity, words_of
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import SAMPLES, TIME_UNITS, unit_of
 from jointid.importing.map.mapping import TimeColumn
@@ -14,6 +14,8 @@ from jointid.wording import counted
 
 _MAX_LATE = 0.02
 """Share of steps back in a column named as time: a buffer written twice, an overflow."""
+_LARGEST = 1e100
+"""Larger values are damage; their differences overflow."""
 
 
 def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
@@ -27,14 +29,18 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
     """
     best: tuple[float, LogColumn, int] | None = None
     for place, column in enumerate(table.columns):
+        if states_quantity(column):
+            continue
         values = column.values[np.isfinite(column.values)]
+        if np.abs(values).max(initial=0.0) > _LARGEST:
+            continue
         late = _late_rows(values[:100_000], named=_says_time(column))
         if late is None:
             continue
         words = words_of(column.name)
         score = 3.0 * bool(WORDS["time"] & set(words)) + 2.0 * (_time_unit(column) in TIME_UNITS)
         score += 1.0 * bool(WORDS["sample"] & set(words)) + 1.0 * (column.unit == SAMPLES)
-        score += 0.5 * (place == 0) + 0.5 * _is_even(values)
+        score += 0.5 * (place == 0) + 0.5 * _is_even(values) + 0.5 * is_clock_like(values)
         if score >= 0.5 and (best is None or score > best[0]):
             best = (score, column, late)
     if best is None:
@@ -99,6 +105,11 @@ def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:
     why = f'Its steps are {step:.3g}, which makes {rate_hz:.4g} Hz in "{unit}".'
     reasons.append(Reason("unit of time", why, sure))
     return TimeColumn(column.name, unit)
+
+
+def is_clock_like(values: Floats) -> bool:
+    """Whether values rise from row to row over a log of some length: no joint moves so."""
+    return values.size >= 50 and bool(np.all(values[1:] > values[:-1]))
 
 
 def _is_even(values: Floats) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
+from jointid.importing.map.common_clock import on_one_clock
 from jointid.importing.map.mapping import Mapping
 from jointid.importing.map.sample_times import sample_times
 from jointid.importing.map.unwrap import unwrapped
@@ -86,15 +87,22 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     MappedLog
         θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
         joint side. Rows with a missing value and copies are left out; notes count them and name gaps.
+        Signals with times of their own are interpolated at those of the slowest; a note says so.
 
     Raises
     ------
     JointIdError
-        When a column is missing, too few rows are complete, or the times do not increase.
+        When a column is missing or not chosen, too few rows are complete, or the times do not increase.
     """
     names = mapping.columns
+    if mapping.open_roles:
+        raise JointIdError(
+            f"{table.name}: no column is chosen for {listed(mapping.open_roles)}. Choose one of: "
+            f"{listed(name for name in table.names if name not in names)}."
+        )
     raw = [table.column(name).values for name in names]
     time = raw.pop(0) if mapping.time.column else np.arange(table.rows, dtype=float)
+    raw, clock_note = on_one_clock(mapping, time, raw)
     complete = np.isfinite(time)
     for column in raw:
         complete &= np.isfinite(column)
@@ -106,8 +114,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
             f"{table.name}: {counted(kept, 'row')} with all of {listed(names)}.{which} Choose other "
             "columns."
         )
-    notes = list(table.notes)
-    if kept < table.rows:
+    notes = [*table.notes, clock_note] if clock_note else list(table.notes)
+    if kept < table.rows and not clock_note:
         first = int(np.argmin(complete))
         missed = table.rows - kept
         said = "misses a value and was" if missed == 1 else "miss a value and were"

@@ -66,6 +66,7 @@ class Channel:
     Parameters
     ----------
     column : str
+        Empty while none is chosen.
     unit : str
         Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``.
     scale : float, optional
@@ -175,7 +176,7 @@ class Mapping:
         for number, joint in enumerate(self.joints, start=1):
             for what, channel in (("position", joint.position), ("torque", joint.torque)):
                 role = f"{what} of joint {number}"
-                if channel.column in seen:
+                if channel.column and channel.column in seen:
                     raise JointIdError(
                         f'The column "{channel.column:.60}" is both {seen[channel.column]} and {role}: '
                         "choose another for one of them."
@@ -192,9 +193,19 @@ class Mapping:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of all columns that are used: time (if any), positions, torques."""
-        time = (self.time.column,) if self.time.column else ()
-        positions = (joint.position.column for joint in self.joints)
-        return (*time, *positions, *(joint.torque.column for joint in self.joints))
+        positions = [joint.position.column for joint in self.joints]
+        torques = [joint.torque.column for joint in self.joints]
+        return tuple(name for name in (self.time.column, *positions, *torques) if name)
+
+    @property
+    def open_roles(self) -> tuple[str, ...]:
+        """Roles without a column: "torque of joint 1"."""
+        return tuple(
+            f"{what} of joint {number}"
+            for number, joint in enumerate(self.joints, start=1)
+            for what in QUANTITIES
+            if not getattr(joint, what).column
+        )
 
 
 def _checked_channel(what: str, channel: object) -> Channel:
@@ -202,8 +213,6 @@ def _checked_channel(what: str, channel: object) -> Channel:
     if not isinstance(channel, Channel):
         raise JointIdError(f"{what}: expected a Channel, got {shown(channel)}.")
     _require_text(what, "column", channel.column)
-    if not channel.column:
-        raise JointIdError(f"{what}: no column is chosen. Choose one.")
     where = f"{what} ({channel.column:.60})"
     _require_one_of(where, "unit", channel.unit, tuple(units))
     _require_one_of(where, "side", channel.side, (MOTOR, JOINT))

@@ -37,12 +37,18 @@ def join_by_number(
         if len(group) == 1 and number is not None:
             (role,) = group
             lone[role].setdefault(number, []).append(key)
+    if (0 in lone["position"]) != (0 in lone["torque"]):
+        return set()  # one kind counts from 0, the other from 1
     taken = {number_in(key) for key in complete}
     joined = set()
     for number, keys in lone["position"].items():
         others = lone["torque"].get(number, [])
-        if len(keys) == len(others) == 1 and number not in taken:
-            pair = best.pop(keys[0]) | best.pop(others[0])
+        if others and number not in taken:
+            clearest = [
+                max(each, key=lambda key, r=role: best[key][r].score[r])  # type: ignore[misc]
+                for role, each in (("position", keys), ("torque", others))
+            ]
+            pair = best.pop(clearest[0]) | best.pop(clearest[1])
             key = str(number)
             best[key] = complete[key] = pair
             joined.add(key)
@@ -101,10 +107,10 @@ def propose_joint(
     channels, reasons = [], []
     for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
         end = f"{role} of joint {number}"
-        fit = max(free, key=lambda c, r=role: c.score[r] - c.score[_OTHER[r]], default=None)  # type: ignore[misc]
-        if fit is not None and role == "position" and len(free) == 1:
-            fit = fit if fit.score["position"] >= fit.score["torque"] else None
-        text, said = "No column is left for it: choose one, or a joint less.", ""
+        fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
+        if fit is not None and fit.score[role] <= max(0.0, fit.score[_OTHER[role]]):
+            fit = None
+        text, said = "No column is left that fits: choose one, or a joint less.", ""
         if fit is not None:
             free.remove(fit)
             text = f'"{fit.column.name}" is a mere proposal, of the columns not yet used.'

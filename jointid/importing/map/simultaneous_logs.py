@@ -95,7 +95,7 @@ def joint_log(index: int, table: LogTable) -> JointLog | None:
         mapping = guess_mapping(table).mapping
     except JointIdError:
         return None
-    if mapping.n != 1 or table.rows < 2:
+    if mapping.n != 1 or mapping.open_roles or table.rows < 2:
         return None
     column = mapping.time.column
     time = table.column(column).values if column else np.arange(table.rows, dtype=float)

@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.importing.columns.log_table import LogColumn
-from jointid.importing.map.mapping import MAX_JOINTS
+from jointid.importing.columns.log_table import LogColumn, LogTable
+from jointid.importing.columns.units import TIME_UNITS
+from jointid.importing.map.guess_time import is_clock_like
+from jointid.importing.map.mapping import MAX_JOINTS, TimeColumn
 from jointid.importing.map.reasons import Reason
 
 _NO_NAME = re.compile(
@@ -18,6 +20,8 @@ _NO_NAME = re.compile(
 _CLEAR = 0.05
 """Difference in log-roughness per joint above which a layout is clear."""
 _MAX_SAMPLES = 200_000  # of which the roughness is taken
+_DERIVATIVE = 0.1
+"""Relative difference below which a column is the derivative of another, in its own unit per second."""
 
 
 def is_unnamed(column: LogColumn) -> bool:
@@ -26,15 +30,18 @@ def is_unnamed(column: LogColumn) -> bool:
 
 
 def pairs_by_shape(
-    columns: Sequence[LogColumn], reasons: list[Reason]
+    table: LogTable, time: TimeColumn, columns: Sequence[LogColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
     """Pair 2n unnamed columns as n positions and n torques.
 
     A position is a torque integrated twice, hence the smoother signal. Usual orders are all positions,
-    then all torques, or joint by joint; either quantity may be first.
+    then all torques, or joint by joint; either quantity may be first. Clocks, and columns that are the
+    derivative of another, are left out.
 
     Parameters
     ----------
+    table : LogTable
+    time : TimeColumn
     columns : sequence of LogColumn
         All but the time.
     reasons : list of Reason
@@ -43,13 +50,20 @@ def pairs_by_shape(
     Returns
     -------
     list of tuple of LogColumn
-        Position and torque of each joint; empty when the columns are not 2n of this kind.
+        Position and torque of each joint, of one joint from an odd number of columns; empty when the
+        columns are not of this kind.
     """
-    columns = [c for c in columns if np.nanmax(c.values) > np.nanmin(c.values)]
+    columns = [
+        c for c in columns if np.nanmax(c.values) > np.nanmin(c.values) and not is_clock_like(c.values)
+    ]
+    columns = _without_velocities(table, time, columns)
     n, odd = divmod(len(columns), 2)
-    if odd or not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
+    if not 0 < n <= MAX_JOINTS or not all(is_unnamed(c) for c in columns):
         return []
     rough = np.log([_roughness(c.values) for c in columns])
+    if odd:  # one joint, of the smoothest column and the roughest
+        order = np.argsort(rough, kind="stable")
+        columns, rough, n = [columns[k] for k in order[[0, -1]]], rough[order[[0, -1]]], 1
     blocks = [(k, n + k) for k in range(n)]
     interleaved = [(2 * k, 2 * k + 1) for k in range(n)]
     layouts = [blocks, [(t, q) for q, t in blocks], interleaved, [(t, q) for q, t in interleaved]]
@@ -63,6 +77,35 @@ def pairs_by_shape(
             text = f'No column has a name; "{columns[k].name}" is a mere proposal, because {why}. '
             reasons.append(Reason(f"{role} of joint {number}", text + "Check it in the picture."))
     return [(columns[q], columns[t]) for q, t in layouts[best]]
+
+
+def _without_velocities(
+    table: LogTable, time: TimeColumn, columns: Sequence[LogColumn]
+) -> list[LogColumn]:
+    if not time.column or time.unit not in TIME_UNITS or len(columns) > 3 * MAX_JOINTS:
+        return [*columns]
+    seconds = table.column(time.column).values[:_MAX_SAMPLES] * TIME_UNITS[time.unit]
+    values = [column.values[: seconds.size] for column in columns]
+    if (
+        seconds.size < 50
+        or np.any(np.diff(seconds) <= 0)
+        or not all(np.isfinite(v).all() for v in values)
+    ):
+        return [*columns]
+    sizes = [float(np.abs(v).max()) for v in values]
+    values = [v / size for v, size in zip(values, sizes, strict=True)]  # squares of damage overflow
+    slopes = [np.gradient(v, seconds) for v in values]
+
+    def is_slope(k: int) -> bool:
+        for j, slope in enumerate(slopes):
+            power = float(slope @ slope)
+            factor = float(slope @ values[k]) / power if j != k and 0 < power < np.inf else 0.0
+            left = float(np.linalg.norm(values[k] - factor * slope)) / float(np.linalg.norm(values[k]))
+            if left < _DERIVATIVE and abs(factor * sizes[k] / sizes[j] - 1) < _DERIVATIVE:
+                return True
+        return False
+
+    return [column for k, column in enumerate(columns) if not is_slope(k)]
 
 
 def _roughness(values: Floats) -> float:

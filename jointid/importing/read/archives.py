@@ -17,8 +17,8 @@ from jointid.importing.columns.log_table import (
     require_few_values,
     require_small,
 )
-from jointid.importing.read.file_types import is_zip
 from jointid.importing.read.reader_process import ReaderProcess
+from jointid.importing.read.readers import is_zip
 from jointid.wording import counted, listed
 
 _BAG = "metadata.yaml"
@@ -42,7 +42,9 @@ def is_archive(name: str, source: bytes | Path) -> bool:
     source : bytes or Path
     """
     with suppress(JointIdError), open_container(source, marker=_BAG) as container:
-        return not _OFFICE.intersection(container.names())
+        names = container.names()
+        arrays = bool(names) and all(part.endswith(".npy") for part in names)  # a NumPy .npz
+        return not (arrays or _OFFICE.intersection(names))
     return name.lower().endswith(".zip")
 
 

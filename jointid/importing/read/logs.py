@@ -11,8 +11,8 @@ from typing import TypeAlias
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_LOG_BYTES, LogTable, require_small
 from jointid.importing.read.archives import is_archive, read_archive
-from jointid.importing.read.file_types import TEXT, is_zip, kind_of
 from jointid.importing.read.reader_process import ReaderProcess
+from jointid.importing.read.readers import TEXT, is_zip, kind_of
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 """Path or content of a log."""
@@ -24,8 +24,10 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
     Parameters
     ----------
     source : path or bytes
-        Text table such as CSV, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bag (.db3, .mcap, or a bag's
-        folder), ROS 1 bag, or a zip archive of these. The content decides, not the name.
+        Text table such as CSV, wide or long; exports of TwinCAT Scope, CODESYS, LabVIEW (.lvm, TDMS),
+        dSPACE, halscope and WPILib; MDF, MATLAB .mat, HDF5, Parquet, Arrow, NumPy, JSON, Excel; ROS 2
+        bag (.db3, .mcap, or a bag's folder), ROS 1 bag; a format of a plug-in; or a zip of these. The
+        content decides, not the name.
     name : str, optional
         File name, for messages and ambiguous content; required with bytes.
 

@@ -8,7 +8,7 @@ from typing import Any
 from jointid.errors import JointIdError
 
 
-def import_optional(module: str, package: str, needed_for: str) -> Any:
+def import_optional(module: str, package: str, needed_for: str, extra: str = "import") -> Any:
     """Import a module of an optional library.
 
     Raises
@@ -21,5 +21,5 @@ def import_optional(module: str, package: str, needed_for: str) -> Any:
     except ImportError as error:
         raise JointIdError(
             f"{needed_for} need the package {package}, which is not installed. "
-            f'Install it with: pip install "jointid[import]" (or: pip install {package}).'
+            f'Install it with: pip install "jointid[{extra}]" (or: pip install {package}).'
         ) from error

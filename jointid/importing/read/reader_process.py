@@ -1,4 +1,4 @@
-"""Read logs: text here, binary files in a child process with bounded memory and time."""
+"""Read logs: plain text tables here, others in a child process with bounded memory and time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogColumn, LogTable
-from jointid.importing.read.file_types import TEXT, TYPE_NAMES, kind_of
+from jointid.importing.read.readers import TEXT, kind_of, readers
 from jointid.importing.read.text.tables import read_text_table
 
 LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
@@ -19,7 +19,7 @@ LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
 
 
 class ReaderProcess:
-    """Child process that reads binary logs; started lazily, restarted after a crash.
+    """Child process that reads logs; started lazily, restarted after a crash.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class ReaderProcess:
         self._folder: TemporaryDirectory[str] | None = None
 
     def read_content(self, name: str, data: bytes) -> tuple[LogTable, ...]:
-        """Read the content of one file of any kind; binary content goes through a temporary file."""
+        """Read the content of one file; all but plain text goes through a temporary file."""
         kind = kind_of(name, data[:4096])
         if kind == TEXT:
             return (read_text_table(name, data),)
@@ -47,12 +47,12 @@ class ReaderProcess:
             path.unlink(missing_ok=True)
 
     def read(self, kind: str, name: str, path: Path) -> tuple[LogTable, ...]:
-        """Read one binary file.
+        """Read one file.
 
         Parameters
         ----------
         kind : str
-            As in ``jointid.importing.read.file_types``, not "text".
+            A key of ``readers()``.
         name : str
             For messages.
         path : Path
@@ -70,8 +70,8 @@ class ReaderProcess:
             late = f"reading it took more than {self._limits.time_s:g} s"
             fault = late if ended.late else "its content stops the reader"
             raise JointIdError(
-                f"{name} cannot be read as {TYPE_NAMES[kind]} ({fault}): it is damaged. Export the log "
-                "again."
+                f"{name} cannot be read as {readers()[kind].name} ({fault}): it is damaged. Export "
+                "the log again."
             ) from ended
         if "error" in header:
             raise JointIdError(header["error"])

@@ -7,34 +7,19 @@ The response is JSON and plain numbers, not a pickle: the files come from strang
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from typing import Any
 
 from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.read.file_types import TYPE_NAMES
-
-
-def read_binary(kind: str, name: str, path: str) -> tuple[LogTable, ...]:
-    """Read a log of a known binary kind in this process.
-
-    Raises
-    ------
-    Exception
-        Whatever the library raises; ``answer`` turns it into a message.
-    """
-    module = "ros" if kind in ("db3", "mcap", "bag") else kind
-    read = import_module(f"jointid.importing.read.{module}").read  # only what the file needs
-    tables: tuple[LogTable, ...] = read(name, path)
-    return tables
+from jointid.importing.read.readers import readers
 
 
 def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
     """Read one file; return the description of its tables with all columns, or an error."""
     kind, name, path = request["kind"], request["name"], request["path"]
     try:
-        tables = read_binary(kind, name, path)
+        tables = readers()[kind].read(name, path)
         return {"tables": [_described(table) for table in tables]}, b"".join(
             column.values.data for table in tables for column in table.columns
         )
@@ -44,7 +29,9 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
         message = f"{name} asks for more memory than a log may take: it is damaged or too large."
     except BaseException as error:  # readers written in Rust raise outside Exception
         reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
-        message = f"{name} cannot be read as {TYPE_NAMES[kind]} ({reason:.200}): export the log again."
+        message = (
+            f"{name} cannot be read as {readers()[kind].name} ({reason:.200}): export the log again."
+        )
     return {"error": message}, b""
 
 

@@ -64,6 +64,9 @@ class Entries:
                     raise JointIdError(
                         f"No column is left for the {role} of joint {number}: choose one that another "
                         "joint does without, or give fewer joints."
+                        if number > self.guess.mapping.n
+                        else f"No column is chosen for the {role} of joint {number}: no name or unit "
+                        "says which it is. Choose it under All entries."
                     )
         return Mapping(TimeColumn(*time), tuple(JointMapping(*a) for a in self.asked), held, delay)
 

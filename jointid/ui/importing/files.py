@@ -50,7 +50,8 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         Clears what was entered for logs that are closed.
     """
     st.file_uploader(
-        "Logs: CSV or any text table, Parquet, MATLAB .mat, HDF5, Excel, ROS bags, or a .zip of them",
+        "Logs: CSV or any text table, TwinCAT, CODESYS, LabVIEW, MDF, MATLAB, HDF5, Parquet, Excel, ROS "
+        "bags and more, or a .zip of them",
         accept_multiple_files=True,
         max_upload_size=MAX_LOG_BYTES >> 20,
         key=_UPLOADER,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
+
+from jointid.exporting.tables import csv_text
 
 T = TypeVar("T")
 Table = Mapping[str, Sequence[Any]]
@@ -86,8 +86,4 @@ def download(
 
 def csv_bytes(columns: Table) -> bytes:
     """Return a table as CSV, numbers to the last bit."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue().encode()
+    return csv_text(columns, zip(*columns.values(), strict=True)).encode()

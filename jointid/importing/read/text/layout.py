@@ -67,15 +67,15 @@ def decoded(file: str, data: bytes) -> str:
         zeros = [head[k::2].count(0) / max(1, len(head[k::2])) for k in (0, 1)]
         encoding = "utf-16-le" if zeros[1] > 0.3 > zeros[0] else ""
         encoding = "utf-16-be" if zeros[0] > 0.3 > zeros[1] else encoding
-        if not encoding:
-            raise JointIdError(
-                f"{file} is neither text nor a file of a kind that is known here. Known: CSV and other "
-                "text tables, Parquet, MATLAB .mat, HDF5, Excel, ROS 2 bags (.db3, .mcap)."
-            )
+        start = head[: len(head) // 2 * 2].decode(encoding, "replace") if encoding else ""
+        if sum(c.isprintable() or c in "\r\n\t" for c in start) < 0.9 * max(1, len(start)):
+            raise _no_text(file)
     try:
         text = data.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
         if encoding and not encoding.startswith("utf-8"):
+            if not any(data.startswith(mark) for mark, _ in _MARKS):
+                raise _no_text(file) from error
             raise JointIdError(
                 f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: "
                 "the file is damaged. Export it again."
@@ -86,6 +86,14 @@ def decoded(file: str, data: bytes) -> str:
     if not text.strip():
         raise JointIdError(f"{file} holds only blank lines: export the log again.")
     return text
+
+
+def _no_text(file: str) -> JointIdError:
+    return JointIdError(
+        f"{file} is neither text nor a file of a kind that is known here. Known: CSV and other text "
+        "tables, TwinCAT, CODESYS, LabVIEW, halscope, dSPACE, MDF, MATLAB, HDF5, Parquet, Arrow, NumPy, "
+        "JSON, Excel, ROS bags."
+    )
 
 
 def find_layout(file: str, text: str) -> TextLayout:

@@ -15,10 +15,10 @@ from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import LogColumn, LogTable, numbers, require_few_values
 from jointid.importing.read.text.clock_times import ClockCells
+from jointid.importing.read.text.delimited import NULLS
 from jointid.importing.read.text.layout import (
     BLANKS,
     MAX_LINE,
-    NO_NUMBER,
     TextLayout,
     decoded,
     find_layout,
@@ -27,8 +27,6 @@ from jointid.importing.read.text.layout import (
 )
 from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
 from jointid.wording import counted, listed
-
-_NULLS = [form for word in NO_NUMBER for form in (word, word.upper(), word.title())] + ["NaN"]
 
 
 def read_text_table(file: str, data: bytes) -> LogTable:
@@ -83,7 +81,7 @@ def read_text_table(file: str, data: bytes) -> LogTable:
 
 def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats] | None:
     """Read a body of regular lines; None if one is irregular."""
-    separator = layout.separator
+    separator, quotes = layout.separator, '"' in body
     if separator == BLANKS:
         body = re.sub(r"[ \t]+", "\t", re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
         separator = "\t"
@@ -104,10 +102,12 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
             convert_options=pa_csv.ConvertOptions(
                 include_columns=[str(k) for k in wanted],
                 column_types={str(k): pa.float64() for k in wanted},
-                null_values=_NULLS,
+                null_values=NULLS,
                 decimal_point=layout.decimal,
             ),
         )
+        if quotes and table.num_rows != sum(bool(line.strip()) for line in body.split("\n")):
+            return None  # a quote that is not closed swallows the lines up to the next one
         return [np.asarray(column.to_numpy(), float) for column in table.columns]
     except ARROW_FAULTS:
         return None

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import datetime
 import io
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from jointid.errors import JointIdError
+from jointid.files.container_limits import mebibytes
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first, require_few_values
 from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader, begins_with
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import listed
+
+_MAX_UNPACKED = 128 << 20
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
@@ -31,6 +36,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         When python-calamine is not installed, or no sheet holds a table.
     """
     calamine = import_optional("python_calamine", "python-calamine", "Excel files")
+    _require_small(file, path)
     workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(Path(path).read_bytes()))
     tables: list[LogTable] = []
     problems: list[str] = []
@@ -55,6 +61,19 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     return most_first(file, tables)
 
 
+def _require_small(file: str, path: str) -> None:
+    """Refuse a workbook by the size that its parts unpack to."""
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > _MAX_UNPACKED:
+        raise JointIdError(
+            f"{file} unpacks to {mebibytes(size)}, more than the limit of {mebibytes(_MAX_UNPACKED)} of "
+            "workbooks, about 4 million cells. Export it as CSV or Parquet, or cut it into several logs."
+        )
+
+
 def _cell(cell: Any) -> str:
     if isinstance(cell, bool):
         return str(int(cell))
@@ -67,3 +86,13 @@ def _cell(cell: Any) -> str:
     if isinstance(cell, datetime.timedelta):
         return repr(cell.total_seconds())
     return " ".join(str(cell).split())
+
+
+READERS = {
+    "excel": Reader(
+        "a workbook",
+        begins_with(b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
+        read,
+        ("xlsx", "xlsm", "xlsb", "xls", "ods"),
+    )
+}

@@ -12,9 +12,10 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
+from jointid.importing.read.formats.matlab import scope_arrays
 from jointid.importing.read.hdf5_objects import own_object
-from jointid.importing.read.matlab import scope_arrays
 from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -149,3 +150,11 @@ def _attribute(item: Any, keys: Sequence[str], default: Any) -> Any:
 
 def _text(value: Any) -> str:
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
+def _recognises(head: bytes) -> bool:
+    # MATLAB 7.3 adds a header in front.
+    return any(head[start:].startswith(b"\x89HDF\r\n\x1a\n") for start in (0, 512, 1024, 2048))
+
+
+READERS = {"hdf5": Reader("HDF5", _recognises, read, ("h5", "hdf5", "hdf", "he5"))}

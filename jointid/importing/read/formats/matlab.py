@@ -1,7 +1,8 @@
-"""MATLAB .mat files of versions 5 to 7: plain arrays, structs, and the structures of Simulink scopes."""
+"""MATLAB .mat files of versions 5 to 7: arrays, structs, Simulink scopes and dSPACE recordings."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.array_tables import NamedArray, tables_of
+from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader
 from jointid.wording import listed
 
 _DEEPEST = 8
@@ -31,7 +34,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     -------
     tuple of LogTable
         The largest first. A struct with ``time`` and ``signals.values`` (a Simulink scope or a
-        "Structure with time") is one table; other arrays of equal length are another.
+        "Structure with time") is one table; other arrays of equal length are another. A recording of
+        dSPACE has a clock for each of its rasters.
 
     Raises
     ------
@@ -47,8 +51,10 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         verify_compressed_data_integrity=True,
     )
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    recorded = [signal for value in variables.values() for signal in _dspace_signals(value)]
+    tables = tables_of_signals(file, recorded)
     arrays = [a for name, value in variables.items() for a in _walk(name, value, "", _DEEPEST)]
-    tables = tables_of(file, arrays)
+    tables = tables or tables_of(file, arrays)
     if not tables:
         opaque = [n for n, v in content.items() if type(v).__name__ == "MatlabOpaque" or n == "None"]
         hint = (
@@ -85,6 +91,28 @@ def _walk(name: str, value: Any, group: str, depth: int) -> Iterator[NamedArray]
         yield NamedArray(name, value, group=group)
 
 
+def _dspace_signals(recording: Any) -> Iterator[Signal]:
+    """Signals of a dSPACE recording: a struct with times X and values Y, named by XIndex."""
+    if not {"X", "Y"} <= set(getattr(recording, "_fieldnames", None) or ()):
+        return
+    clocks, channels = (
+        np.atleast_1d(np.asarray(part, dtype=object))[:_MOST_ELEMENTS]
+        for part in (recording.X, recording.Y)
+    )
+    for channel in channels:
+        index = getattr(channel, "XIndex", 1)
+        at = int(index) - 1 if isinstance(index, int | np.integer) else 0
+        clock = clocks[at] if 0 <= at < len(clocks) else clocks[0] if len(clocks) else None
+        time, values = (np.asarray(getattr(part, "Data", ())) for part in (clock, channel))
+        if time.dtype.kind in "biuf" and values.dtype.kind in "biuf" and time.size == values.size > 1:
+            name = re.sub(r"/(?:In|Out)\d*$", "", str(getattr(channel, "Name", "")).replace('"', ""))
+            unit = getattr(channel, "Unit", "")
+            yield Signal(
+                name or "signal", time.ravel().astype(float), values.ravel().astype(float),
+                unit if isinstance(unit, str) else "",
+            )  # fmt: skip
+
+
 def _signals(signals: Any) -> list[tuple[str, Any]]:
     """Label and values of each signal of a scope."""
     each = signals.ravel()[:_MOST_ELEMENTS] if isinstance(signals, np.ndarray) else [signals]
@@ -107,3 +135,10 @@ def scope_arrays(name: str, time: np.ndarray, signals: list[tuple[str, Any]]) ->
         if array.ndim == 1 and not label.strip() and len(signals) == 1:
             signal = "signal 1"
         yield NamedArray(signal, array, group=name)
+
+
+def _recognises(head: bytes) -> bool:
+    return head.startswith(b"MATLAB 5.0 MAT-file") or head[126:128] in (b"IM", b"MI")
+
+
+READERS = {"matlab": Reader("a MATLAB file", _recognises, read, ("mat",))}

@@ -1,0 +1,99 @@
+"""Sensible sets of terms for the deflection of one joint, and their average."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from jointid.arm_side.mixed_model import Estimate, Regression, low_frequency_noise
+from jointid.arm_side.terms import MOTOR_HARMONICS, PRESLIDING_RAD, SLOW_HARMONICS
+from jointid.arrays import Floats
+
+_ARC_SECOND = np.pi / 180 / 3600
+_SLOW_RAD = tuple(a * _ARC_SECOND for a in (1.0, 3.0, 10.0, 30.0, 100.0))
+"""Expected size of the transmission error once a turn of the joint; harmonic k has 1/k of it."""
+_RIPPLE_RAD = tuple(a * _ARC_SECOND for a in (0.1, 3.0))
+"""Expected size of each wave of the gear's ripple and of the harmonics of the motor."""
+_FRICTION_RAD = 20 * _ARC_SECOND
+"""Expected wind-up by friction in the gear."""
+_FRICTION_LOAD_NM = 3000.0
+"""Torque at which friction by load is expected to equal the constant friction."""
+_DAMPING_S = 3e-3
+"""Expected ratio of damping and stiffness of a joint."""
+_MEMORY_S = 0.5
+"""Longest time over which the residual is correlated."""
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class TermSet:
+    """One choice of terms."""
+
+    slow_rad: float
+    ripple_rad: float
+    friction: int | None
+
+    def std(self, groups: dict[str, slice], size: int, compliance: float) -> Floats:
+        """Prior standard deviations of all coefficients, shape (size,); offsets come last, free."""
+        std = np.zeros(size)
+        std[max(group.stop for group in groups.values()) :] = np.inf
+        std[groups["compliance"]] = std[groups["skew"]] = np.inf
+        std[groups["payload"]] = compliance
+        std[groups["damping"]] = compliance * _DAMPING_S
+        std[groups["slow"]] = self.slow_rad / np.tile(SLOW_HARMONICS, 2)
+        std[groups["motor"]] = self.ripple_rad / np.tile(MOTOR_HARMONICS, 2)
+        std[groups["ripple"]] = self.ripple_rad
+        if self.friction is not None:
+            std[groups[f"friction {self.friction}"]] = _FRICTION_RAD
+            std[groups[f"start {self.friction}"]] = _FRICTION_RAD
+            std[groups[f"loaded {self.friction}"]] = _FRICTION_RAD / _FRICTION_LOAD_NM
+        return std
+
+
+CANDIDATES = [
+    TermSet(*choice) for choice in product(_SLOW_RAD, _RIPPLE_RAD, (None, *range(len(PRESLIDING_RAD))))
+]
+_REFERENCE = TermSet(_SLOW_RAD[3], _RIPPLE_RAD[1], 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """Mean over the candidates by their evidence; the covariance includes their spread."""
+
+    beta: Floats
+    covariance: Floats
+    noise: float
+    weights: Floats
+
+
+def noise_of(
+    data: Regression, groups: dict[str, slice], spans: list[int], interval_s: float, compliance: float
+) -> float:
+    """Noise of the data, rad, from the residual of a rich set of terms."""
+    std = _REFERENCE.std(groups, data.columns.shape[1], compliance)
+    noise, lags = _ARC_SECOND, int(_MEMORY_S / interval_s)
+    for _ in range(_ROUNDS):
+        fitted = data.estimate(noise, std)
+        free = np.sum((data.columns @ fitted.covariance) * data.columns) / noise**2
+        noise = low_frequency_noise(data.residual(fitted), spans, lags, float(free))
+    return noise
+
+
+def average(data: Regression, groups: dict[str, slice], noise: float, compliance: float) -> Average:
+    """Fit every candidate and average."""
+    size = data.columns.shape[1]
+    fits: list[Estimate] = []
+    cost = []
+    for candidate in CANDIDATES:
+        std = candidate.std(groups, size, compliance)
+        fits.append(data.estimate(noise, std))
+        cost.append(fits[-1].cost)
+    weights = np.exp(-0.5 * (np.array(cost) - min(cost)))
+    weights /= weights.sum()
+    betas = np.array([fit.beta for fit in fits])
+    mean = weights @ betas
+    spread = np.einsum("m,mi,mj->ij", weights, betas - mean, betas - mean)
+    within = np.einsum("m,mij->ij", weights, np.array([fit.covariance for fit in fits]))
+    return Average(mean, within + spread, noise, weights)

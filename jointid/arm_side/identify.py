@@ -1,0 +1,313 @@
+"""Stiffness of each joint from the deflection between its two encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
+from jointid.arm_side.candidates import Average, average, noise_of
+from jointid.arm_side.mixed_model import Regression
+from jointid.arm_side.payload import payload_from_motors
+from jointid.arm_side.position_map import PositionMap, position_map
+from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
+from jointid.arrays import Floats, frozen
+from jointid.errors import JointIdError
+from jointid.records import MotionRecord
+from jointid.robot_models.model import RobotModel
+from jointid.small_matrices import one_thread
+
+LARGEST_ERROR = 0.25
+"""Relative standard error beyond which a stiffness is refused."""
+_SLIP = 0.02
+"""Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
+_OTHER_SLIPS = (0.0, 0.1)
+"""Other choices of that limit; what they change enters the error."""
+_FEWEST = 60
+_FIRST_COMPLIANCE = 2e-7
+_ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Joint:
+    """Fitted deflection of one joint."""
+
+    ripple: Ripple
+    beta: Floats
+    compliance: float
+    compliance_std: float
+    skew_s: float
+    aligned_s: float
+    """The part of the skew that was taken out before the fit."""
+    skew_std_s: float
+    residual_rad: float
+    position_map: PositionMap | None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSideFit:
+    """Joint stiffness from sensors behind the gears; joint side, n joints.
+
+    The deflection motor/N − arm of a joint is torque/K + skew · velocity + offset, plus transmission
+    error, friction and damping in the gear.
+    """
+
+    K: Floats
+    """Stiffness, shape (n,), N·m/rad; NaN where refused."""
+    standard_error: Floats
+    """Of K, shape (n,), N·m/rad: noise, payload and choice of terms; NaN where refused."""
+    skew_s: Floats
+    """Age of the arm's sample against the motor's, shape (n,), s; NaN without a sensor."""
+    skew_error_s: Floats
+    """Standard error of ``skew_s``, shape (n,), s."""
+    reasons: tuple[str, ...]
+    """Why K is refused, (n,); empty where it is not."""
+    residual_rad: Floats
+    """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
+    robot: RobotModel
+    band_hz: float | None
+    joints: tuple[_Joint | None, ...]
+    payload_mean: Floats
+    payload_root: Floats
+
+    def predict(self, record: MotionRecord) -> Floats:
+        """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
+
+        In the band of the fit, with the tooth orders above it. Only the motor's motion is used;
+        where the record has a sensor, the constant offset is the median of its own difference.
+        Positions beyond those of the fit are extrapolated.
+        """
+        with one_thread():
+            return self._predict(record)
+
+    def _predict(self, record: MotionRecord) -> Floats:
+        skew = np.array([joint.aligned_s if joint else 0.0 for joint in self.joints])
+        motion = replace(band_limited(record, self.robot, self.band_hz), skew_s=skew)
+        elastic = np.zeros_like(motion.q)
+        found = np.full(motion.q.shape, np.nan)
+        for _ in range(2):
+            torque, payload = joint_torque(motion, self.robot, elastic)
+            torque, payload = torque + payload @ self.payload_mean, payload @ self.payload_root
+            for j, joint in enumerate(self.joints):
+                if joint is not None:
+                    motor = record.theta_rad[record.start :, j]
+                    terms = joint_terms(j, motion, torque, payload, motor, joint.ripple)
+                    for name, group in terms.groups.items():
+                        if name.startswith("start"):
+                            terms.columns[:, group] = 0
+                    found[:, j] = terms.columns @ joint.beta[: terms.columns.shape[1]]
+                    elastic[:, j] = found[:, j]
+                    found[:, j] += motion.by_skew(j, elastic[:, j])
+            elastic -= elastic.mean(axis=0)
+        result = np.full(record.theta_rad.shape, np.nan)
+        for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
+            joint = self.joints[j]
+            if joint is not None and joint.position_map is not None:
+                found[:, j] += joint.position_map(motion.raw[:, j])
+            result[:, j] = np.interp(record.time_s, motion.time_s, found[:, j])
+        if record.arm_rad is not None:
+            measured = joint_angles(record, self.robot) - record.arm_rad
+            seen = np.isfinite(measured).all(axis=0) & np.isfinite(result).all(axis=0)
+            difference = (measured - result)[record.start :][motion.inner]
+            result[:, seen] += np.median(difference[:, seen], axis=0)
+        return result
+
+
+def identify_arm_side(
+    records: MotionRecord | Sequence[MotionRecord], robot: RobotModel, *, band_hz: float | None = None
+) -> ArmSideFit:
+    """Identify the stiffness of every joint with a sensor behind its gear.
+
+    Torques come from the rigid model at the measured motion. Skew between the encoders, transmission
+    error, friction and damping in the gear, offsets and the payload are fitted along. Their choice
+    enters the error: all sensible sets of terms are averaged by their evidence.
+
+    Parameters
+    ----------
+    records : MotionRecord or sequence of MotionRecord
+        Any motion, all joints, with ``arm_rad`` of at least one.
+    robot : RobotModel
+        With gear ratios; ``robot.payload.mass_std`` is the prior of the payload.
+    band_hz : float, optional
+        Upper edge of the band, Hz; otherwise that of each record, or 6 Hz.
+
+    Raises
+    ------
+    JointIdError
+        When no record has a sensor, a record is too short, or the robot does not fit.
+
+    Notes
+    -----
+    A skew cannot be told from viscous friction on the arm's side of one joint: F adds F/K to it.
+    """
+    given = [records] if isinstance(records, MotionRecord) else list(records)
+    if not given or not all(isinstance(record, MotionRecord) for record in given):
+        raise JointIdError("identify_arm_side needs one or more MotionRecord values.")
+    if all(record.arm_rad is None for record in given):
+        raise JointIdError(
+            "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."
+        )
+    with one_thread():
+        return _identified(given, robot, band_hz)
+
+
+def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | None) -> ArmSideFit:
+    motions = [band_limited(record, robot, band_hz) for record in given]
+    elastic = [np.zeros_like(m.q) for m in motions]
+    motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]
+    joints: list[_Joint | None] = [None] * robot.n
+    for round_ in range(_ROUNDS):
+        last = round_ == _ROUNDS - 1
+        both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
+        torque, payload = [t for t, _ in both], [p for _, p in both]
+        mean, root = payload_from_motors(motions, motor, torque, payload)
+        torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
+        payload = [p @ root for p in payload]
+        joints = [
+            _joint(j, given, motions, torque, payload, _magnitude(joint), last)
+            for j, joint in enumerate(joints)
+        ]
+        if not last:
+            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+            motions = [m.aligned(skew) for m in motions]
+            elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
+    return _summary(joints, given, robot, band_hz, mean, root)
+
+
+def _magnitude(joint: _Joint | None) -> float:
+    """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
+    return max(joint.compliance, 1e-9) if joint else _FIRST_COMPLIANCE
+
+
+def _motor_torque(record: MotionRecord, motion: BandLimited, robot: RobotModel) -> Floats:
+    """Motor torque without the rotors', at the joints, (N, n), N·m; rotors of unknown inertia have 0."""
+    tau = np.asarray(record.tau_Nm[record.start :])
+    back = np.linalg.inv(robot.coupling)
+    rotor = np.nan_to_num(robot.rotor_inertia) * (motion.ddq @ back.T)
+    return np.asarray((motion.lowpass(tau) - rotor) @ back)
+
+
+def _joint(
+    j: int,
+    given: list[MotionRecord],
+    motions: list[BandLimited],
+    torque: list[Floats],
+    payload: list[Floats],
+    compliance: float,
+    last: bool,
+) -> _Joint | None:
+    seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
+    fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
+    if fastest == 0.0:
+        return None
+    ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
+    y, columns, speed, source, halves, every = [], [], [], [], [], []
+    for i, k in enumerate(seen):
+        m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
+        terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
+        step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
+        rows = np.arange(len(m.q))[m.inner][::step]
+        offset = np.zeros((rows.size, len(seen)))
+        offset[:, i] = 1.0
+        every.append(terms.columns)
+        y.append(m.deflection[rows, j])
+        columns.append(np.hstack([terms.columns[rows], offset]))
+        speed.append(np.abs(m.dq[rows, j]) / fastest)
+        source.append(np.full(rows.size, i))
+        moving = np.cumsum(speed[-1] > _SLIP)
+        halves.append(moving < moving[-1] / 2)
+    data = Regression(np.concatenate(y), np.concatenate(columns))
+    record, ratio, first = np.concatenate(source), np.concatenate(speed), np.concatenate(halves)
+    interval, groups = step * m.lowpass.interval_s, terms.groups
+    used = ratio > _SLIP
+    if used.sum() < _FEWEST:
+        return None
+
+    def fitted(rows: NDArray[np.bool_], noise: float | None = None) -> Average:
+        part = Regression(data.y[rows], data.columns[rows])
+        if noise is None:
+            spans = (np.flatnonzero(np.diff(record[rows])) + 1).tolist()
+            noise = noise_of(part, groups, spans, interval, compliance)
+        return average(part, groups, noise, compliance)
+
+    whole = fitted(used)
+    beta, free = whole.beta, [0, groups["skew"].start]
+    covariance, left = whole.covariance[np.ix_(free, free)], None
+    if last:
+        spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
+        covariance = covariance + spread.T @ spread / (1 + len(_OTHER_SLIPS))
+        a, b = (fitted(used & half, whole.noise) for half in (first, ~first))
+        between = (a.beta[0] - b.beta[0]) ** 2 - a.covariance[0, 0] - b.covariance[0, 0]
+        covariance[0, 0] += max(0.0, between) / 4
+        left = _left_over([motions[k] for k in seen], every, beta, j)
+    residual = (data.y - data.columns @ beta)[used]
+    error = np.sqrt(np.diag(covariance))
+    return _Joint(
+        ripple,
+        beta,
+        float(beta[0]),
+        float(error[0]),
+        float(beta[free[1]] + motions[0].skew_s[j]),
+        float(motions[0].skew_s[j]),
+        float(error[1]),
+        float(np.sqrt(np.mean(residual**2))),
+        left,
+    )
+
+
+def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j: int) -> PositionMap:
+    """Map of the residual of joint j, at rest as well, over its position."""
+    slow, fast = [], []
+    for m, columns in zip(motions, terms, strict=True):
+        residual = (m.deflection[:, j] - columns @ beta[: columns.shape[1]])[m.inner]
+        slow.append(residual - np.median(residual))
+        fast.append((m.raw_deflection[:, j] - m.lowpass(m.raw_deflection[:, j]))[m.inner])
+    return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
+
+
+def _reason(joint: _Joint | None, sensor: bool) -> str:
+    if not sensor:
+        return "No sensor behind the gear in these records."
+    if joint is None:
+        return "The joint moves too little: give a record in which it moves."
+    relative = joint.compliance_std / abs(joint.compliance)
+    if joint.compliance <= 0 or relative > LARGEST_ERROR:
+        return (
+            f"K is not identifiable from this motion: its error is {relative:.0%}. "
+            "The joint's torque varies too little, or only together with the transmission error. "
+            "Move through poses of different gravity, or faster."
+        )
+    return ""
+
+
+def _summary(
+    joints: list[_Joint | None],
+    given: list[MotionRecord],
+    robot: RobotModel,
+    band_hz: float | None,
+    mean: Floats,
+    root: Floats,
+) -> ArmSideFit:
+    n = robot.n
+    sensors = np.array(
+        [
+            any(r.arm_rad is not None and np.isfinite(r.arm_rad[:, j]).all() for r in given)
+            for j in range(n)
+        ]
+    )
+    reasons = tuple(_reason(joint, bool(sensors[j])) for j, joint in enumerate(joints))
+    K, error, skew, skew_error, residual = np.full((5, n), np.nan)
+    for j, joint in enumerate(joints):
+        if joint is None:
+            continue
+        skew[j], skew_error[j], residual[j] = joint.skew_s, joint.skew_std_s, joint.residual_rad
+        if not reasons[j]:
+            K[j] = 1 / joint.compliance
+            error[j] = K[j] * joint.compliance_std / joint.compliance
+    return ArmSideFit(
+        frozen(K), frozen(error), frozen(skew), frozen(skew_error), reasons, frozen(residual),
+        robot, band_hz, tuple(joints), mean, root,
+    )  # fmt: skip

@@ -1,0 +1,92 @@
+"""Transmission error over the joint's position that remains after the fit: for predictions only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arm_side.mixed_model import Regression
+from jointid.arm_side.terms import Ripple, waves
+from jointid.arrays import Floats
+
+_MOST_WAVES = 120
+_MOST_ORDERS = 4
+_COARSEST_ORDER = 60.0
+"""Smallest wavenumber of a tooth order, rad/rad; longer waves belong to the map."""
+_FINEST_ORDER = 3000.0
+_CLEAR = 12.0
+"""Power of a tooth order over the mean of the spectrum, at least; noise alone stays below ln(N)."""
+_WAVE_RAD = 1.5e-5
+"""Expected size of one wave of the map, about 3 seconds of arc."""
+
+
+@dataclass(frozen=True, eq=False)
+class PositionMap:
+    """Waves over the joint angle: a map in the band, and tooth orders at any frequency."""
+
+    basis: Ripple
+    range_rad: tuple[float, float]
+    waves: Floats
+    orders: Floats
+    order_waves: Floats
+
+    def __call__(self, q: Floats) -> Floats:
+        """Error at joint angles (N,), rad; the map is 0 outside the range of the fit."""
+        inside = (q >= self.range_rad[0]) & (q <= self.range_rad[1])
+        slow = waves(q - self.basis.start_rad, self.basis.wavenumbers) @ self.waves
+        return np.asarray(inside * slow + waves(q, self.orders) @ self.order_waves)
+
+
+def position_map(q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats]) -> PositionMap:
+    """Fit the map to what a model leaves over.
+
+    Parameters
+    ----------
+    q : sequence of ndarray, shape (N,)
+        Joint angles of each record, rad.
+    slow, fast : sequence of ndarray, shape (N,)
+        Residual in the band and above the band, rad.
+    """
+    angle = np.concatenate(q)
+    period = 1.1 * float(np.ptp(angle)) + 1e-9
+    basis = Ripple(float(angle.min()), period, 1, _MOST_WAVES)
+    y = np.concatenate(slow)
+    # the residual of neighbouring samples is alike: one in ten counts
+    data = Regression(y, waves(angle - basis.start_rad, basis.wavenumbers))
+    noise = np.sqrt(10.0) * max(float(y.std()), 1e-7)
+    fitted = data.estimate(noise, np.full(2 * _MOST_WAVES, _WAVE_RAD))
+    orders, coefficients = _tooth_orders(angle, np.concatenate(fast))
+    return PositionMap(
+        basis, (float(angle.min()), float(angle.max())), fitted.beta, orders, coefficients
+    )
+
+
+def _tooth_orders(q: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Find wavenumbers with clear power in y (N,) over q (N,), and their coefficients."""
+    step = max(0.5, 1.0 / float(np.ptp(q) + 1e-9))
+    count = int((_FINEST_ORDER - _COARSEST_ORDER) / step)
+    found: list[float] = []
+    coefficients: Floats = np.zeros(0)
+    left = y
+    for _ in range(_MOST_ORDERS):
+        power = _power(q, left, _COARSEST_ORDER, step, count)
+        if power.max() < _CLEAR * power.mean():
+            break
+        peak = _COARSEST_ORDER + step * int(np.argmax(power))
+        near = _power(q, left, peak - step, 0.1 * step, 21)
+        found.append(peak + step * (0.1 * int(np.argmax(near)) - 1.0))
+        columns = waves(q, np.array(found))
+        coefficients = np.asarray(np.linalg.lstsq(columns, y, rcond=None)[0], float)
+        left = y - columns @ coefficients
+    return np.array(found), coefficients
+
+
+def _power(q: Floats, y: Floats, first: float, step: float, count: int) -> Floats:
+    """Power of y (N,) at equally spaced wavenumbers, shape (count,)."""
+    power, turning, turn = np.empty(count), y * np.exp(-1j * first * q), np.exp(-1j * step * q)
+    for i in range(count):
+        power[i] = np.abs(turning.sum()) ** 2
+        turning *= turn
+    return power

@@ -1,0 +1,125 @@
+"""Columns of the deflection equation of one joint: what can make motor and arm encoder differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arm_side.band_limited import BandLimited
+from jointid.arrays import Floats
+from jointid.robot_models.model import RobotModel
+from jointid.robot_models.payload import Payload
+
+PRESLIDING_RAD = (1e-4, 1e-3)
+"""Motion after a reversal in which friction in the gear builds up; one model each."""
+SLOW_HARMONICS = (1, 2, 3, 4)
+"""Harmonics of the joint angle: eccentric gear wheels and encoder discs."""
+MOTOR_HARMONICS = (1, 2)
+"""Harmonics of the motor angle: the first gear stage."""
+_COARSEST_RAD = 0.25
+"""Longest wavelength of the ripple; a slower error belongs to the harmonics of the joint."""
+_FINEST_RAD = 0.04
+"""Shortest wavelength of the ripple of the second stage, which has tens of periods a turn."""
+_MOST_RIPPLES = 60
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """Fourier basis over the range of a joint for a transmission error of unknown shape."""
+
+    start_rad: float
+    period_rad: float
+    first: int
+    count: int
+
+    @classmethod
+    def over(cls, q: Floats) -> Ripple:
+        """Basis for joint angles; its period exceeds their range, so that the two ends are free."""
+        period = 1.5 * float(np.ptp(q)) + 1e-9
+        first = int(np.ceil(period / _COARSEST_RAD))
+        return cls(float(q.min()), period, first, int(min(_MOST_RIPPLES, np.ceil(period / _FINEST_RAD))))
+
+    @property
+    def wavenumbers(self) -> Floats:
+        """Radians per radian of the joint, shape (count,)."""
+        return np.asarray(2 * np.pi * np.arange(self.first, self.count + 1) / self.period_rad, float)
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Columns by group; each group shares one kind of coefficient."""
+
+    columns: Floats
+    groups: dict[str, slice]
+
+
+def waves(angle: Floats, orders: Floats) -> Floats:
+    """Cosines, then sines of each order over angles (N,), shape (N, 2 orders)."""
+    phase = angle[:, None] * orders
+    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+
+
+def _presliding(q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
+    """Dahl's friction state between −1 and 1 from rest, and what remains of an unknown first state."""
+    step = np.diff(q, prepend=q[0])
+    decay = np.exp(-np.abs(step) / reach_rad)
+    state, forgotten = np.zeros_like(q), np.asarray(np.cumprod(decay), float)
+    for i in range(1, q.size):
+        sign = np.sign(step[i])
+        state[i] = sign + (state[i - 1] - sign) * decay[i] if sign else state[i - 1]
+    return state, forgotten
+
+
+def joint_torque(motion: BandLimited, robot: RobotModel, elastic: Floats) -> tuple[Floats, Floats]:
+    """Torque through the gears, (N, n), and its change per standard deviation of the payload, (N, n, 4).
+
+    The arm's angle is the motor's minus the deflection without skew, ``elastic`` (N, n), rad. The
+    centre of the payload is as uncertain as its mass, in relation to its distance from the flange.
+    """
+    inner, whole = motion.inner, motion.lowpass
+    q, dq, ddq = motion.q.copy(), motion.dq.copy(), motion.ddq.copy()
+    q[inner] -= elastic[inner]
+    dq[inner] -= whole(elastic, 1)[inner]
+    ddq[inner] -= whole(elastic, 2)[inner]
+    load = robot.payload
+    moves = [Payload(1.0, load.center).parameters * load.mass_std]
+    lever = load.mass_std * float(np.linalg.norm(load.center))
+    moves += [lever * np.eye(10)[k] for k in (1, 2, 3)]
+    return robot.torque(q, dq, ddq), robot.payload_regressor(q, dq, ddq) @ np.array(moves).T
+
+
+def joint_terms(
+    j: int, motion: BandLimited, torque: Floats, payload: Floats, motor: Floats, ripple: Ripple
+) -> Terms:
+    """Columns of joint j over all N samples, each in the band of the record.
+
+    Parameters
+    ----------
+    j : int
+    motion : BandLimited
+    torque, payload : ndarray, shapes (N, n) and (N, n, 4)
+        As of ``joint_torque``, N·m.
+    motor : ndarray, shape (N,)
+        Motor angle, rad.
+    ripple : Ripple
+    """
+    lowpass, raw = motion.lowpass, motion.raw[:, j]
+    friction = [np.stack(_presliding(raw, reach), axis=1) for reach in PRESLIDING_RAD]
+    states = lowpass(np.concatenate(friction, axis=1))
+    parts = {
+        "compliance": torque[:, j, None],
+        "skew": motion.dq[:, j, None],
+        "payload": payload[:, j],
+        "damping": lowpass(torque[:, j, None], 1),
+        "slow": lowpass(waves(raw - ripple.start_rad, np.array(SLOW_HARMONICS, float))),
+        "motor": lowpass(waves(motor, np.array(MOTOR_HARMONICS, float))),
+        "ripple": lowpass(waves(raw - ripple.start_rad, ripple.wavenumbers)),
+    }
+    for k in range(len(PRESLIDING_RAD)):
+        parts[f"friction {k}"] = states[:, 2 * k, None]
+        parts[f"start {k}"] = states[:, 2 * k + 1, None]
+        parts[f"loaded {k}"] = states[:, 2 * k, None] * np.abs(torque[:, j, None])
+    ends = np.cumsum([0, *(part.shape[1] for part in parts.values())])
+    groups = {name: slice(a, b) for name, a, b in zip(parts, ends[:-1], ends[1:], strict=True)}
+    return Terms(np.concatenate(list(parts.values()), axis=1), groups)

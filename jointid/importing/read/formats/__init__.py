@@ -1,0 +1,1 @@
+"""One module for each format of logs, behind ``jointid.importing.read.reader.Reader``."""

@@ -1,0 +1,202 @@
+"""Parquet and Arrow (Feather) files: columns of numbers, of times, and of lists of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pa_compute  # type: ignore[import-untyped]
+import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import (
+    MAX_COLUMNS,
+    MAX_TABLES,
+    LogColumn,
+    LogTable,
+    numbers,
+    require_few_values,
+)
+from jointid.importing.columns.units import split_unit, unit_of
+from jointid.importing.read.array_tables import FEWEST_ROWS
+from jointid.importing.read.reader import Reader, begins_with
+from jointid.wording import listed
+
+_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+_BATCH_ROWS = 1 << 16
+
+
+def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
+    """Read the columns of numbers of a Parquet or Arrow file.
+
+    A list of m numbers per row is m columns. Few rows of long lists are a run each: one table per row.
+
+    Parameters
+    ----------
+    open_as : {"parquet", "arrow"}
+    file : str
+        Its name, for messages.
+    path : str
+        Where it lies.
+
+    Raises
+    ------
+    JointIdError
+        When it has no rows, or fewer than two columns of numbers.
+    """
+    with pa.memory_map(path) as source:
+        table = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)
+    kept = [field for field in table.schema if _is_number(field.type) or _is_list(field.type)]
+    left_out = [field.name for field in table.schema if field not in kept]
+    notes = (f"Columns without numbers, left out: {listed(left_out)}.",) if left_out else ()
+    rows, columns = table.num_rows, {field.name: table.column(field.name) for field in kept}
+    lists = [field.name for field in kept if _is_list(field.type)]
+    widths = {
+        name: int(pa_compute.max(pa_compute.list_value_length(columns[name])).as_py() or 0)
+        for name in lists
+    }
+    longest = max(widths.values(), default=0)
+    del table  # a column at a time is copied below, and freed
+    if longest >= FEWEST_ROWS and longest > rows:
+        tables = [_run(file, columns, lists, row, notes) for row in range(min(rows, MAX_TABLES))]
+        return tuple(run for run in tables if run is not None)
+    found = []
+    require_few_values(file, rows * (len(kept) - len(lists) + sum(widths.values())))
+    if sum(widths.values()) > MAX_COLUMNS:
+        raise JointIdError(
+            f"{file} has lists of {longest} numbers, more than the limit of {MAX_COLUMNS} columns."
+        )
+    for field in kept:
+        stated, column = _stated_unit(field), columns.pop(field.name).combine_chunks()
+        if field.name in widths:
+            values = _matrix(column, widths[field.name])
+            bare, unit = split_unit(field.name)
+            found += [
+                LogColumn(f"{bare} {k + 1}", numbers(values[:, k]), stated or unit, field.name)
+                for k in range(values.shape[1])
+            ]
+        else:
+            found.append(_column(field.name, column, stated))
+    return (LogTable(file, tuple(found), notes),)
+
+
+def _parquet(file: str, source: Any) -> Any:
+    parquet = pa_parquet.ParquetFile(source)
+    schema, metadata = parquet.schema_arrow, parquet.metadata
+    if len(set(schema.names)) < len(schema.names):
+        raise JointIdError(
+            f"{file} has several columns of one name: rename them. Names: {listed(schema.names)}."
+        )
+    names = [
+        f.name for f in schema if _is_number(f.type) or _is_list(f.type) or pa.types.is_struct(f.type)
+    ]
+    # The file states how many values it unpacks to, nested ones too.
+    held = sum(
+        metadata.row_group(g).column(c).num_values
+        for g in range(metadata.num_row_groups)
+        for c in range(metadata.num_columns)
+        if metadata.row_group(g).column(c).path_in_schema.partition(".")[0] in names
+    )
+    require_few_values(file, max(held, metadata.num_rows))
+    return _flat(parquet.read(columns=names, use_pandas_metadata=False), schema)
+
+
+def _arrow(file: str, source: Any) -> Any:
+    try:
+        reader = pa.ipc.open_file(source)
+        batches: Iterator[Any] = (reader.get_batch(k) for k in range(reader.num_record_batches))
+    except pa.ArrowInvalid:
+        source.seek(0)
+        reader = pa.ipc.open_stream(source)
+        batches = iter(reader)
+    kept, held = [], 0
+    for batch in batches:
+        batch.validate(full=True)  # offsets of a damaged file may lie outside of it
+        held += batch.nbytes // 8
+        require_few_values(file, held)
+        kept.append(batch)
+    return _flat(pa.Table.from_batches(kept, reader.schema), reader.schema)
+
+
+def _flat(table: Any, schema: Any) -> Any:
+    """Columns of structs become columns of their fields."""
+    left_out = [field for field in schema if field.name not in table.schema.names]
+    for _ in range(4):
+        if any(pa.types.is_struct(field.type) for field in table.schema):
+            table = table.flatten()
+    for field in left_out:
+        table = table.append_column(pa.field(field.name, pa.null()), pa.nulls(table.num_rows))
+    return table
+
+
+def _column(name: str, column: Any, stated: str) -> LogColumn:
+    bare, unit = split_unit(name)
+    if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+        ticks = column.cast(pa.int64())
+        first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
+        values = (ticks.to_numpy(zero_copy_only=False) - first) / _PER_SECOND[column.type.unit]
+        return LogColumn(name, numbers(values), "s", name)
+    return LogColumn(bare, numbers(_values(column)), stated or unit, name)
+
+
+def _values(column: Any) -> Floats:
+    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False))
+
+
+def _matrix(column: Any, width: int) -> Floats:
+    """Lists as rows, shape (N, width); short ones end in NaN."""
+    lengths = np.asarray(pa_compute.fill_null(pa_compute.list_value_length(column), 0))
+    values = _values(column.drop_null().flatten() if column.null_count else column.flatten())
+    table = np.full((len(lengths), width), np.nan)
+    table[np.arange(width) < lengths[:, None]] = values
+    return table
+
+
+def _run(
+    file: str, columns: dict[str, Any], lists: list[str], row: int, notes: tuple[str, ...]
+) -> LogTable | None:
+    """Table of the lists in one row; None if they are too short or differ in length."""
+    values = {name: columns[name][row].values for name in lists if columns[name][row].is_valid}
+    sizes = {len(v) for v in values.values()}
+    if len(sizes) != 1 or min(sizes) < FEWEST_ROWS or len(values) < 2:
+        return None
+    found = tuple(_column(name, part, "") for name, part in values.items())
+    return LogTable(f"{file}: row {row + 1}", found, notes)
+
+
+def _stated_unit(field: Any) -> str:
+    metadata = field.metadata or {}
+    return unit_of(metadata.get(b"unit", metadata.get(b"units", b"")).decode(errors="replace"))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    types = pa.types
+    tests = (
+        types.is_floating,
+        types.is_integer,
+        types.is_decimal,
+        types.is_timestamp,
+        types.is_duration,
+    )
+    return any(test(kind) for test in tests)
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    types = pa.types
+    lists = types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind)
+    return bool(lists and (types.is_floating(kind.value_type) or types.is_integer(kind.value_type)))
+
+
+READERS = {
+    "parquet": Reader("Parquet", begins_with(b"PAR1"), partial(read, "parquet"), ("parquet", "pq")),
+    "arrow": Reader(
+        "Arrow",
+        begins_with(b"ARROW1\0\0", b"\xff\xff\xff\xff"),
+        partial(read, "arrow"),
+        ("feather", "arrow"),
+    ),
+}

@@ -1,0 +1,54 @@
+"""Captures saved by LinuxCNC's halscope, which states the sampling period in the first line."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import LogTable
+from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.reader import Reader, file_text, text_of
+from jointid.importing.read.text.delimited import columns_of
+
+_HEAD = re.compile(r"#? ?Sampling period is (\d{1,12}) n(?:Sec|s)")
+_PAIR = re.compile(r"(\S{1,200})\s{1,9}([-+]\S{1,60})")
+
+
+def read(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read a capture: names and values side by side (older versions), or a header and semicolons.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    path : str
+
+    Raises
+    ------
+    JointIdError
+        When the period is 0, there are no samples, or a cell has no number.
+    """
+    first, *rest = file_text(path).split("\n")
+    found = _HEAD.match(first)
+    assert found is not None  # that is how it was recognised
+    period_s = int(found[1]) * 1e-9
+    lines = [line for line in rest if line.strip() and not line.startswith("#")]
+    if period_s == 0 or not lines:
+        raise JointIdError(f"{file} has no samples, or a sampling period of 0: save the capture again.")
+    if pairs := _PAIR.findall(lines[0]):
+        names = [name for name, _ in pairs]
+        lines = [";".join(value for _, value in _PAIR.findall(line)) for line in lines]
+    else:
+        names, lines = lines[0].split(";"), lines[1:]
+    columns = columns_of(file, lines, ";", ".", len(names))
+    time = np.arange(len(columns[0]), dtype=np.float64) * period_s
+    return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
+
+
+def _recognises(head: bytes) -> bool:
+    return _HEAD.match(text_of(head[:200])) is not None
+
+
+READERS = {"halscope": Reader("a halscope capture", _recognises, read)}

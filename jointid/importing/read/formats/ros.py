@@ -1,0 +1,241 @@
+"""Bags of ROS 2 (SQLite or MCAP) and ROS 1: joint states, and messages of numbers such as MultiArray."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import (
+    LogColumn,
+    LogTable,
+    most_first,
+    numbers,
+    require_few_values,
+)
+from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.optional_imports import import_optional
+from jointid.importing.read.reader import Reader, begins_with
+from jointid.wording import listed
+
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_NUMBERS = re.compile(
+    r"std_msgs/msg/(?:U?Int(?:8|16|32|64)|Float(?:32|64))(?:MultiArray)?"
+    r"|geometry_msgs/msg/(?:Wrench|Vector3|Twist)(?:Stamped)?"
+)
+"""Types whose numbers may be positions or torques."""
+_QUANTITIES = (("position", "rad"), ("velocity", "rad/s"), ("effort", "N·m"))
+_MOST_JOINTS = 200
+
+
+def read(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read the joint states and other numbers of a ROS bag; one table per topic.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    path : str
+        A .db3 or .mcap file, or the folder of a bag; a .bag file of ROS 1.
+
+    Returns
+    -------
+    tuple of LogTable
+        Columns "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint. The
+        time is the header's stamp, or the time of recording if no stamp is set. Messages of numbers
+        without names, such as Float64MultiArray, have a column for each field; with them, the first
+        table holds all topics at their times of recording, unless the joint states have efforts.
+
+    Raises
+    ------
+    JointIdError
+        When rosbags is not installed, a file's name cannot be used, or there is no such topic.
+    """
+    _require_plain_names(file, Path(path))
+    version = 1 if path.endswith(".bag") and Path(path).is_file() else 2
+    rosbag = import_optional(f"rosbags.rosbag{version}", "rosbags", "ROS bags")
+    typesys = import_optional("rosbags.typesys", "rosbags", "ROS bags")
+    stores = typesys.Stores
+    store = typesys.get_typestore(stores.ROS1_NOETIC if version == 1 else stores.LATEST)
+    deserialize = store.deserialize_ros1 if version == 1 else store.deserialize_cdr
+    with rosbag.Reader(Path(path)) as bag:
+        wanted = [
+            c for c in bag.connections if c.msgtype == _JOINT_STATE or _NUMBERS.fullmatch(c.msgtype)
+        ]
+        if not wanted:
+            topics = [f"{c.topic} ({c.msgtype})" for c in bag.connections]
+            raise JointIdError(
+                f"{file} has no topic of type {_JOINT_STATE}, and none of numbers: record "
+                f"the joint states. Topics found: {listed(topics)}."
+            )
+        logs: dict[str, _TopicLog] = {}
+        for connection, recorded_ns, raw in bag.messages(connections=wanted):
+            message = deserialize(raw, connection.msgtype)
+            kind = _TopicLog if connection.msgtype == _JOINT_STATE else _FieldLog
+            logs.setdefault(connection.topic, kind(file)).add(message, recorded_ns)
+    if not logs:
+        raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")
+    names = {topic: f"{file}: {topic}" for topic in logs}
+    states = most_first(
+        file, (t.table(names[topic]) for topic, t in logs.items() if type(t) is _TopicLog)
+    )
+    if len(states) == len(logs):
+        return states
+    if len(logs) == 1:
+        return tuple(log.table(names[topic]) for topic, log in logs.items())
+    start = min(log.start_ns for log in logs.values())
+    signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
+    note = "Topics are put together at their times of recording."
+    together = tables_of_signals(file, signals, (note,))
+    complete = any(column.where == "effort" for table in states for column in table.columns)
+    return (*states, *together) if complete else (*together[:1], *states, *together[1:])
+
+
+def _require_plain_names(file: str, path: Path) -> None:
+    """Refuse names that a URI reads as other names: rosbags opens SQLite databases by URI."""
+    single = [path] if path.suffix == ".db3" else []
+    for part in path.iterdir() if path.is_dir() else single:
+        if set("%?#").intersection(part.name):
+            raise JointIdError(
+                f"{file}: the file name {part.name!r:.200} has one of the characters %, ? and #, which "
+                "lead to another file when a ROS bag is opened: rename it, in metadata.yaml too."
+            )
+
+
+class _TopicLog:
+    """Messages of one topic, gathered by joint."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._stamps: list[int] = []
+        self._recorded: list[int] = []
+        self._columns: dict[tuple[str, str], int] = {}
+        self._rows: list[tuple[Any, Floats]] = []
+        self._layouts: dict[tuple[Any, ...], np.ndarray] = {}
+        self._held = 0
+
+    def add(self, message: Any, recorded_ns: int) -> None:
+        self._stamp(message, recorded_ns)
+        parts = [np.asarray(getattr(message, quantity), float) for quantity, _ in _QUANTITIES]
+        names = tuple(message.name)
+        layout = (names, *(part.size for part in parts))
+        if layout not in self._layouts:
+            self._layouts[layout] = self._places(names, parts)
+        values = np.concatenate([part[: len(names)] for part in parts])
+        self._held += values.size
+        require_few_values(self._file, self._held)
+        self._rows.append((self._layouts[layout], values))
+
+    def _stamp(self, message: Any, recorded_ns: int) -> None:
+        stamp = getattr(getattr(message, "header", None), "stamp", None)
+        self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
+        self._recorded.append(recorded_ns)
+
+    def _places(self, names: tuple[str, ...], parts: list[Floats]) -> np.ndarray:
+        self._require_few_layouts(len(names))
+        places = [
+            self._columns.setdefault((name, quantity), len(self._columns))
+            for part, (quantity, _) in zip(parts, _QUANTITIES, strict=True)
+            for name in names[: part.size]
+        ]
+        return np.array(places, int)
+
+    def _require_few_layouts(self, joints: int) -> None:
+        if joints > _MOST_JOINTS:
+            raise JointIdError(
+                f"{self._file}: a message names {joints} joints, more than the limit of "
+                f"{_MOST_JOINTS}: record the state of one robot."
+            )
+        if len(self._layouts) > _MOST_JOINTS:
+            raise JointIdError(
+                f"{self._file}: its messages name ever other joints, more than {_MOST_JOINTS} sets of "
+                "them: record the state of one robot."
+            )
+
+    def signals(self, topic: str, start_ns: int) -> list[Signal]:
+        """Every column with its times of recording since a start, under the name of the topic."""
+        time, table = np.array(self._recorded, dtype=np.int64) - start_ns, self._values()
+        order = np.argsort(time, kind="stable")
+        return [
+            Signal(
+                f"{topic} {joint} {quantity}".replace("  ", " "),
+                time[order][known] * 1e-9,
+                column[known],
+                unit,
+            )
+            for ((joint, quantity), k), unit in zip(self._columns.items(), self._units(), strict=True)
+            if (known := np.isfinite(column := table[order, k])).any()
+        ]
+
+    @property
+    def start_ns(self) -> int:
+        """Time of recording of the first message."""
+        return min(self._recorded)
+
+    def _units(self) -> list[str]:
+        return [dict(_QUANTITIES).get(quantity, "") for _, quantity in self._columns]
+
+    def _values(self) -> Floats:
+        table = np.full((len(self._rows), len(self._columns)), np.nan)
+        for row, (places, values) in zip(table, self._rows, strict=True):
+            row[places] = values
+        return table
+
+    def table(self, name: str) -> LogTable:
+        stamped = len(set(self._stamps)) > len(self._stamps) // 2
+        ticks = np.array(self._stamps if stamped else self._recorded, dtype=np.int64)
+        table, order = self._values(), np.argsort(ticks, kind="stable")
+        notes = []
+        if not stamped:
+            notes.append("The messages carry no time stamps: the time of recording is used.")
+        if np.any(np.diff(ticks) < 0):
+            notes.append("Some messages were recorded out of order; they were sorted by time.")
+        columns = [LogColumn("time", numbers((ticks[order] - ticks[order[0]]) * 1e-9), "s", "stamp")]
+        columns += [
+            LogColumn(f"{joint} {quantity}".strip(), numbers(table[order, k]), unit, quantity)
+            for ((joint, quantity), k), unit in zip(self._columns.items(), self._units(), strict=True)
+        ]
+        return LogTable(name, tuple(columns), tuple(notes), 1, "message")
+
+
+class _FieldLog(_TopicLog):
+    """Messages of one topic without names: a column for each number."""
+
+    def add(self, message: Any, recorded_ns: int) -> None:
+        """Add one message."""
+        self._stamp(message, recorded_ns)
+        fields = list(_fields("", message))
+        layout = (tuple(name for name, _ in fields),)
+        if layout not in self._layouts:
+            self._require_few_layouts(len(fields))
+            places = [self._columns.setdefault(("", name), len(self._columns)) for name, _ in fields]
+            self._layouts[layout] = np.array(places, int)
+        self._held += len(fields)
+        require_few_values(self._file, self._held)
+        self._rows.append((self._layouts[layout], np.array([value for _, value in fields], float)))
+
+
+def _fields(name: str, value: Any) -> Iterator[tuple[str, float]]:
+    """Numbers of a message by name: "data 3", "wrench.torque.z"; layouts and headers are left out."""
+    if isinstance(value, int | float | np.number):
+        yield name, float(value)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        for number, element in enumerate(value[:_MOST_JOINTS], start=1):
+            yield f"{name} {number}", float(element)
+    elif is_dataclass(value):
+        for field in fields(value):
+            if not field.name.startswith("_") and field.name not in ("header", "layout"):
+                yield from _fields(f"{name}.{field.name}".strip("."), getattr(value, field.name))
+
+
+READERS = {
+    "db3": Reader("a ROS 2 bag", begins_with(b"SQLite format 3\0"), read, ("db3",)),
+    "mcap": Reader("MCAP", begins_with(b"\x89MCAP0\r\n"), read, ("mcap",)),
+    "bag": Reader("a ROS 1 bag", begins_with(b"#ROSBAG V"), read, ("bag",)),
+}

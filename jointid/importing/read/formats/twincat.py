@@ -1,0 +1,131 @@
+"""Text exports of Beckhoff's TwinCAT Scope: rows of properties, then times and values side by side."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.importing.columns.log_table import LogTable
+from jointid.importing.read.clocks import Signal, tables_of_signals
+from jointid.importing.read.reader import Reader, file_text, text_of
+from jointid.importing.read.text.delimited import columns_of
+from jointid.wording import listed
+
+_HEAD = re.compile(
+    r"\A\s*Name([;,\t|: ]).*\n(?:.*\n){1,40}?\s*(?:SampleTime\[ms\]|SymbolName|NetID|NetId)\1"
+)
+_INTEGERS = ("INT", "BIT", "BOOL", "BYTE", "WORD", "DINT")
+_TICK_S = 1e-7
+"""FILETIME counts 100 ns."""
+_FULL_STAMP = 1e15  # a relative time in ms is far below
+
+
+def read(file: str, path: str) -> tuple[LogTable, ...]:
+    """Read a TwinCAT Scope export; every channel keeps its own clock.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for messages.
+    path : str
+
+    Raises
+    ------
+    JointIdError
+        When it has no time columns, or a cell without a number.
+    """
+    text = file_text(path)
+    head = _HEAD.match(text)
+    assert head is not None  # that is how it was recognised
+    separator = head[1]
+    rows = text.split("\n")
+    start, about = _channel_rows(rows, separator)
+    names = about["Name"]
+    body = [row for row in rows[start:] if row.strip(f"{separator} ") and row.strip() != "EOF"]
+    if not body or "Name" not in names:
+        raise JointIdError(f"{file} holds no samples with times: export all time lines of the scope.")
+    cells = body[0].split(separator)
+    # A column headed by "Name" holds the times of the channels to its right.
+    clocks = [k for k, name in enumerate(names) if name.strip() == "Name"]
+    full = {k for k in clocks if k < len(cells) and cells[k].isdigit() and int(cells[k]) > _FULL_STAMP}
+    decimal = "," if separator != "," and any("," in row for row in body[:2000]) else "."
+    columns = columns_of(file, body, separator, decimal, len(names), full)
+    origin = min((int(columns[k][columns[k] > 0].min()) for k in full), default=0)
+    if len(names) != len(about.get("VariableSize", names)):
+        raise JointIdError(
+            f"{file} separates columns by {separator!r}, as do the channels' names: export it with "
+            "tabs or semicolons."
+        )
+    signals, notes, time = [], [], None
+    for k, name in enumerate(names):
+        if k in clocks:
+            ticks = np.where(columns[k] > 0, columns[k] - origin, np.nan) if k in full else None
+            time = columns[k] * 1e-3 if ticks is None else ticks * _TICK_S
+        elif time is not None and name.strip():
+            of_channel = {key: row[k].strip() for key, row in about.items() if k < len(row)}
+            values, note = _scaled(columns[k], of_channel)
+            notes += [f'"{name.strip()}": {note}'] if note else []
+            kept = np.isfinite(time) & np.isfinite(values)
+            unit = of_channel.get("Unit", "").partition(" (")[0]
+            signals.append(Signal(name.strip(), time[kept], values[kept], unit))
+    tables = tables_of_signals(file, signals, notes)
+    if not tables:
+        raise JointIdError(f"{file} holds no samples. Channels: {listed(names)}.")
+    return tables
+
+
+def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[str]]]:
+    """First line after the channels' properties, and those by name, one entry per column."""
+    about: dict[str, list[str]] = {}
+    for number, row in enumerate(rows[:200]):
+        cells = [cell.strip() for cell in row.split(separator)]
+        key = cells[0]
+        if key == "Name" and "SampleTime[ms]" not in about:
+            about = {key: cells}  # the last one is that of the channels, the first that of the scope
+        elif key and not re.match(r"[-+\d]", key):
+            about.setdefault(key, cells)
+        elif len(about) > 3 and key:
+            return number, about
+    return len(rows), about
+
+
+def _scaled(values: Any, about: dict[str, str]) -> tuple[Any, str]:
+    """Values in the channel's unit, and a note where the export does not say whether it scaled them."""
+    pairs = [("ScaleFactor", "Offset"), ("Unit ScaleFactor", "Unit Offset")]
+    factors = [(_number(about.get(a, ""), 1.0), _number(about.get(b, ""), 0.0)) for a, b in pairs]
+    if all(factor == (1.0, 0.0) for factor in factors):
+        return values, ""
+    said = ", ".join(f"factor {a:g} and offset {b:g}" for a, b in factors if (a, b) != (1.0, 0.0))
+    whole = about.get("Data-Type", "").upper().startswith(("U", *_INTEGERS))
+    product = factors[0][0] * factors[1][0]
+    finite = values[np.isfinite(values)]
+    if whole and product != round(product) and finite.size and not np.all(finite == np.round(finite)):
+        return values, ""  # integers with fractions are scaled already
+    if whole and abs(product) < 1 and np.all(finite == np.round(finite)):
+        for factor, offset in factors:
+            values = values * factor + offset
+        return values, f"the channel's {said} are applied, as its values are unscaled integers."
+    return values, (
+        f"the channel has {said}. The export does not say whether its values include them: they "
+        "are taken as exported. Check the size of the motion in the picture."
+    )
+
+
+def _number(text: str, default: float) -> float:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return default
+
+
+def _recognises(head: bytes) -> bool:
+    return (
+        head.lstrip(b"\xef\xbb\xbf\xff\xfe \r\n\t\0")[:1] == b"N"
+        and _HEAD.match(text_of(head)) is not None
+    )
+
+
+READERS = {"twincat": Reader("a TwinCAT Scope export", _recognises, read)}

@@ -1,0 +1,115 @@
+"""All readers of logs: the formats of this package, and those of plug-ins."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from jointid.errors import JointIdError
+from jointid.importing.read.reader import Reader
+
+TEXT = "text"
+PLUGINS = "jointid.readers"
+"""Group of the entry points by which other packages add a reader."""
+
+_FORMATS = (
+    "npz", "arrow", "hdf5", "matlab", "excel", "ros", "tdms", "mdf", "wpilog",
+    "twincat", "codesys", "lvm", "halscope", "json_lines", "tidy",
+)  # fmt: skip
+"""Modules of ``formats``; each has ``READERS`` by kind. The first that recognises a file reads it."""
+
+_UNSUPPORTED = (
+    (b"%PDF", "a PDF"),
+    (b"\x89PNG", "a picture (PNG)"),
+    (b"\xff\xd8\xff", "a picture (JPEG)"),
+    (b"GIF8", "a picture (GIF)"),
+    (b"RIFF", "a sound or video file (RIFF)"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7-Zip archive"),
+    (b"Rar!\x1a\x07", "a RAR archive"),
+    (b"BZh", "a bzip2 archive"),
+    (b"\xfd7zXZ\0", "an xz archive"),
+    (b"\x28\xb5\x2f\xfd", "a Zstandard archive"),
+    (b"ULog\x01\x12\x35", "a PX4 log (ULog)"),
+    (b"\xa3\x95\x80", "an ArduPilot log (DataFlash)"),
+    (b"LOGG", "a Vector BLF log"),
+    (b"|CF,", "an imc FAMOS file"),
+    (b"CDF\x01", "a NetCDF 3 file"),
+    (b"CDF\x02", "a NetCDF 3 file"),
+    (b"\x0e\x03\x13\x01", "an HDF4 file"),
+    (b"SIMPLE  =", "a FITS file"),
+    (b"FEA1", "a Feather file of version 1"),
+    (b"ORC", "an ORC file"),
+    (b"Obj\x01", "an Avro file"),
+    (b"RRF", "a Rerun recording"),
+    (b"\x80\x02", "a Python pickle, which could run programs here"),
+    (b"\x80\x03", "a Python pickle, which could run programs here"),
+    (b"\x80\x04", "a Python pickle, which could run programs here"),
+    (b"\x80\x05", "a Python pickle, which could run programs here"),
+    (b"MZ", "a Windows program"),
+    (b"\x7fELF", "a Linux program"),
+)
+"""First bytes of binary files that no reader takes."""
+
+
+@cache
+def readers() -> dict[str, Reader]:
+    """Return all readers by kind; those of plug-ins first.
+
+    Raises
+    ------
+    JointIdError
+        When a plug-in cannot be loaded.
+    """
+    found: dict[str, Reader] = {}
+    for entry in sorted(entry_points(group=PLUGINS), key=lambda e: e.name):
+        try:
+            reader = entry.load()
+        except Exception as error:
+            reader = error
+        if not isinstance(reader, Reader):
+            raise JointIdError(
+                f'The log reader "{entry.name}" ({entry.value}) of an installed package cannot be used '
+                f"({reader!r:.200}): update or remove the package."
+            )
+        found[entry.name] = reader
+    for module in _FORMATS:
+        own: dict[str, Reader] = import_module(f"jointid.importing.read.formats.{module}").READERS
+        found |= {kind: reader for kind, reader in own.items() if kind not in found}
+    return found
+
+
+def kind_of(name: str, head: bytes) -> str:
+    """Return the kind of a file: a key of ``readers()``, or "text".
+
+    A zip archive counts as "excel": see ``jointid.importing.read.archives``.
+
+    Parameters
+    ----------
+    name : str
+        File name; its ending is used when the content is not recognised.
+    head : bytes
+        The first 4096 bytes, or the whole file if it is shorter.
+
+    Raises
+    ------
+    JointIdError
+        When it is a binary file of a known format that no reader takes.
+    """
+    for kind, reader in readers().items():
+        if reader.recognises(head):
+            return kind
+    for magic, what in _UNSUPPORTED:
+        # Text is no such file, though it may begin with the same letters.
+        if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic == b"%PDF"):
+            raise JointIdError(
+                f"{name} is {what}, not a log. Export the measurement as CSV, Parquet or HDF5."
+            )
+    ending = name.lower().rpartition(".")[2]
+    return next((kind for kind, reader in readers().items() if ending in reader.endings), TEXT)
+
+
+def is_zip(head: bytes) -> bool:
+    """Whether a file begins like a zip archive: logs, a bag, or a workbook."""
+    return head.startswith(b"PK\x03\x04")

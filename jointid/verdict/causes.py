@@ -1,0 +1,348 @@
+"""Table of wrong units by the factor that they make, and the sentences of findings on wrong data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.verdict.evidence import Action, Finding, number, problem
+from jointid.verdict.scorer import Hypothesis
+from jointid.wording import capitalised, enumerated, listed
+
+DEGREES = np.pi / 180
+_CLOSE, _ROUGH, _NEAR = 1.03, 1.1, 1.35
+"""Ratio within which a factor is a known one: of a good fit, where more is wrong, for a hint."""
+LARGEST_GEAR_RATIO = 1000.0
+"""Larger ratios, and less than one over it, are no gears."""
+_ALIKE = 0.02
+"""Difference of logarithms within which the factors of all joints come from time."""
+
+
+class Cause(NamedTuple):
+    """A wrong unit."""
+
+    factor: float
+    """Torque over acceleration, logged over expected."""
+    signal: str
+    """"position" or "torque" of any joint; "time" or "inertia" of all."""
+    title: str
+    """After "the position of joint 1" or the like."""
+    why: str
+    remedy: str
+    """With {} for the joints."""
+
+    @property
+    def is_common(self) -> bool:
+        """Whether it concerns all joints alike."""
+        return self.signal in _ACTIONS
+
+
+def _unit(factor: float, signal: str, title: str, why: str, unit: str, by: str) -> Cause:
+    remedy = f"Set the unit of the {signal} of {{}} to {unit} on import, or {by}"
+    return Cause(factor, signal, title, why, remedy)
+
+
+def _time(factor: float, unit: str, taken: str, why: str, by: str) -> Cause:
+    short = {"milliseconds": "ms", "microseconds": "µs", "seconds": "s"}[unit]
+    return Cause(
+        factor,
+        "time",
+        f"Time is probably in {unit}, but was taken for {taken}",
+        f"accelerations go with the square of time, {why}",
+        f"Set the unit of time to {short} on import, or {by} in the files",
+    )
+
+
+_ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias"}
+_DIVIDED, _TIMES = "divide it by {}", "multiply it by {}"
+CAUSES = (
+    _unit(DEGREES, "position", "looks given in degrees",
+          "a position in degrees that was taken for radians (180/π = 57.3)", "deg",
+          "multiply it by π/180"),
+    _unit(1 / DEGREES, "position", "looks converted from degrees though it is in radians",
+          "a position in radians that was taken for degrees (180/π = 57.3)", "rad",
+          "multiply it by 180/π"),
+    Cause(DEGREES**2, "position", "looks given in degrees, and its gear ratio 57.3 times too large",
+          "degrees for radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
+          "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
+    Cause(DEGREES**-2, "position", "looks converted from degrees twice",
+          "radians for degrees twice, in the position and in the gear ratio ((180/π)² = 3283)",
+          "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
+    _unit(2 * np.pi, "position", "looks given in revolutions",
+          "a position in revolutions that was taken for radians (2π)", "rev", "multiply it by 2π"),
+    _unit(1 / (2 * np.pi), "position", "looks converted from revolutions though it is in radians",
+          "a position in radians that was taken for revolutions (2π)", "rad", "divide it by 2π"),
+    _unit(1e3, "torque", "looks given in mN·m",
+          "a torque in mN·m that was taken for N·m", "mN·m", "divide it by 1000"),
+    _unit(1e-3, "position", "looks given in mrad",
+          "a position in mrad that was taken for rad", "mrad", "divide it by 1000"),
+    Cause(np.sqrt(0.5), "torque", "looks like an rms value where the peak is meant",
+          "a current in A rms, taken for its peak (1/√2),",
+          "Check whether current and torque constant of {} are both rms or both peak values"),
+    Cause(np.sqrt(2), "torque", "looks like a peak value where the rms value is meant",
+          "a current in A peak, taken for its rms value (√2),",
+          "Check whether current and torque constant of {} are both rms or both peak values"),
+    _time(1e6, "milliseconds", "seconds", "1000² = 10⁶", "divide it by 1000"),
+    _time(1e-6, "seconds", "milliseconds", "1000² = 10⁶", "multiply it by 1000"),
+    _time(1e12, "microseconds", "seconds", "(10⁶)² = 10¹²", "divide it by 10⁶"),
+    _time(1e-12, "seconds", "microseconds", "(10⁶)² = 10¹²", "multiply it by 10⁶"),
+    Cause(1e-4, "inertia", "M and M2 are probably in kg·cm²", "1 kg·cm² is 10⁻⁴ kg·m²",
+          "Set the unit of the entered M and M2 to kg·cm², or divide them by 10⁴ in study.toml"),
+)  # fmt: skip
+"""Wrong units by their factor."""
+SUBTLE = (np.sqrt(0.5), np.sqrt(2))
+"""Factors that wrong inertias come near to as well."""
+OTHER_CAUSES = {
+    1e-3: "M and M2 look given in g·m²",
+    1e-6: "The position of all joints looks given in µrad",
+}
+"""What makes the same factor in all joints, in place of the cause in the table."""
+
+
+def known_cause(factor: float, close: float) -> Cause | None:
+    """Wrong unit of a position or torque behind a factor of either sign."""
+    near = (c for c in CAUSES if not c.is_common and abs(np.log(abs(factor) / c.factor)) < np.log(close))
+    return next(near, None)
+
+
+def finding_of(
+    hypothesis: Hypothesis, before: float, after: float, side: str, duration_s: float, K: Floats
+) -> Finding:
+    """Finding that names what is wrong.
+
+    Parameters
+    ----------
+    before, after : float
+        Misfit of the records as logged and as the hypothesis corrects them.
+    side : {"", "torque", "angle", "both"}
+        What the coupling of the joints shows to be scaled; empty when it does not.
+    duration_s : float
+        Of the longest record.
+    K : ndarray, shape (n,)
+        Stiffness of the corrected records.
+    """
+    proof = _proof(before, after)
+    if hypothesis.kind in _WHOLE:
+        title, detail, remedy, action = _WHOLE[hypothesis.kind]
+        fields = {
+            "gears": ", ".join(number(value) for value in hypothesis.gear),
+            "K": f"{', '.join(number(k) for k in K)} N·m/rad",
+            "q": listed(f"theta_m{j + 1}_rad" for j in range(K.size)),
+            "tau": listed(f"tau_m{j + 1}_Nm" for j in range(K.size)),
+        }
+        return problem(title, f"{detail.format(**fields)} {proof}", remedy.format(**fields), 2.0, action)
+    if hypothesis.kind in ("exchanged", "reversed axis"):
+        return problem(
+            _exchanged(hypothesis),
+            proof,
+            "Check the order of the joints in M and M2 and of the columns, and the sign of the coupling "
+            "inertias: position and torque of a joint may both be reversed.",
+            1.0,
+            "edit inertias",
+        )
+    factor, good = hypothesis.factor, after <= GOOD
+    wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(np.split(hypothesis.scale, 2)[0], 1))
+    effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
+    if np.all(np.isclose(np.abs(factor[wrong]), 1)):
+        what = "position" if hypothesis.kind == "angle" else "torque"
+        whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
+        return problem(
+            f"The sign of the {what} of {whose} looks reversed",
+            f"At low frequency the torque is −1 times what M and M2 say. {proof}",
+            f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
+            f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
+            "positions.",
+            1.0,
+            "edit mapping",
+        )
+    common = next((c for c in CAUSES if c.is_common and _is_common(factor, c.factor)), None)
+    if common is not None:
+        return _common_cause(common, factor, proof, duration_s, effect)
+    groups: dict[Cause | None, list[int]] = {}
+    for j in wrong.tolist():
+        groups.setdefault(known_cause(float(factor[j]), _CLOSE if good else _ROUGH), []).append(j)
+    if list(groups) == [None]:
+        return _unknown_cause(factor, wrong, proof, effect, side)
+    titles, details, remedies = [], [], []
+    for cause, joints in groups.items():
+        whose = _joints(joints, factor.size)
+        values = f"{_values(factor[joints])} times {_EXPECTED}"
+        is_ = f"{capitalised(whose)}: torque over acceleration is {values}."
+        if cause is None:
+            titles.append(f"the scale of {whose} looks wrong")
+            details.append(is_)
+            remedies.append(_unknown_remedy(factor, joints))
+            continue
+        reversed_too = bool(factor[joints[0]] < 0)
+        title = f"the {cause.signal} of {whose} {cause.title}" + " and the sign reversed" * reversed_too
+        other = (
+            OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
+        )
+        titles.append(f"{other}, or {title}" if other else title)
+        details.append(f"{is_} That is about what {cause.why} makes.")
+        if other:
+            details.append("M and M2 in g·m² taken for kg·m² make the same: the records cannot tell.")
+            remedies.append(
+                "Look up the unit of M and M2: if it is g·m², set it where they are entered, or divide "
+                "them by 1000 in study.toml. If they are right:"
+            )
+        columns = _columns(cause.signal, joints)
+        minus = " Reverse its sign as well." if reversed_too else ""
+        remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
+    remedies.append("If the units are right, check the gear ratio.")  # of this size by chance
+    title = capitalised("; ".join(titles))
+    return problem(title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping")
+
+
+GOOD = 10.0
+"""Misfit above which something is left to be explained."""
+_EXPECTED = "what M and M2 say"
+_WHOLE: dict[str, tuple[str, str, str, Action]] = {
+    "inertia": (
+        "M2 looks given on the arm side",
+        "With gear ratios of about {gears} it would fit the torques at low frequency.",
+        "Enter M2 as given on the joint side, or divide element ij of M2 in study.toml by the gear "
+        "ratios n_i·n_j.",
+        "edit inertias",
+    ),
+    "arm angle": (
+        "The positions look like the arm's, not the motors'",
+        "Taken for angles behind the springs, they give K of about {K}.",
+        "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
+        "behind the gear does not show what the motor does, whatever its gear ratio.",
+        "edit mapping",
+    ),
+    "gear torque": (
+        "The torques look measured behind the gears, not at the motors",
+        "Taken for the gears' torques, without what the rotors need, they give K of about {K}.",
+        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
+        "motor's acceleration to them.",
+        "edit mapping",
+    ),
+}
+"""Title, detail, remedy and action of hypotheses on all joints."""
+_SEEN = {
+    "torque": "it is the torque: it is on the other side of the gear than was taken, while the position "
+    "is right; or its unit is another.",
+    "angle": "it is the position: it is on the other side of the gear than was taken, while the torque "
+    "is right.",
+    "both": "it is both: position and torque are on the other side of the gear than was taken.",
+}
+
+
+def _exchanged(hypothesis: Hypothesis) -> str:
+    n = hypothesis.gear.size
+    moved = np.flatnonzero(hypothesis.order != np.arange(2 * n))
+    if hypothesis.kind == "reversed axis":
+        (j,) = np.flatnonzero(hypothesis.scale[:n] < 0).tolist()
+        which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
+        return f"Joint {which} looks reversed against the {others}"
+    what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
+    return (
+        f"The {what} of joints {enumerated([f'{j + 1}' for j in np.unique(moved % n)])} look exchanged"
+    )
+
+
+def _proof(before: float, after: float) -> str:
+    """What the correction changes, and whether something else is wrong, too."""
+    left = f"{number(np.sqrt(after), 2)} × noise"
+    logged = (
+        "allow no positive stiffness"
+        if np.isinf(before)
+        else f"leave {number(np.sqrt(before), 2)} × noise"
+    )
+    if after <= GOOD:
+        return f"As logged, the records {logged}; corrected, they leave {left} (1 is ideal)."
+    return (
+        f"As logged, the records {logged}; corrected, they still leave {left} (1 is ideal): friction, "
+        "which this check leaves out, or something else is wrong, too. Correct this first."
+    )
+
+
+def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, effect: float) -> Finding:
+    rest = factor / cause.factor
+    left = np.flatnonzero(np.abs(np.log(np.abs(rest))) > np.log(1.1))
+    lasts = f" The longest record then lasts {number(duration_s)} s." if cause.signal == "time" else ""
+    also = ""
+    if left.size:
+        also = (
+            f" What then remains is {_values(rest[left])} in {_joints(left, factor.size)}: "
+            f"{_unknown_remedy(rest, left)}"
+        )
+    other = OTHER_CAUSES.get(cause.factor, "")
+    return problem(
+        f"{other}, or {cause.title[0].lower()}{cause.title[1:]}" if other else cause.title,
+        f"Torque over acceleration is {_values(factor)} times {_EXPECTED}: {cause.why}.{lasts} {proof}",
+        f"{cause.remedy}.{also}",
+        effect,
+        _ACTIONS[cause.signal],
+    )
+
+
+def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
+    whose, size = _joints(wrong, factor.size), np.abs(factor[wrong])
+    ratios = np.maximum(size, 1 / size)
+    gears = []
+    for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
+        if ratio.max() <= LARGEST_GEAR_RATIO:
+            gears.append(f"{_values(ratio)} in {where}")
+    causes = f"It may be a torque that is not in N·m, {_values(1 / size)} N·m to its unit."
+    if gears:
+        how = "applied once too often" if size.max() < 1 else "left out"
+        causes = f"A gear ratio of {', or '.join(gears)}, {how}, would explain it; or {causes[10:]}"
+        if side:
+            causes += f" The coupling between the joints says that {_SEEN[side]}"
+    if np.any(factor[wrong] < 0):
+        causes += " The sign is reversed as well, as where motor and joint turn against each other."
+    if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < _ALIKE:
+        # Accelerations go with the square of time, in all joints alike.
+        right = number(np.sqrt(factor.mean()))
+        causes += f" All joints agree, so a sampling rate of {right} times what is given would, too."
+    return problem(
+        f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
+        f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
+        _unknown_remedy(factor, wrong),
+        effect,
+        "edit mapping",
+    )
+
+
+def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
+    indices = [int(j) for j in joints]
+    each = ", ".join(f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices)
+    near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), _NEAR)))
+    return (
+        "Check on import whether position and torque are of the motor or behind the gear, with which "
+        "ratio; and the torque's unit: per cent of the rated torque, or amperes, need the rated torque "
+        f"or the torque constant: the torque times {each} fits ({_columns('torque', indices)} in a "
+        "study's tables)." + (f" Not far from it: {'; '.join(near)}." if near else "")
+    )
+
+
+def _is_common(factor: Floats, of_cause: float) -> bool:
+    """Whether a common cause is behind the factors of all joints, alone or with a scale of each."""
+    if np.any(factor <= 0):
+        return False
+    rest = factor / of_cause
+    if of_cause == 1e-4:  # only the unit itself separates M and M2 from a gear ratio
+        return bool(np.ptp(np.log(factor)) < _ALIKE and abs(np.log(rest[0])) < np.log(_CLOSE))
+    return bool(np.all((rest > 1 / 30) & (rest < 30)))
+
+
+def _joints(joints: Iterable[int], n: int) -> str:
+    names = [f"{int(j) + 1}" for j in joints]
+    if len(names) == n and n > 1:
+        return "all joints"
+    return f"joint{'s' if len(names) > 1 else ''} {enumerated(names)}"
+
+
+def _columns(signal: str, joints: Iterable[int]) -> str:
+    name = {"position": "theta_m{}_rad", "torque": "tau_m{}_Nm"}[signal]
+    return ", ".join(name.format(int(j) + 1) for j in joints)
+
+
+def _values(values: Floats) -> str:
+    return ", ".join(number(float(value), 3) for value in values)

@@ -1,0 +1,248 @@
+"""Are units, signs, gear ratios and columns right? Hypotheses about wrong data, tried by fitting again.
+
+At low frequency the springs drop out and the torques are (M + M2) q̈. A scale that is off shows there as
+a factor on a joint. Whether a hypothesis holds is then tried: with the data as it corrects them, the
+joint equations must hold far better than without. Data that are right cannot be corrected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from jointid.arrays import Floats
+from jointid.estimation.joint_equations import LARGEST, LEAST
+from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
+from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, finding_of
+from jointid.verdict.evidence import Finding
+from jointid.verdict.scorer import Hypothesis, Scorer
+
+_SNAP = 1.35  # a factor this close to a known one is taken for it
+_RIGHT = 1.8  # a factor within this is that of inertias that are somewhat off
+_BETTER = 0.1  # share of the misfit that corrected data may leave
+_GRID, _GRID_POINTS, _FARTHEST = 0.24, 17, 0.5  # logarithms around a rough ratio
+_LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
+_MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
+_FACTORS = tuple(cause.factor for cause in CAUSES)
+
+
+def wrong_data(
+    phasors: Phasors, inertias: Sequence[Inertia], *, misfit: float | None = None
+) -> tuple[Finding, ...]:
+    """Find wrong signs, units, gear ratios and columns.
+
+    Parameters
+    ----------
+    phasors : Phasors
+    inertias : sequence of Inertia
+        One per record.
+    misfit : float, optional
+        Of the answer that was given. When it is small there is nothing to look for.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one, which explains the data best. No estimate needs to be possible as they are.
+    """
+    if misfit is not None and misfit < GOOD:
+        return ()
+    scorer = Scorer.of(phasors, inertias)
+    bare = scorer.scores([scorer.as_logged()])
+    as_logged = float(bare.cost[0])
+    if as_logged < GOOD:
+        return ()
+    measured = low_frequency_inertia(phasors, inertias)
+    bar = _BETTER * float(np.minimum(as_logged, bare.misfit[0]))
+    tried = list(_hypotheses(phasors.n, measured, inertias))
+    cost = scorer.scores(tried).cost
+    subtle = [h.kind == "gear torque" or (h.kind == "torque" and h.scale[-1] in SUBTLE) for h in tried]
+    cost[(cost > GOOD) & subtle] = np.inf  # wrong inertias come near to these
+    if cost.min() > GOOD:
+        # At low frequency ratios are seen roughly only, too roughly for a spring to come out.
+        rough = [tried[int(np.argmin(cost))]] if cost.min() < bar else []
+        refined = [_refined(h, scorer) for h in (*rough, *_on_sides(_ratio(measured, inertias)))]
+        possible = [h for h in refined if _is_possible(h)]
+        if possible:
+            found = scorer.scores(possible).cost
+            found[found > _BETTER * cost.min()] = np.inf  # a free ratio always explains something
+            tried, cost = [*tried, *possible], np.concatenate([cost, found])
+    if not cost.min() < bar:
+        return ()
+    chosen = tried[int(np.argmax(cost <= 2 * max(cost.min(), 1.0)))]
+    after = scorer.scores([chosen])
+    side = _side(chosen, float(after.cost[0]), scorer)
+    duration_s = float(phasors.duration_s.max())
+    return (finding_of(chosen, as_logged, float(after.cost[0]), side, duration_s, after.K[0]),)
+
+
+def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) -> Iterator[Hypothesis]:
+    """What to try, the simplest first."""
+    one = np.ones(n)
+    for factor in (-1.0, *_FACTORS):  # all joints alike: the same as torque or as angle
+        if factor in (-1.0, 1e3, *SUBTLE) or factor in (c.factor for c in CAUSES if c.is_common):
+            yield Hypothesis.of("torque", one, np.full(n, factor))
+        else:
+            yield Hypothesis.of("angle", np.full(n, 1 / factor), one)
+    as_logged = Hypothesis.of("", one, one)
+    for j in range(n):
+        flip = np.where(np.arange(n) == j, -1.0, 1.0)
+        yield Hypothesis.of("angle", flip, one)
+        yield Hypothesis.of("torque", one, flip)
+        if n > 1:
+            yield Hypothesis.of("reversed axis", flip, flip)
+    for a, b in combinations(range(n), 2):
+        for columns in ([a, b, n + a, n + b], [n + a, n + b], [a, b]):
+            order = np.arange(2 * n)
+            order[columns] = order[[c + (b - a if c % n == a else a - b) for c in columns]]
+            yield replace(as_logged, kind="exchanged", order=order)
+    for kind in ("arm angle", "gear torque"):
+        yield replace(as_logged, kind=kind)
+    ratio = _ratio(measured, inertias)
+    if measured is None or n > _MOST_JOINTS:
+        return
+    for factors in (np.array([_snapped(r) for r in ratio]), ratio):
+        wrong = np.flatnonzero(factors != 1)
+        for angles in product((True, False), repeat=wrong.size if wrong.size else 0):
+            # Coupling shows whether the angle or the torque of a single joint is scaled.
+            by_angle = np.isin(np.arange(n), wrong[list(angles)])
+            kind = "angle" if by_angle.any() else "torque"
+            yield Hypothesis.of(kind, np.where(by_angle, 1 / factors, 1), np.where(by_angle, 1, factors))
+    M, M2 = (np.mean([getattr(i, name) for i in inertias], axis=0) for name in ("M", "M2"))
+    own = np.diag(measured) - M
+    square = np.diag(M2) / np.where(own > 0, own, np.inf)
+    if np.all(square > 4):
+        yield replace(as_logged, kind="inertia", gear=np.sqrt(square))
+
+
+def _ratio(measured: Floats | None, inertias: Sequence[Inertia]) -> Floats:
+    """Torque over acceleration, measured over expected, (n,); 1 where other inertias may explain it."""
+    expected = np.mean([np.diag(i.M) + i.M2 for i in inertias], axis=0)
+    if measured is None:
+        return np.ones(len(expected))
+    ratio = np.diag(measured) / np.diag(expected)
+    return np.where((ratio > 1 / _RIGHT) & (ratio < _RIGHT), 1.0, ratio)
+
+
+def _on_sides(factor: Floats) -> list[Hypothesis]:
+    """What makes these factors between torque and acceleration, if a gear does."""
+    one = np.ones(factor.size)
+    if np.all(factor == 1):
+        return []
+    found = [Hypothesis.of("torque", one, factor), Hypothesis.of("angle", 1 / factor, one)]
+    if np.all(factor > 0):  # a ratio that is applied twice makes no sign
+        wrong = np.flatnonzero(factor != 1)[1:_MOST_JOINTS]
+        for signs in product((1.0, -1.0), repeat=wrong.size):
+            root = np.sqrt(factor)
+            root[wrong] *= signs
+            found.append(Hypothesis.of("both", 1 / root, root))
+    return found
+
+
+def _side(chosen: Hypothesis, after: float, scorer: Scorer) -> str:
+    """Return "torque", "angle" or "both" where the coupling of the joints tells which, else ""."""
+    factor = chosen.factor
+    if chosen.kind not in ("angle", "torque", "both") or factor.size == 1:
+        return ""
+    refined = [_refined(h, scorer) for h in _on_sides(np.where(np.isclose(factor, 1), 1.0, factor))]
+    if np.all(np.abs(factor) == 1) or not refined:
+        return ""
+    best: dict[str, float] = {}
+    for hypothesis, cost in zip(refined, scorer.scores(refined).cost.tolist(), strict=True):
+        best[hypothesis.kind] = min(cost, best.get(hypothesis.kind, np.inf))
+    first, *others = sorted(best, key=lambda kind: best[kind])
+    clear = best[first] <= 2 * max(after, 1.0)
+    return first if clear and all(best[o] > 4 * max(best[first], 1.0) for o in others) else ""
+
+
+def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
+    """The gear ratios that explain the data best; at low frequency they are seen roughly only."""
+    n = scorer.n
+    parts = np.concatenate([hypothesis.scale, hypothesis.gear]).reshape(3, n)
+    logs = np.log(np.abs(parts))
+    free = np.flatnonzero(np.any(logs != 0, axis=0))
+    if hypothesis.kind in ("arm angle", "gear torque", "exchanged") or not free.size:
+        return hypothesis
+    # A ratio that scales both, angle and torque, is one number.
+    turn = np.sign(logs) * np.sign(np.abs(logs).sum(axis=0))
+
+    def scaled(x: Floats) -> Hypothesis:
+        more = np.zeros(n)
+        more[free] = x
+        new = parts * np.exp(turn * more)
+        return replace(hypothesis, scale=new[:2].ravel(), gear=new[2])
+
+    def cost(x: Floats) -> float:
+        if np.any(np.abs(x) > _FARTHEST):
+            return 1e3
+        return float(np.clip(np.log(scorer.scores([scaled(x)]).cost[0]), -700, 1e3))
+
+    # Beside the valley of the right ratios lie others, where springs are negative.
+    axis = np.linspace(-_GRID, _GRID, _GRID_POINTS) if free.size < 3 else np.zeros(1)
+    grid = np.array(sorted(product(axis, repeat=free.size), key=lambda x: float(np.square(x).sum())))
+    start = grid[int(np.argmin(scorer.scores([scaled(x) for x in grid]).cost))]
+    found = minimize(
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={
+            "initial_simplex": np.vstack([start, start + 0.02 * np.eye(start.size)]),
+            "maxfev": 60 * start.size,
+            "xatol": 1e-4,
+            "fatol": 0.01,
+        },
+    )
+    return scaled(np.asarray(found.x, float))
+
+
+def _is_possible(hypothesis: Hypothesis) -> bool:
+    """Whether every factor can be that of a gear, or of a unit with a gear's beside it."""
+    factor = np.abs(hypothesis.factor)
+    common = (np.abs(np.log(factor / c.factor)) < np.log(30) for c in CAUSES if c.is_common)
+    return bool(
+        hypothesis.gear.max() <= LARGEST_GEAR_RATIO
+        and (
+            np.all(np.abs(np.log(np.abs(hypothesis.scale))) <= np.log(LARGEST_GEAR_RATIO))
+            or any(np.all(near) for near in common)
+            or np.all(np.abs(np.log(factor)) < np.log(_LARGEST_FACTOR))
+        )
+    )
+
+
+def _snapped(ratio: float) -> float:
+    known = (f for f in (-1.0, *_FACTORS, -_FACTORS[0]) if ratio * f > 0 and f not in SUBTLE)
+    return next((f for f in known if 1 / _SNAP < ratio / f < _SNAP), float(ratio))
+
+
+def low_frequency_inertia(phasors: Phasors, inertias: Sequence[Inertia]) -> Floats | None:
+    """Return the matrix (n, n) that maps acceleration to torque at ω → 0, as measured; None if too few.
+
+    The springs' share grows with ω²; it is taken off by extrapolation over the lowest frequencies. The
+    torque of gravity is subtracted.
+    """
+    gravity = np.einsum("rij,rj->ri", np.array([i.gravity for i in inertias]), phasors.q)
+    tau = phasors.tau - gravity
+    n = phasors.n
+    groups = phasors.by_frequency()
+    acceleration = -(phasors.omega[:, None] ** 2) * phasors.q
+    for frequencies, order in ((3, 1), (2, 1), (1, 0)):
+        rows = np.concatenate([group for _, group in groups[:frequencies]])
+        if len(groups) < frequencies or rows.size < n * (order + 1):
+            continue
+        x = (phasors.omega[rows] / phasors.omega[rows].max()) ** 2
+        terms = [acceleration[rows] * (x**k)[:, None] for k in range(order + 1)]
+        A = np.concatenate(terms, axis=1)
+        size = np.linalg.norm(A, axis=0)
+        if not np.all(size > 0):
+            continue
+        real = np.concatenate([(A / size).real, (A / size).imag])
+        if np.linalg.cond(real) < 1e4:
+            b = np.concatenate([tau[rows].real, tau[rows].imag])
+            inertia = (np.linalg.lstsq(real, b, rcond=None)[0] / size[:, None])[:n].T
+            size = np.abs(np.diag(inertia))
+            return np.asarray(inertia) if np.all((size > LEAST) & (size < LARGEST)) else None
+    return None

@@ -1,0 +1,124 @@
+"""Stiffness from a second encoder: a robot of known gears, and what must be refused."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from jointid import ArmSideFit, JointIdError, MotionRecord, identify_arm_side
+from jointid.arm_side.band_limited import GaussianFilter
+from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
+
+TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
+KNOWN = ROBOT.with_payload(mass=150.0, mass_std=0.0)
+
+
+@cache
+def record(seed: int = 1) -> MotionRecord:
+    return motion_record(TRUTH, seed)
+
+
+@cache
+def fit() -> ArmSideFit:
+    return identify_arm_side(record(), ROBOT)
+
+
+def test_stiffness_and_skew_come_back_with_the_payload_unknown() -> None:
+    K, error = fit().K[:SENSORS], fit().standard_error[:SENSORS]
+    assert np.all(np.abs(K - TRUTH.K) < 3 * error)
+    assert np.all(error < 0.06 * K)
+    np.testing.assert_allclose(fit().skew_s[:SENSORS], TRUTH.skew_s, atol=2e-5)
+
+
+def test_with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent() -> None:
+    quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
+    found = identify_arm_side(motion_record(quiet, 2), KNOWN)
+    np.testing.assert_allclose(found.K[:SENSORS], TRUTH.K, rtol=0.01)
+
+
+def test_joints_without_a_sensor_are_refused_with_the_reason() -> None:
+    assert np.isnan(fit().K[SENSORS:]).all()
+    assert np.isnan(fit().skew_s[SENSORS:]).all()
+    assert all("sensor" in reason for reason in fit().reasons[SENSORS:])
+    assert fit().reasons[:SENSORS] == ("",) * SENSORS
+
+
+def test_a_joint_whose_torque_hardly_varies_is_refused() -> None:
+    stiff = Truth(np.array([2e9, 5e6, 4e6]), TRUTH.skew_s, 150.0)
+    found = identify_arm_side(motion_record(stiff, 3), KNOWN)
+    assert np.isnan(found.K[0])
+    assert np.isnan(found.standard_error[0])
+    assert "not identifiable" in found.reasons[0]
+    assert np.isfinite(found.K[1])
+
+
+def test_a_joint_at_rest_is_refused() -> None:
+    r = record()
+    theta = r.theta_rad.copy()
+    theta[:, 0] = 0.0
+    found = identify_arm_side(
+        MotionRecord(time_s=r.time_s, theta_rad=theta, tau_Nm=r.tau_Nm, arm_rad=r.arm_rad), KNOWN
+    )
+    assert "moves too little" in found.reasons[0]
+
+
+def test_one_record_predicts_the_deflection_of_another() -> None:
+    other = record(9)
+    assert other.arm_rad is not None
+    measured = other.theta_rad / ROBOT.gear_ratio - other.arm_rad
+    left = (measured - fit().predict(other))[:, :SENSORS]
+    assert np.all(left.std(axis=0) < 8 * ARC_SECOND)
+    assert np.all(measured[:, :SENSORS].std(axis=0) > 60 * ARC_SECOND)
+
+
+def test_jitter_of_the_clock_is_resampled() -> None:
+    r = record()
+    keep = np.sort(np.random.default_rng(0).choice(r.time_s.size, 4500, replace=False))
+    assert r.arm_rad is not None
+    thinned = MotionRecord(
+        time_s=r.time_s[keep],
+        theta_rad=r.theta_rad[keep],
+        tau_Nm=r.tau_Nm[keep],
+        arm_rad=r.arm_rad[keep],
+    )
+    found = identify_arm_side(thinned, ROBOT)
+    np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=0.03)
+
+
+def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
+    lowpass = GaussianFilter(0.004, 6.0)
+    t = 0.004 * np.arange(600)
+    inner = slice(lowpass.reach, -lowpass.reach)
+    np.testing.assert_allclose(lowpass(3 * t**2, 2)[inner], 6.0, rtol=1e-9)
+    np.testing.assert_allclose(lowpass(3 * t**2, 1)[inner], (6 * t)[inner], rtol=1e-9)
+    gain = np.exp(-0.5 * (2 * np.pi * 2 * lowpass.width_s) ** 2)
+    later = lowpass(np.sin(2 * np.pi * 2 * t), later_s=0.0031)
+    np.testing.assert_allclose(
+        later[inner], gain * np.sin(2 * np.pi * 2 * (t + 0.0031))[inner], atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("wrong", [[], ["record"]])
+def test_what_is_no_record_is_refused(wrong: list[str]) -> None:
+    with pytest.raises(JointIdError, match="MotionRecord"):
+        identify_arm_side(wrong, ROBOT)  # type: ignore[arg-type]
+
+
+def test_records_without_any_sensor_or_with_other_joints_are_refused() -> None:
+    r = record()
+    blind = MotionRecord(time_s=r.time_s, theta_rad=r.theta_rad, tau_Nm=r.tau_Nm)
+    with pytest.raises(JointIdError, match="sensor"):
+        identify_arm_side(blind, ROBOT)
+    assert r.arm_rad is not None
+    few = MotionRecord(
+        time_s=r.time_s, theta_rad=r.theta_rad[:, :3], tau_Nm=r.tau_Nm[:, :3], arm_rad=r.arm_rad[:, :3]
+    )
+    with pytest.raises(JointIdError, match="3 joints"):
+        identify_arm_side(few, ROBOT)
+    short = MotionRecord(
+        time_s=r.time_s[:40], theta_rad=r.theta_rad[:40], tau_Nm=r.tau_Nm[:40], arm_rad=r.arm_rad[:40]
+    )
+    with pytest.raises(JointIdError, match="too short"):
+        identify_arm_side(short, ROBOT)

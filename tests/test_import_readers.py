@@ -1,0 +1,254 @@
+"""Formats that declare themselves: each is read with its names, units, scales and clocks."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import time
+import zipfile
+from pathlib import Path
+
+import format_makers as make
+import numpy as np
+import pytest
+from format_makers import FORMATS
+from log_makers import ANGLE, ROWS, TIME_S, TORQUE, zipped
+
+from jointid import JointIdError
+from jointid.importing import LogTable, apply_mapping, guess_mapping, read_log, read_logs
+from jointid.importing.read.readers import readers
+
+
+def refused(data: bytes, name: str) -> str:
+    with pytest.raises(JointIdError) as caught:
+        read_log(data, name)
+    return str(caught.value)
+
+
+def check_motion(table: LogTable, *, digits: float = 1e-6, torque_digits: float = 1e-3) -> None:
+    """The guessed mapping gives back what the log was made of."""
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    rows = np.round(log.time_s / make.STEP_S).astype(int)
+    assert log.time_s == pytest.approx(TIME_S[rows], abs=1e-9)
+    assert rows.size in (ROWS, ROWS // 2)
+    assert log.theta_rad[:, 0] == pytest.approx(ANGLE[rows], abs=digits)
+    assert log.tau_Nm[:, 0] == pytest.approx(TORQUE[rows], abs=torque_digits)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_each_format_gives_its_motion(name: str, tmp_path: Path) -> None:
+    data = FORMATS[name](tmp_path)
+    path = tmp_path / name
+    path.write_bytes(data)
+    for tables in read_logs([(path, ""), (data, "log.bin")]):  # the content decides, not the name
+        assert not isinstance(tables, JointIdError), tables
+        check_motion(tables[0])
+
+
+def test_formats_inside_a_zip(tmp_path: Path) -> None:
+    names = ("twincat.csv", "labview.lvm", "log.npz", "log.jsonl")
+    tables = read_log(zipped({name: FORMATS[name](tmp_path) for name in names}), "week.zip")
+    assert {table.source for table in tables} == {f"week.zip/{name}" for name in names}
+    assert not any("could not" in note for note in tables[0].notes)
+
+
+class TestTwinCat:
+    @pytest.mark.parametrize(
+        ("separator", "decimal"), [("\t", ","), ("\t", "."), (";", ","), (";", "."), (",", ".")]
+    )
+    @pytest.mark.parametrize("full_stamps", [False, True])
+    def test_separators_marks_and_stamps(self, separator: str, decimal: str, full_stamps: bool) -> None:
+        data = make.twincat(separator=separator, decimal=decimal, full_stamps=full_stamps)
+        tables = read_log(data, "scope.csv")
+        check_motion(tables[0])
+        assert [column.unit for column in tables[0].columns] == ["s", "deg", "N·m"]
+        assert [table.rows for table in tables] == [ROWS, ROWS, ROWS // 2]
+        assert "2 clocks" in tables[0].notes[-1]
+        assert "factor 0.001" in tables[0].notes[0]
+
+    def test_channels_that_share_a_time_are_one_table(self) -> None:
+        (table,) = read_log(make.twincat(shared=True, eof=False), "scope.csv")
+        check_motion(table, torque_digits=1e-6)
+
+    def test_a_scale_of_unknown_use_is_said(self) -> None:
+        data = make.twincat().replace(b"INT16", b"REAL64")
+        assert "does not say whether its values include them" in read_log(data, "scope.csv")[0].notes[0]
+
+    def test_names_with_the_separator_are_refused(self) -> None:
+        data = make.twincat(separator=" ", decimal=".").replace(b"Axis1.ActPos", b"Axis 1.ActPos")
+        assert "export it with tabs or semicolons" in refused(data, "scope.csv")
+
+
+def test_codesys_states_microseconds() -> None:
+    for data in (make.codesys_trace(microseconds=True), make.codesys_csv(microseconds=True)):
+        check_motion(read_log(data, "trace.bin")[0])
+    empty = make.codesys_trace().split(b"<\0T\0r\0a\0c\0e\0D\0")[0]
+    assert "without samples" in refused(empty, "cell.trace")
+
+
+class TestLabView:
+    @pytest.mark.parametrize("decimal", [",", "."])
+    @pytest.mark.parametrize("x_columns", ["One", "No", "Multi"])
+    @pytest.mark.parametrize("segments", [1, 4])
+    def test_every_layout(self, decimal: str, x_columns: str, segments: int) -> None:
+        (table,) = read_log(make.lvm(decimal=decimal, x_columns=x_columns, segments=segments), "run.lvm")
+        check_motion(table, torque_digits=1e-6)
+        assert [column.unit for column in table.columns] == ["s", "deg", "N·m"]
+
+    def test_channels_beside_a_time_channel(self) -> None:
+        (table,) = read_log(make.tdms(waveform=False), "run.tdms")
+        check_motion(table, torque_digits=1e-9)
+
+
+def test_both_kinds_of_halscope_captures() -> None:
+    for old in (False, True):
+        (table,) = read_log(make.halscope(old=old), "scope.log")
+        check_motion(table, torque_digits=1e-9)
+
+
+def test_a_row_per_run_is_a_table_per_run() -> None:
+    one, two = read_log(make.parquet_runs(), "runs.parquet")
+    check_motion(one, torque_digits=1e-9)
+    assert two.column("q").values == pytest.approx(2 * ANGLE)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), (",", "."), ("\t", ".")])
+@pytest.mark.parametrize("stamps", [False, True])
+def test_long_tables(separator: str, decimal: str, stamps: bool) -> None:
+    tables = read_log(make.tidy(separator=separator, decimal=decimal, stamps=stamps), "long.csv")
+    check_motion(tables[0], torque_digits=1e-6)
+    assert [column.unit for column in tables[0].columns] == ["s" if stamps else "ms", "rad", "N·m"]
+
+
+def test_numpy_objects_are_never_loaded(tmp_path: Path) -> None:
+    """An array of objects is a pickle: this one would write a file."""
+    trap = tmp_path / "written"
+
+    class Trap:
+        def __reduce__(self) -> tuple[object, ...]:
+            return Path.write_text, (trap, "gone")
+
+    buffer = io.BytesIO()
+    np.savez(buffer, t_s=TIME_S, q_rad=ANGLE, tau_Nm=TORQUE, trap=np.array([Trap()], dtype=object))
+    assert len(read_log(buffer.getvalue(), "log.npz")[0].columns) == 3
+    assert not trap.exists()
+
+
+def huge_npy() -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        buffer, {"descr": "<f8", "fortran_order": False, "shape": (1 << 40,)}
+    )
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("data", "name", "said"),
+    [
+        (huge_npy(), "log.npy", "more than the limit"),
+        (b'{"a":' * 100_000 + b"1", "log.json", "not JSON"),
+        (b"WPILOG\0\1" + b"\xff" * 400, "log.wpilog", "no entries of numbers"),
+        (make.wpilog().replace(b"double", b"strung").replace(b"float[]", b"strings"), "a", "no entries"),
+        (b"<Trace>" + b'<TraceVariable VarName="' * 20_000, "a.trace", "without samples"),
+        (b"Sampling period is 0 nSec \n\nx +1.0 \n", "halscope.log", "sampling period of 0"),
+        (b"LabVIEW Measurement\t\nSeparator\tTab\n", "a.lvm", "cut off"),
+    ],
+    ids=["npy shape", "nested", "wpilog size", "wpilog texts", "regular expression", "period", "header"],
+)  # fmt: skip
+def test_hostile_files_are_refused_soon(data: bytes, name: str, said: str) -> None:
+    began = time.monotonic()
+    assert said in refused(data, name)
+    assert time.monotonic() - began < 20
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"%PDF-1.7\n%\xe2\xe3", "is a PDF"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(50), "is a picture (PNG)"),
+        (b"\x1f\x8b\x08\0" + bytes(range(200)), "is a gzip archive"),
+        (b"ULog\x01\x12\x35\x01" + bytes(300), "is a PX4 log (ULog)"),
+        (b"\xa3\x95\x80\x80\x59FMT" + bytes(300), "is an ArduPilot log"),
+        (b"LOGG\x90\0\0\0" + bytes(300), "is a Vector BLF log"),
+        (b"CDF\x01" + bytes(300), "is a NetCDF 3 file"),
+        (b"\x80\x04\x95" + bytes(300), "is a Python pickle"),
+        (b"\x7fELF\x02" + bytes(300), "is a Linux program"),
+        (bytes(range(1, 255)) * 8 + bytes(50), "neither text nor a file of a kind that is known"),
+        (b"".join(bytes([k % 251, 0 if k % 3 else k % 7]) for k in range(4000)), "neither text nor"),
+    ],
+)
+def test_known_binaries_are_named(data: bytes, said: str) -> None:
+    message = refused(data, "log.csv")
+    assert said in message
+    assert "UTF-16" not in message
+
+
+def test_a_text_that_begins_like_a_binary_is_a_text() -> None:
+    (table,) = read_log(b"MZ,ORC\n" + b"".join(b"%d,%d\n" % (k, k % 5) for k in range(50)), "log.csv")
+    assert table.names == ("MZ", "ORC")
+
+
+PLUGIN = """
+from jointid.importing.columns.log_table import LogColumn, LogTable, numbers
+from jointid.importing.read.reader import Reader, begins_with
+
+def read(file, path):
+    values = [float(line) for line in open(path).read().split()[1:]]
+    columns = LogColumn("t", numbers(values[0::3]), "s"), LogColumn("q", numbers(values[1::3]), "rad")
+    return (LogTable(file, (*columns, LogColumn("tau", numbers(values[2::3]), "N·m"))),)
+
+READER = Reader("a log of plant 7", begins_with(b"PLANT7"), read)
+"""
+
+
+@pytest.mark.parametrize("works", [True, False])
+def test_a_plant_adds_its_own_reader(works: bool, tmp_path: Path) -> None:
+    """Another package with an entry point, without a change of this one."""
+    (tmp_path / "plant7.py").write_text(PLUGIN)
+    about = tmp_path / "plant7-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: plant7\nVersion: 1.0\n")
+    target = "READER" if works else "read"
+    (about / "entry_points.txt").write_text(f"[jointid.readers]\nplant7 = plant7:{target}\n")
+    numbers = " ".join(str(v) for row in zip(TIME_S, ANGLE, TORQUE, strict=True) for v in row)
+    log = tmp_path / "log.p7"
+    log.write_text(f"PLANT7 {numbers}")
+    program = (
+        "import sys, json; from jointid import JointIdError; from jointid.importing import read_log\n"
+        "try:\n    (table,) = read_log(sys.argv[1]); print(json.dumps([table.names, table.rows]))\n"
+        "except JointIdError as error: print(json.dumps(str(error)))"
+    )
+    root = str(Path(__file__).parents[1])
+    run = subprocess.run(
+        [sys.executable, "-c", program, str(log)], capture_output=True, text=True, check=True, cwd=root,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{root}"},
+    )  # fmt: skip
+    answer = json.loads(run.stdout)
+    if works:
+        assert answer == [["t", "q", "tau"], ROWS]
+    else:
+        assert 'The log reader "plant7" (plant7:read)' in answer
+
+
+def test_the_readers_are_one_table() -> None:
+    kinds = readers()
+    assert len(kinds) >= 19
+    assert all(reader.name and not any(map(str.isupper, kind)) for kind, reader in kinds.items())
+    assert not any(reader.recognises(b"") for reader in kinds.values())
+
+
+def test_a_zip_bomb_of_arrays_is_refused() -> None:
+    buffer = io.BytesIO()
+    with (
+        zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("a.npy", "w") as part,
+    ):
+        np.lib.format.write_array_header_1_0(
+            part, {"descr": "<f8", "fortran_order": False, "shape": (40 << 20,)}
+        )
+        for _ in range(40):
+            part.write(bytes(8 << 20))
+    assert "more than the limit" in refused(buffer.getvalue(), "log.npz")

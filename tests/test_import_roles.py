@@ -1,0 +1,235 @@
+"""Never a wrong role: a column is proposed only for the quantity that its name, unit or shape says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import format_makers as make
+import numpy as np
+import pytest
+from log_makers import ANGLE, TIME_S, TORQUE
+from typer.testing import CliRunner
+
+from jointid import SineRecord, extract_phasors
+from jointid.cli import app
+from jointid.importing import (
+    Channel,
+    JointMapping,
+    LogColumn,
+    LogTable,
+    Mapping,
+    TimeColumn,
+    apply_mapping,
+    guess_mapping,
+    mapping_from_json,
+    mapping_to_json,
+    read_log,
+)
+from jointid.importing.columns.log_table import numbers
+from jointid.importing.columns.units import split_unit
+
+T = np.arange(2000) * 1e-3
+
+
+def table_named(*names: str) -> LogTable:
+    """Noisy sines under the names; the first column is the time."""
+    rng = np.random.default_rng(1)
+    columns = []
+    for k, name in enumerate(names):
+        bare, unit = split_unit(name)
+        values = T if k == 0 else np.sin(20 * T + k) + 1e-3 * rng.standard_normal(T.size)
+        columns.append(LogColumn(bare, numbers(values), unit))
+    return LogTable("log", tuple(columns))
+
+
+def pairs(*names: str) -> list[tuple[str, str]]:
+    """Position and torque of each joint; the mapping must be one that can be written and read."""
+    guess = guess_mapping(table_named(*names))
+    assert mapping_from_json(mapping_to_json(guess.mapping)) == guess.mapping
+    told = {reason.what for reason in guess.open_questions}
+    assert set(guess.mapping.open_roles) <= told
+    return [(j.position.column, j.torque.column) for j in guess.mapping.joints]
+
+
+def many(form: str, count: int = 7, first: int = 0) -> list[str]:
+    return [form.format(k) for k in range(first, first + count)]
+
+
+FRANKA_STATE = ("q", "q_d", "dq", "dq_d", "tau_J", "tau_ext_hat_filtered")
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (
+            ["time", *(n for k in range(1, 8) for n in (f"q{k}", f"dq{k}")), *many("q{}_tau", first=1)],
+            [(f"q{k}", f"q{k}_tau") for k in range(1, 8)],
+        ),
+        (
+            ["time", "success_rate", *(n for s in FRANKA_STATE for n in many(f"state.{s}[{{}}]")),
+             *many("cmd.q_d[{}]"), *many("cmd.O_T_EE_d[{}]", 16), *many("cmd.tau_J_d[{}]")],
+            [(f"state.q[{k}]", f"state.tau_J[{k}]") for k in range(7)],
+        ),
+        (
+            ["duration", "success rate", *(n for s in FRANKA_STATE for n in many(f"{s}[{{}}]"))],
+            [(f"q[{k}]", f"tau_J[{k}]") for k in range(7)],
+        ),
+        (
+            ["t", "pos_vel_mapper.pos_rel", "pos_vel_mapper.vel", "motor.foc.Iq_measured"],
+            [("pos_vel_mapper.pos_rel", "motor.foc.Iq_measured")],
+        ),
+        (
+            ["t", *(f"axis{k}.{n}" for k in (0, 1) for n in ("map.vel", "map.pos_rel", "torque"))],
+            [(f"axis{k}.map.pos_rel", f"axis{k}.torque") for k in (0, 1)],
+        ),
+        (["t", "606Ch", "607Ah", "6064h", "6077h"], [("6064h", "6077h")]),
+        (["t", "0x6064", "0x6864", "0x6877", "0x6077"], [("0x6064", "0x6077"), ("0x6864", "0x6877")]),
+        (["t", "6064:00", "6078:00"], [("6064:00", "6078:00")]),
+        (["t", "A1.Moment.Ist", "A1.Position.Ist"], [("A1.Position.Ist", "A1.Moment.Ist")]),
+        (["t", "I_q", "theta"], [("theta", "I_q")]),
+        (["t", "0.joint-pos-cmd", "0.joint-pos-fb", "0.torque"], [("0.joint-pos-fb", "0.torque")]),
+        # Where nothing fits, the role stays empty.
+        (["t", "torque", "velocity"], [("", "torque")]),
+        (["t", "motor speed", "winding temperature"], [("", "")]),
+        (["t", "cycle counter", "motor current"], [("", "motor current")]),
+        (["t", "angle", "angular velocity"], [("angle", "")]),
+        (["t", "motor_position_timestamp", "torque"], [("", "torque")]),
+        (["t", "position_error", "torque limit"], [("", "")]),
+        (["t", "first [V]", "second [V]"], [("", "")]),
+        (["t", "alpha", "beta"], [("", "")]),
+        (["t", "one [mm]", "two [rpm]"], [("", "")]),
+        (["t", "joint1 position", "data 0", "torque 0", "torque 1"], [("joint1 position", "torque 1")]),
+    ],
+)  # fmt: skip
+def test_names_of_controllers(names: list[str], expected: list[tuple[str, str]]) -> None:
+    assert pairs(*names) == expected
+
+
+def test_objects_of_cia_402_are_thousandths_of_the_rated_torque() -> None:
+    joint = guess_mapping(table_named("t", "6064h", "6077h")).mapping.joints[0]
+    assert joint.torque.unit == "‰"
+    assert joint.torque.side == "motor"
+
+
+def test_more_joints_than_the_limit_are_a_valid_mapping() -> None:
+    guess = guess_mapping(table_named("t", *many("q{}", 25), *many("tau{}", 25)))
+    assert guess.mapping.n == 20
+    assert "25 pairs" in next(r.text for r in guess.reasons if r.what == "joints")
+
+
+# --- unnamed columns
+
+
+def motion() -> tuple[np.ndarray, ...]:
+    """Two swept angles with their velocities and torques."""
+    phase = 2 * np.pi * (1 + 3 * T) * T
+    q = [(0.3 + 0.1 * k) * np.sin(phase + k) for k in (0, 1)]
+    dq = [np.gradient(x, T) for x in q]
+    rng = np.random.default_rng(3)
+    tau = [1e-2 * np.gradient(v, T) + 1e-3 * rng.standard_normal(T.size) for v in dq]
+    return (*q, *dq, *tau)
+
+
+@pytest.mark.parametrize("layout", ["q q dq dq tau tau", "q dq tau q dq tau", "q tau q tau"])
+@pytest.mark.parametrize("clock", ["first", "last", "with a counter"])
+def test_a_clock_inside_a_matrix_and_velocities_take_no_role(layout: str, clock: str) -> None:
+    q0, q1, v0, v1, t0, t1 = motion()
+    signals = {
+        "q q dq dq tau tau": [q0, q1, v0, v1, t0, t1],
+        "q dq tau q dq tau": [q0, v0, t0, q1, v1, t1],
+        "q tau q tau": [q0, t0, q1, t1],
+    }[layout]
+    around = {
+        "first": [T, *signals],
+        "last": [*signals, T],
+        "with a counter": [T, *signals, np.arange(2000.0)],
+    }
+    (table,) = read_log(make.matrix(around[clock]), "log.txt")
+    guess = guess_mapping(table).mapping
+    assert table.column(guess.time.column).values == pytest.approx(T)
+    found = [(table.column(j.position.column), table.column(j.torque.column)) for j in guess.joints]
+    for (position, torque), (q, tau) in zip(found, ((q0, t0), (q1, t1)), strict=True):
+        assert position.values == pytest.approx(q, rel=1e-7)
+        assert torque.values == pytest.approx(tau, rel=1e-7)
+
+
+# --- several clocks
+
+
+def two_clocks(shift_s: float = 0.0, *, turn: float = 0.0) -> LogTable:
+    """An angle at 1 kHz and a torque at 411 Hz in rows of their own."""
+    fast, slow = np.arange(0, 6, 1e-3), np.arange(0.0002, 6, 1 / 411) + shift_s
+    time = np.sort(np.concatenate([fast, slow]))
+    q, tau = np.full(time.size, np.nan), np.full(time.size, np.nan)
+    angle = 0.4 * np.sin(2 * np.pi * 9.7 * fast)
+    q[np.searchsorted(time, fast)] = np.mod(angle, turn) if turn else angle
+    tau[np.searchsorted(time, slow)] = 0.7 * np.cos(2 * np.pi * 9.7 * slow)
+    columns = [LogColumn("t", numbers(time), "s"), LogColumn("q", numbers(q), "rad")]
+    return LogTable("log", (*columns, LogColumn("tau", numbers(tau), "N·m")))
+
+
+@pytest.mark.parametrize("turn", [0.0, 2 * np.pi])
+def test_signals_with_their_own_clocks_keep_amplitude_and_phase(turn: float) -> None:
+    """The slowest clock stays, so that no sample counts twice; the sine of the other is kept to 1e-5."""
+    table = two_clocks(turn=turn)
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    assert log.time_s.size == pytest.approx(6 * 411, abs=2)
+    assert "interpolated" in log.notes[-1].lower()
+    assert '"q"' in log.notes[-1]
+    record = SineRecord(9.7, log.time_s, log.theta_rad, log.tau_Nm)
+    phasors = extract_phasors([record])
+    ratio = complex(phasors.q[0, 0] / phasors.tau[0, 0])
+    assert ratio == pytest.approx(0.4 / 0.7 * -1j, abs=1e-5)
+
+
+def test_pauses_are_not_bridged_and_a_held_torque_keeps_its_value() -> None:
+    table = two_clocks()
+    time = table.column("t").values
+    kept = (time < 2) | (time > 3) | np.isfinite(table.column("tau").values)
+    cut = LogTable(
+        "log", tuple(LogColumn(c.name, numbers(c.values[kept]), c.unit) for c in table.columns)
+    )
+    log = apply_mapping(cut, guess_mapping(cut).mapping)
+    assert not np.any((log.time_s > 2.01) & (log.time_s < 2.99))
+    joint = JointMapping(Channel("q", "rad"), Channel("tau", "N·m"))
+    held = Mapping(TimeColumn("t", "s"), (joint,), torque_hold=True)
+    swapped = LogTable(
+        "log",
+        (
+            table.columns[0],
+            LogColumn("tau", table.columns[1].values, "N·m"),
+            LogColumn("q", table.columns[2].values),
+        ),
+    )
+    log = apply_mapping(swapped, held)
+    fast = np.isfinite(table.column("q").values)
+    known = set(table.column("q").values[fast].tolist())
+    assert set(log.tau_Nm[:, 0].tolist()) <= known
+    assert "held torque by its last value" in log.notes[-1]
+
+
+# --- no dead end
+
+
+def open_log() -> bytes:
+    lines = [f"{t},{v},{x}" for t, v, x in zip(TIME_S, TORQUE, ANGLE, strict=True)]
+    return "\n".join(["t,velocity,abc", *lines, ""]).encode()
+
+
+def test_convert_writes_an_open_guess_and_asks_for_its_columns(tmp_path: Path) -> None:
+    log, mapping, inertia = tmp_path / "run.csv", tmp_path / "map.json", tmp_path / "robot.toml"
+    log.write_bytes(open_log())
+    inertia.write_text("[inertia]\nM = [0.01]\nM2 = [[0.02]]\n")
+    run = CliRunner().invoke(app, ["convert", str(log), "--guess", str(mapping)])
+    assert run.exit_code == 0, run.output
+    written = json.loads(mapping.read_text("utf-8"))
+    assert written["joints"][0]["position"]["column"] == ""
+    options = ["--mapping", str(mapping), "--inertia", str(inertia), "--output", str(tmp_path / "new")]
+    run = CliRunner().invoke(app, ["convert", str(log), *options])
+    assert run.exit_code != 0
+    told = " ".join(run.output.split())
+    assert (
+        "no column is chosen for position of joint 1, torque of joint 1. Choose one of: velocity, abc"
+        in told
+    )

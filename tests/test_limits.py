@@ -1,0 +1,86 @@
+"""Bounds on files, messages and exported texts."""
+
+from __future__ import annotations
+
+import csv
+import io
+import tomllib
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_makers import TIME_S, excel
+
+from jointid import JointIdError
+from jointid.exporting.tables import csv_text, phasor_table
+from jointid.files.csv_tables import read_columns, read_header
+from jointid.importing import read_log
+from jointid.importing.columns.log_table import MAX_LOG_BYTES
+
+ROOT = Path(__file__).parents[1]
+ROWS = [f"{t},{np.sin(t)},{np.cos(t)}" for t in TIME_S]
+
+
+def test_the_page_and_the_server_agree_on_the_largest_upload() -> None:
+    server = tomllib.loads((ROOT / ".streamlit/config.toml").read_text())["server"]
+    assert server["maxUploadSize"] << 20 == MAX_LOG_BYTES
+
+
+@pytest.mark.parametrize(
+    "text", ["=1+1", "+1", "-1+cmd|' /C calc'!A0", "@SUM(1)", "\tx", "\r=x", "x\r=y"]
+)
+def test_a_text_is_no_formula_in_a_spreadsheet(text: str) -> None:
+    header, row = csv.reader(io.StringIO(csv_text([text, "b"], [[text, -1.5]]), newline=""))
+    plain = text.replace("\r", " ")
+    assert header[0] == row[0] == (plain if text[0] == "x" else f"'{plain}")
+    assert row[1] == "-1.5"
+
+
+def test_labels_of_records_are_no_formulas() -> None:
+    from dataclasses import replace
+
+    from jointid import Inertia, SineRecord, Study, analyse
+
+    wave = 0.1 * np.sin(2 * np.pi * 10 * TIME_S)[:, None]
+    record = SineRecord(10.0, TIME_S, wave, -3.0 * wave, label="=HYPERLINK(1)")
+    other = replace(record, frequency_hz=20.0, theta_rad=0.1 * np.sin(2 * np.pi * 20 * TIME_S)[:, None])
+    table = phasor_table(analyse(Study([record, other], Inertia(0.01, 0.02))))
+    assert "'=HYPERLINK(1)" in table
+    assert "\n=" not in table
+
+
+def test_messages_are_bounded_and_keep_their_remedy() -> None:
+    error = JointIdError("x" * 100_000, hint="Do this.")
+    assert len(str(error)) < 3100
+    assert str(error).endswith("Do this.")
+    with pytest.raises(JointIdError) as caught:
+        read_log(b"hello", "n" * 50_000)
+    assert len(str(caught.value)) < 3100
+
+
+@pytest.mark.parametrize("at", [1, 150])
+def test_an_open_quote_loses_no_line(at: int) -> None:
+    """In a column that is not used, it would swallow the lines up to the next quote in silence."""
+    lines = [f"{row},ok" for row in ROWS]
+    lines[at] = lines[at].replace("ok", '"ok')
+    lines[at + 100] = lines[at + 100].replace("ok", '"ok')
+    (table,) = read_log("\n".join(["t,q,tau,state", *lines]).encode(), "log.csv")
+    assert table.rows == len(ROWS)
+    data = "\n".join(["time_s,theta_m1_rad,tau_m1_Nm,state", *lines]).encode()
+    names, body = read_header("01.csv", data)
+    with pytest.raises(JointIdError, match=f"01.csv, line {at + 2}: a quote is not closed") as caught:
+        read_columns("01.csv", data, names, body, [0, 1, 2])
+    assert caught.value.line == at + 2
+    closed = data.replace(b'"ok', b'"ok"')
+    assert read_columns("01.csv", closed, names, body, [0, 1, 2])[0] == pytest.approx(TIME_S)
+
+
+def test_a_workbook_is_judged_by_what_it_unpacks_to() -> None:
+    buffer = io.BytesIO(excel())
+    pack = zipfile.ZipFile(buffer, "a", zipfile.ZIP_DEFLATED)
+    with pack as archive, archive.open("xl/media/x.bin", "w") as part:
+        for _ in range(130):
+            part.write(bytes(1 << 20))
+    with pytest.raises(JointIdError, match=r"unpacks to 130.1 MiB, more than the limit of 128 MiB"):
+        read_log(buffer.getvalue(), "log.xlsx")
