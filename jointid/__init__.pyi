@@ -24,11 +24,13 @@ from .phasors.extract import extract_phasors as extract_phasors
 from .records import MotionRecord as MotionRecord
 from .records import SineRecord as SineRecord
 from .robot_models.model import RobotModel as RobotModel
+from .simulation.closed_loop import simulate_motion as simulate_motion
 from .simulation.closed_loop import simulate_records as simulate_records
 from .simulation.experiment import Controller as Controller
 from .simulation.experiment import Excitation as Excitation
 from .simulation.experiment import Measurement as Measurement
 from .simulation.experiment import MotorFriction as MotorFriction
+from .simulation.motion import Motion as Motion
 from .study import Analysis as Analysis
 from .study import Study as Study
 from .study import analyse as analyse

@@ -162,6 +162,11 @@ class SineRecord(JointRecord, _OfOneFrequency):
         return 2 * np.pi * self.frequency_hz
 
     @property
+    def excitation(self) -> str:
+        """The frequency in words."""
+        return f"{self.frequency_hz:.6g} Hz"
+
+    @property
     def periods(self) -> float:
         """Number of periods of the samples used; need not be whole."""
         return self.samples * self.interval_s * self.frequency_hz
@@ -200,6 +205,15 @@ class MotionRecord(JointRecord):
                 "record longer, or correct start_s."
             )
         self._set(arm_rad=self._checked_arm(), band_hz=self._checked_band())
+
+    @property
+    def excitation(self) -> str:
+        """The band in words."""
+        return (
+            "automatic band"
+            if self.band_hz is None
+            else f"{self.band_hz[0]:.3g}–{self.band_hz[1]:.3g} Hz"
+        )
 
     def _checked_arm(self) -> Floats | None:
         if self.arm_rad is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -12,16 +13,20 @@ import numpy as np
 from jointid.answer import answer_sentence
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_each
+from jointid.estimation.elasticity import ElasticityFit, identify_each, require_method
+from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.inertia_prior import InertiaPrior, checked_std
+from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia
-from jointid.phasors.extract import Phasors, extract_phasors
-from jointid.records import SineRecord
+from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
+from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import RobotModel
+from jointid.rounding import plain, significant
 from jointid.small_matrices import one_thread
-from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix
+from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings
+from jointid.verdict.motion_findings import motion_findings
 from jointid.wording import counted
 
 INERTIA_STD = 0.05
@@ -41,11 +46,11 @@ def answer_state(levels: Iterable[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Sine records of one robot, with its rigid-body inertias.
+    """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
     Parameters
     ----------
-    records : sequence of SineRecord
+    records : sequence of SineRecord and MotionRecord
         At least one; all with the joints of ``inertia``.
     inertia : Inertia
         Motor side, for records without a pose.
@@ -80,7 +85,7 @@ class Study:
         date no date.
     """
 
-    records: tuple[SineRecord, ...]
+    records: tuple[SineRecord | MotionRecord, ...]
     inertia: Inertia
     nominal: Elasticity | None = None
     name: str = ""
@@ -98,9 +103,9 @@ class Study:
         if not isinstance(self.inertia, Inertia):
             raise JointIdError(f"inertia: expected an Inertia, got {self.inertia!r:.80}.")
         if not isinstance(self.records, Sequence) or not self.records:
-            raise JointIdError("The study holds no records: add at least one sine experiment.")
-        if not all(isinstance(record, SineRecord) for record in self.records):
-            raise JointIdError("records: expected SineRecord values only.")
+            raise JointIdError("The study holds no records: add at least one experiment.")
+        if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
+            raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
@@ -133,6 +138,33 @@ class Study:
                     f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
                 )
 
+    @property
+    def sine_records(self) -> tuple[SineRecord, ...]:
+        """The sines among the records."""
+        return tuple(record for record in self.records if isinstance(record, SineRecord))
+
+    @property
+    def motion_records(self) -> tuple[MotionRecord, ...]:
+        """The records of any other motion."""
+        return tuple(record for record in self.records if isinstance(record, MotionRecord))
+
+    @property
+    def facts(self) -> list[str]:
+        """Contents in words: joints, records, frequencies, motions and poses."""
+        sines, motions = self.sine_records, self.motion_records
+        facts = [counted(self.inertia.n, "joint"), counted(len(self.records), "record")]
+        if sines:
+            f = sorted({record.frequency_hz for record in sines})
+            facts += [counted(len(f), "frequency"), f"{plain(round(f[0], 3))} Hz"]
+            if f[-1] > f[0] * 1.001:
+                facts[-1] = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
+        if motions:
+            seconds = sum(record.samples * record.interval_s for record in motions)
+            facts.append(f"{counted(len(motions), 'motion')} of {significant(seconds, 3)} s")
+        if len(poses := {record.pose for record in self.records}) > 1:
+            facts.append(counted(len(poses), "pose"))
+        return facts
+
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
         poses, angles = dict(self.poses), {}
@@ -156,8 +188,8 @@ class Study:
         object.__setattr__(self, "pose_angles_rad", MappingProxyType(angles))
 
     def of_pose(self, pose: str) -> np.ndarray:
-        """Which records were measured in a pose, shape (r,); "" means those without one."""
-        return np.array([(record.pose or "") == pose for record in self.records])
+        """Which sine records were measured in a pose, shape (r,); "" means those without one."""
+        return np.array([(record.pose or "") == pose for record in self.sine_records], dtype=bool)
 
     @property
     def inertias(self) -> Sequence[Inertia]:
@@ -165,10 +197,12 @@ class Study:
         return [self.inertia if r.pose is None else self.poses[r.pose] for r in self.records]
 
     @property
-    def prior(self) -> InertiaPrior:
-        """The inertias and torque scales of the records, with their uncertainty."""
-        inertia = self.inertias if self.poses else self.inertia
-        shape = len(self.records), self.inertia.n
+    def sine_prior(self) -> InertiaPrior:
+        """The inertias and torque scales of the sine records, with their uncertainty."""
+        pairs = zip(self.inertias, self.records, strict=True)
+        each = [inertia for inertia, record in pairs if isinstance(record, SineRecord)]
+        inertia = each if self.poses else self.inertia
+        shape = len(each), self.inertia.n
         return InertiaPrior.of(inertia, *shape, inertia_std=self.inertia_std, torque_std=self.torque_std)
 
 
@@ -188,7 +222,7 @@ class Analysis:
 
     study: Study
     phasors: Phasors
-    """Equations (2)-(4), in the order of the study's records."""
+    """Equations (2)-(4) of the sine records, in their order; no rows without any."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
     freed_transfer_matrices: Mapping[str, TransferMatrix]
@@ -198,7 +232,7 @@ class Analysis:
     fit: ElasticityFit
     """The chosen estimate of K and D, equations (8)-(15)."""
     fits: Mapping[str, ElasticityFit]
-    """Fits of the chosen estimator and of the linear ones, for comparison."""
+    """Fits of the chosen estimator and, of the sine records, of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
     """Findings on the data and the answer, most important first."""
 
@@ -262,10 +296,26 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
 def _analyse(study: Study, method: str) -> Analysis:
     _require_torques(study)
-    phasors = extract_phasors(study.records)
+    sines = study.sine_records
+    phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
-    fits = identify_each(phasors, study.prior, [method, "weighted", "least-squares", "explicit"])
-    freed, _ = _transfer_matrices(study, fits[method].phasors)
+    if study.motion_records:
+        fits = _fits_with_motion(study, phasors, method)
+        freed, problem = _motion_matrices(study, transfer_matrices, fits[method], problem)
+        found = motion_findings(study.records, study.inertias, phasors, fits)
+    else:
+        fits = identify_each(phasors, study.sine_prior, [method, *LINEAR])
+        freed, _ = _transfer_matrices(study, fits[method].phasors)
+        found = findings(
+            Evidence(
+                records=sines,
+                inertias=study.inertias,
+                phasors=phasors,
+                fit=fits[method],
+                paper=fits["least-squares"],
+                transfer_matrices=transfer_matrices,
+            )
+        )
     return Analysis(
         study=study,
         phasors=phasors,
@@ -274,17 +324,48 @@ def _analyse(study: Study, method: str) -> Analysis:
         transfer_problem=problem,
         fit=fits[method],
         fits=MappingProxyType(fits),
-        findings=findings(
-            Evidence(
-                records=study.records,
-                inertias=study.inertias,
-                phasors=phasors,
-                fit=fits[method],
-                paper=fits["least-squares"],
-                transfer_matrices=transfer_matrices,
-            )
-        ),
+        findings=found,
     )
+
+
+def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, ElasticityFit]:
+    """The fit of all records together, and linear fits of the sines where they allow them."""
+    require_method(method)
+    if method in LINEAR:
+        raise JointIdError(
+            f'method = "{method}" takes sine records only, and this study has records of other motions: '
+            'choose "auto".'
+        )
+    inertia = study.inertias if study.poses else study.inertia
+    fits = {
+        method: identify_motion(
+            study.records, inertia, inertia_std=study.inertia_std, torque_std=study.torque_std
+        )
+    }
+    with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
+        fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
+    return fits
+
+
+def _motion_matrices(
+    study: Study, matrices: dict[str, TransferMatrix], fit: ElasticityFit, problem: str
+) -> tuple[dict[str, TransferMatrix], str]:
+    """Add the transfer matrices of poses with motions alone; return them without friction and delay."""
+    freed: dict[str, TransferMatrix] = {}
+    zero = np.zeros(study.inertia.n)
+    friction = (zero, zero) if fit.friction is None else (fit.friction.coulomb, fit.friction.viscous)
+    for pose in dict.fromkeys(record.pose or "" for record in study.motion_records):
+        if pose in matrices:
+            continue
+        records = [record for record in study.motion_records if (record.pose or "") == pose]
+        try:
+            matrices[pose] = motion_transfer_matrix(records)
+            freed[pose] = motion_transfer_matrix(
+                records, coulomb=friction[0], viscous=friction[1], delay=fit.delay or 0.0
+            )
+        except JointIdError as error:  # K and D do not need H
+            problem = str(error)
+    return freed, problem
 
 
 def _require_torques(study: Study) -> None:
@@ -305,7 +386,7 @@ def _require_torques(study: Study) -> None:
 
 def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
     matrices, problem = {}, ""
-    for pose in dict.fromkeys(record.pose or "" for record in study.records):
+    for pose in dict.fromkeys(record.pose or "" for record in study.sine_records):
         try:
             matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
         except JointIdError as error:  # K and D do not need H

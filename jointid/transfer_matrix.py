@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.motion.sampling import UniformPart, uniform_parts
+from jointid.motion.velocity import smooth_velocity
+from jointid.phasors.coherence import proposed_band
 from jointid.phasors.extract import Phasors
+from jointid.phasors.sensor_steps import quantum
+from jointid.records import MotionRecord
 from jointid.wording import counted
 
 _SINGULAR = 1e-8
 """Smallest singular value of the torques over the largest; below it, records are the same experiment."""
+_ORDER = 3
+"""Of the local polynomials of H and of the ends."""
+_LINES, _NARROW = 8, 0.6
+"""Half width of a local band: spectral lines of the longest record, and at least Hz."""
+_UNKNOWN = 0.5
+"""Relative standard error of H from a motion that tells nothing."""
 _NOISE_MARGIN = 3.0
 """Smallest singular value of the torques over their noise."""
 
@@ -72,6 +85,134 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
             f"{rejected[0]}"
         )
     omegas, matrices, covariances, conditions = zip(*kept, strict=True)
+    return _matrix(omegas, matrices, covariances, conditions, rejected)
+
+
+def motion_transfer_matrix(
+    records: Sequence[MotionRecord],
+    *,
+    coulomb: Floats | float = 0.0,
+    viscous: Floats | float = 0.0,
+    delay: float = 0.0,
+) -> TransferMatrix:
+    """Estimate H from any motion by local polynomials, without a model of the robot.
+
+    Within a narrow band H is a polynomial of the frequency, and so is the contribution of the states at
+    both ends of each record (Pintelon and Schoukens, System Identification, 2nd ed. 2012, section 7.2).
+    The scatter about both gives the covariance.
+
+    Parameters
+    ----------
+    records : sequence of MotionRecord
+        Of one pose.
+    coulomb, viscous : ndarray, shape (n,)
+        Friction to subtract from the torque, N·m and N·m·s/rad.
+    delay : float
+        Delay of the torque in addition to that of the records, s.
+
+    Raises
+    ------
+    JointIdError
+        When a clock is too uneven, or no frequency can be solved for.
+    """
+    parts = [
+        (part, record, proposed_band(record) if record.band_hz is None else record.band_hz)
+        for k, record in enumerate(records)
+        for part in uniform_parts(record, k, record.label or f"motion record {k + 1}")
+    ]
+    longest = max(part.theta.shape[1] * part.interval_s for part, _, _ in parts)
+    half = max(_LINES / longest, _NARROW)
+    spectra = [_spectrum(*part, coulomb, viscous, delay) for part in parts]
+    low, high = min(band[0] for *_, band in parts), max(band[1] for *_, band in parts)
+    kept, rejected = [], []
+    for centre in np.arange(low + half, high - half, 2 * half).tolist():
+        try:
+            kept.append((2 * np.pi * centre, *_local(spectra, centre, half)))
+        except JointIdError as error:
+            rejected.append(str(error))
+    if not kept:
+        raise JointIdError(
+            f"The transfer matrix cannot be found from these motions. {' '.join(rejected[:1])}"
+        )
+    omegas, matrices, covariances, conditions = zip(*kept, strict=True)
+    return _matrix(omegas, matrices, covariances, conditions, rejected)
+
+
+def _spectrum(
+    part: UniformPart,
+    record: MotionRecord,
+    band: tuple[float, float],
+    coulomb: Floats | float,
+    viscous: Floats | float,
+    delay: float,
+) -> tuple[Floats, Complexes, Complexes]:
+    """Frequencies (k,), accelerations and torques as they act, each (k, n), in the band."""
+    samples, T = part.theta.shape[1], part.interval_s
+    tau = part.tau
+    if np.any(np.asarray(coulomb)) or np.any(np.asarray(viscous)):
+        floor = np.array([quantum(angle) ** 2 / 12 for angle in part.theta])
+        velocity, _ = smooth_velocity(part.theta, T, floor)
+        loss = np.reshape(coulomb, (-1, 1)) * np.sign(velocity)
+        tau = tau - loss - np.reshape(viscous, (-1, 1)) * velocity
+    s = 2j * np.pi * np.fft.rfftfreq(samples, T)[1:]
+    inside = slice(int(band[0] * samples * T), int(band[1] * samples * T) + 1)
+    timing = np.exp(-s * (record.torque_delay_s + delay))
+    if part.held:
+        timing *= -np.expm1(-s * T) / (s * T)
+    q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
+    chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
+    return (s.imag[inside] / (2 * np.pi), *chosen)
+
+
+def _local(
+    spectra: Sequence[tuple[Floats, Complexes, Complexes]], centre: float, half: float
+) -> tuple[Complexes, Complexes, float]:
+    """H, its covariance and the condition of the torques from the lines around a frequency."""
+    rows, values, ends = [], [], []
+    for f, acceleration, torque in spectra:
+        near = np.abs(f - centre) <= half
+        if near.sum() <= _ORDER:
+            continue
+        x = np.vander((f[near] - centre) / half, _ORDER + 1, increasing=True)
+        rows.append((torque[near, :, None] * x[:, None]).reshape(len(x), torque.shape[1] * (_ORDER + 1)))
+        values.append(acceleration[near])
+        ends.append(x)
+    if not rows:
+        raise JointIdError(f"At {centre:.4g} Hz the records have too few spectral lines: record longer.")
+    A, y = np.concatenate(rows), np.concatenate(values)
+    n = y.shape[1]
+    A = np.hstack([A, block_diag(*ends)])
+    freedom = len(A) - A.shape[1]
+    if freedom < n + 1:
+        raise JointIdError(f"At {centre:.4g} Hz the records have too few spectral lines: record longer.")
+    size = np.linalg.norm(A, axis=0)
+    if not np.all(size > 0):
+        raise JointIdError(f"At {centre:.4g} Hz the torque of a joint is zero in every record.")
+    U, singular, Vh = np.linalg.svd(A / size, full_matrices=False)
+    if singular[-1] < _SINGULAR * singular[0]:
+        raise JointIdError(f"At {centre:.4g} Hz the torques of the joints are not independent.")
+    inverse = (Vh.conj().T / singular) @ U.conj().T / size[:, None]
+    found = inverse @ y
+    rest = y - A @ found
+    noise = rest.T @ rest.conj() / freedom
+    constant = np.arange(n) * (_ORDER + 1)
+    spread = (inverse @ inverse.conj().T)[np.ix_(constant, constant)]
+    covariance = np.einsum("ik,jl->ijkl", noise, spread).reshape(n * n, n * n)
+    H = found[constant].T
+    if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
+        raise JointIdError(f"At {centre:.4g} Hz the motion does not stand out of the noise.")
+    torques = A[:, constant] / size[constant]
+    condition = np.linalg.cond(torques) if n > 1 else 1.0
+    return H, covariance, float(condition)
+
+
+def _matrix(
+    omegas: Sequence[float],
+    matrices: Sequence[Complexes],
+    covariances: Sequence[Complexes],
+    conditions: Sequence[float],
+    rejected: Sequence[str],
+) -> TransferMatrix:
     H = np.array(matrices)
     size = np.sqrt(np.abs(np.einsum("fii->fi", H)))
     unlike, scale = np.abs(H - H.swapaxes(1, 2)), size[:, :, None] * size[:, None]

@@ -2,39 +2,43 @@
 
 import streamlit as st
 
-from jointid.figures import spectra, waveforms
+from jointid import SineRecord
+from jointid.figures import coherences, spectra, waveforms
 from jointid.ui.shared import cached
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import show_quality
+from jointid.ui.study.data_quality import show_distortion, show_quality
 
 page = open_page("Records")
 st.title("Records", anchor=False)
 st.write(
-    "Each record is one experiment: the joints follow sines of one frequency while their controllers "
-    "stay on. The method uses the motors' angles and torques only. A sine, an offset and a drift are "
-    "fitted to each signal, and the sine is what goes on to the next step."
+    "Each record is one experiment with the controllers on: sines of one frequency, or any other "
+    "motion. The method uses the motors' angles and torques only."
 )
-st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \qquad (2)")
+if page.study.sine_records:
+    st.write("A sine, an offset and a drift are fitted to each signal; the sine is its phasor.")
+    st.latex(r"f(t) \approx a\,\sin\omega t + b\,\cos\omega t + c_0 + c_1 t \qquad (2)")
 
 records = page.study.records
 number = st.selectbox(
     "Record",
     range(len(records)),
-    format_func=lambda i: f"{i + 1}: {records[i].label or f'{records[i].frequency_hz:g} Hz'}",
+    format_func=lambda i: f"{i + 1}: {records[i].label or records[i].excitation}",
     key="record",
     bind="query-params",
 )
 record = records[number]
 fitted = cached.fitted_sine(page.digest, number, page.study)
-views = st.tabs(["A few periods", "Whole record", "Spectrum"])
-for view, periods in zip(views, (4.0, None), strict=False):
+is_sine = isinstance(record, SineRecord)
+last = [] if is_sine else ["Coherence"]
+views = st.tabs(["A few periods" if is_sine else "Two seconds", "Whole record", "Spectrum", *last])
+for view, periods in zip(views, (4.0 if is_sine else 2.0, None), strict=False):
     with view:
         page.show_per_joint(
             f"waveforms {number} {periods}",
             lambda joint, periods=periods: waveforms(
                 record, joint, fitted, periods=periods, dark=page.dark
             ),
-            "Angle and torque of joint {0} over time with the fitted sine",
+            "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
         )
 with views[2]:
     page.show_per_joint(
@@ -42,6 +46,20 @@ with views[2]:
         lambda joint: spectra(record, joint, dark=page.dark),
         "Spectra of angle and torque of joint {0}",
     )
-    st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
+    if is_sine:
+        st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
+for view in views[3:]:
+    with view:
+        page.show_per_joint(
+            f"coherence {number}",
+            lambda joint: coherences(record, joint, dark=page.dark),
+            "Coherence of the motion of joint {0} with the torques, over frequency",
+        )
+        st.caption(
+            "Coherence: share of the motor's motion that is linear in the torques of all motors. In "
+            "closed loop the torque also follows encoder noise: only frequencies count at which the "
+            "angle is above its noise floor as well."
+        )
+        show_distortion(record)
 
 show_quality(page)

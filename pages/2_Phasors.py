@@ -4,6 +4,7 @@ import streamlit as st
 
 from jointid.figures import phasor_plane
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
+from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_columns, phasor_table
 
@@ -20,6 +21,9 @@ st.latex(
     r"\quad \ddot\theta = (i\omega)^2\,\theta \quad (3, 4)"
 )
 
+if not page.study.sine_records:
+    show_info("This study has no sine records: motions are used by their spectra, without phasors.")
+    st.stop()
 phasors = page.phasors()
 chosen = st.selectbox(
     "Record drawn as arrows",

@@ -33,6 +33,12 @@ st.latex(
     [\,\boldsymbol\tau^{(1)}\;\boldsymbol\tau^{(2)}\cdots]^{-1} \; (18)
     \end{gathered}"""
 )
+if page.study.motion_records:
+    st.caption(
+        "Of a motion, H is a smooth function of the frequency within narrow bands (local polynomials), "
+        "and so is the contribution of the states at both ends of each record; the scatter about both "
+        "gives the error bars. Close to a narrow resonance the polynomials bend less than H."
+    )
 analysis = page.analysis()
 if analysis.transfer_problem:
     show_warning(analysis.transfer_problem)

@@ -28,24 +28,28 @@ show_findings(analysis.findings)
 
 st.subheader("How well they are known", anchor=False)
 show_errors(analysis)
-show_dynamic_stiffness(page, analysis)
+only_sines = not page.study.motion_records  # what follows looks at every sine by itself
+if only_sines:
+    show_dynamic_stiffness(page, analysis)
 st.subheader("Every estimator", anchor=False)
 show_estimates(analysis)
 show_also_fitted(analysis.fit)
-show_unexplained(page, analysis)
+if only_sines:
+    show_unexplained(page, analysis)
 if analysis.transfer_matrices:
     show_response(page, analysis)
 
-with st.expander("The matrix A, its condition, and how the estimates are correlated"):
-    show_matrix(analysis.fit)
 details = {
-    "checks": ("Check the error bars", show_checks),
     "inertias": ("Which given inertia matters", show_influence),
     "ellipses": ("Confidence ellipses", show_ellipses),
-    "model": ("Does the model hold", show_model_holds),
 }
-if len({record.pose for record in page.study.records}) > 1:
-    details["poses"] = ("Every pose alone", show_poses)
+if only_sines:
+    with st.expander("The matrix A, its condition, and how the estimates are correlated"):
+        show_matrix(analysis.fit)
+    details = {"checks": ("Check the error bars", show_checks)} | details
+    details["model"] = ("Does the model hold", show_model_holds)
+    if len({record.pose for record in page.study.records}) > 1:
+        details["poses"] = ("Every pose alone", show_poses)
 for key, (label, show) in details.items():
     with on_demand(label, key) as expander:
         if expander.open:

@@ -7,6 +7,7 @@ from jointid.figures.plan import worst_error
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
+from jointid.ui.study.motion_plan_form import show_motion_plan
 from jointid.ui.study.plan_form import (
     ask,
     percent,
@@ -16,17 +17,21 @@ from jointid.ui.study.plan_form import (
     suggestion,
 )
 from jointid.ui.study.setpoints_form import show_set_points
+from jointid.ui.study.uncertainty_panels import on_demand
 from jointid.wording import counted
 
 page = open_page("Plan")
 st.title("Plan", anchor=False)
+analysis = page.analysis()
+if page.study.motion_records:  # the plan of sines needs the noise of sines
+    show_motion_plan(page, analysis)
+    st.stop()
 st.write(
     "From the springs and the noise that were found follows how well K and D would be known after any "
     "further record. Tried are many frequencies, each with several phases between the joints and as "
     "much motion as the limits allow; the record that cuts the worst error bar most is taken, then the "
     "next one. Every controller can make them: only the motion counts."
 )
-analysis = page.analysis()
 try:
     settings = ask(analysis, page.digest)
     found = suggestion(page.digest, page.method, settings, analysis)
@@ -56,3 +61,7 @@ try:
     show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
+st.subheader("Motions in place of sines", anchor=False)
+with on_demand("Predict a sweep and a multisine", "motions") as expander:
+    if expander.open:
+        show_motion_plan(page, analysis)

@@ -12,8 +12,8 @@ from jointid.ui.study.simulation_form import ask, simulated_study
 start("Simulate a robot")
 st.title("Simulate a robot", anchor=False)
 st.write(
-    "A robot of your making moves in sines under joint control, with friction, noise and rounding as "
-    "you say. Its records become a study; the method must then find the springs again."
+    "Define a robot and a closed-loop experiment, sines or another motion, with friction, noise and "
+    "rounding. Its records become a study; the method must then find the springs again."
 )
 st.latex(
     r"""\begin{gathered}
@@ -26,8 +26,7 @@ st.latex(
 try:
     settings = ask()
     if settings is not None:
-        sets = 2 if settings.added else 1
-        count = sets * len(settings.frequencies_hz) * settings.inertia.n
+        count = settings.records * (2 if settings.added else 1)
         bar = st.progress(0.0, "Preparing")
         st.button("Stop", help="Ends the simulation; nothing is kept of it.")
         study = simulated_study(

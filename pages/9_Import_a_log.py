@@ -17,8 +17,9 @@ from jointid.ui.shared.page import start
 start("Import a log")
 st.title("Import a log", anchor=False)
 st.write(
-    "Logs of any controller become a study: say what the columns are, check the sine runs that were "
-    "found, and give the inertias. One long log with many runs is as good as one log per run."
+    "Logs of any controller become a study: say what the columns are, check the runs that were found, "
+    "sines or any other motion, and give the inertias. One long log with many runs is as good as one "
+    "log per run."
 )
 with kept_import():
     logs = drop_logs(clear_entries)

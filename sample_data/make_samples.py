@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,14 +21,18 @@ from jointid import (
     Excitation,
     Inertia,
     Measurement,
+    Motion,
+    MotionRecord,
     MotorFriction,
     RobotModel,
     SineRecord,
     Study,
     save_study,
+    simulate_motion,
     simulate_records,
 )
 
+Record = TypeVar("Record", SineRecord, MotionRecord)
 HERE = Path(__file__).parent
 CUTTING_POSE = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
 PAPER = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
@@ -130,6 +135,33 @@ def manutec_r3() -> Study:
     )
 
 
+def motions() -> Study:
+    """The paper's robot without sines: a sweep and random motion of a few seconds."""
+    records = [
+        record
+        for kind in ("sweep", "random")
+        for record in simulate_motion(
+            CUTTING_POSE,
+            PAPER,
+            Motion(kind, from_hz=2.0, to_hz=35.0, duration_s=8.0),
+            records=1,
+            controller=Controller(bandwidth_hz=8.0, sample_rate_hz=500.0),
+            friction=MotorFriction(coulomb=[0.05, 0.012], viscous=[0.002, 0.0005]),
+            measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+            seed=5,
+        )
+    ]
+    return Study(
+        name="Waterjet cell in motion: sweep and random",
+        origin="simulated",
+        description="The paper's case without sines: two records of 8 s, a sweep and random motion. "
+        "K = 43.0 and 7.5 N·m/rad, D = 0.10 and 0.015 N·m·s/rad, with light friction.",
+        records=_compact(records),
+        inertia=CUTTING_POSE,
+        nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
+    )
+
+
 def six_axes() -> Study:
     """A heavy robot by its joint angles, under gravity; every joint moves in every record."""
     robot = RobotModel.load(HERE / "six_axis_robot.toml")
@@ -160,7 +192,7 @@ def six_axes() -> Study:
     )
 
 
-def _compact(records: Sequence[SineRecord]) -> list[SineRecord]:
+def _compact(records: Sequence[Record]) -> list[Record]:
     return [
         replace(r, theta_rad=r.theta_rad.round(7), tau_Nm=r.tau_Nm.round(5), time_s=r.time_s.round(9))
         for r in records
@@ -173,6 +205,7 @@ if __name__ == "__main__":
         ("single_joint", single_joint()),
         ("manutec_r3.zip", manutec_r3()),
         ("worn_cell.zip", heavy_friction()),
+        ("motions.zip", motions()),
         ("six_axes.zip", six_axes()),
     ]:
         save_study(study, HERE / name, overwrite=True)

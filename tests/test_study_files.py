@@ -490,7 +490,7 @@ def test_save_refuses_what_load_would_refuse(tmp_path: Path, monkeypatch) -> Non
         ("M2 = [[0.0081, 0.0021], [0.0021, 0.0019]]", "", ["[poses.stretched]", "M2 is missing"]),
         ("[poses.stretched]\nM2", "[poses]\nM2", ["poses", "M2"]),
         ('"stretched"', '"strecthed"', ["02.csv", '"strecthed"', 'Did you mean "stretched"']),
-        ("frequency_hz = 5.0\n", "", ["[[records]] number 1", "frequency_hz is missing"]),
+        ("frequency_hz = 5.0\n", "band_hz = [9, 2]\n", ["01.csv", "band_hz = [9, 2] Hz"]),
         ("frequency_hz = 5.0", 'frequency_hz = "5 Hz"', ["frequency_hz", "number", "'5 Hz'"]),
         ("frequency_hz = 5.0", "frequency_hz = -5.0", ["01.csv", "-5 Hz", "positive"]),
         ("frequency_hz = 5.0", "frequency_hz = 700", ["01.csv", "700 Hz", "half the sample rate"]),

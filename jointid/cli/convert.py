@@ -79,7 +79,7 @@ def convert(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Make a study of the sine runs in any controller's logs."""
+    """Make a study of the sines, or of any other motion, in any controller's logs."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
@@ -149,10 +149,10 @@ def mapped_study(
     poses: Sequence[str | None],
     report: Callable[[float], None],
 ) -> tuple[Study, tuple[str, ...]]:
-    """Return a study of the sine segments of logs with the same columns, and notes on omissions."""
+    """Return a study of sines or other motions in logs with the same columns, and notes."""
     import numpy as np
 
-    from jointid.importing import apply_mapping, find_segments, study_from_logs
+    from jointid.importing import apply_mapping, find_runs, study_from_logs
     from jointid.importing.find.segments import FoundSegments
 
     logs = [apply_mapping(table, mapping) for table in tables]
@@ -160,7 +160,7 @@ def mapped_study(
 
     def found_in(k: int) -> FoundSegments:
         start, count = rows[k] / rows[-1], logs[k].time_s.size / rows[-1]
-        return find_segments(logs[k], progress=lambda share: report(float(start + count * share)))
+        return find_runs(logs[k], progress=lambda share: report(float(start + count * share)))
 
     segments = [found_in(k) for k in range(len(logs))]
     unused = [
@@ -173,9 +173,10 @@ def mapped_study(
     ]
     if len(without) == len(logs):
         raise JointIdError(
-            f"{' '.join([*without, *unused])} The method needs steady sines of a few periods. Check in "
-            "the mapping which columns are position and torque, and the unit of time; in the app, page "
-            "Import a log, a run can also be marked by its start and stop."
+            f"{' '.join([*without, *unused])} The method needs steady sines of a few periods, or "
+            "seconds of another motion. Check in the mapping which columns are position and torque, and "
+            "the unit of time; in the app, page Import a log, a run can also be marked by its start and "
+            "stop."
         )
     study = study_from_logs(
         logs,

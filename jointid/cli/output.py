@@ -79,13 +79,10 @@ def made(study: Study, path: Path, as_json: bool, **more: Any) -> None:
     if not as_json:
         print(f"{path}: {len(study.records)} records of {counted(n, 'joint')}, digest {digest}")
         return
+    keys = ("frequency_hz", "periods", "band_hz")
     records = [
-        {
-            "label": r.label,
-            "frequency_hz": r.frequency_hz,
-            "periods": r.periods,
-            "samples": int(r.time_s.size),
-        }
+        {"label": r.label, "samples": int(r.time_s.size)}
+        | {key: getattr(r, key) for key in keys if hasattr(r, key)}
         for r in study.records
     ]
     print_json({"study": str(path), "digest": digest, "joints": n, "records": records} | more)

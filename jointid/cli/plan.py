@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +13,7 @@ from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
+from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
 from jointid.study import Study
 
@@ -31,10 +33,24 @@ def plan(
     duration_s: Annotated[float, DURATION] = 4.0,
     torque_limit: Annotated[str, TORQUE_LIMIT] = "",
     velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
+    motion: Annotated[
+        str, typer.Option(help="Predict sweep, multisine, random or moves in place of sines.")
+    ] = "",
+    position_limit: Annotated[
+        str, typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")
+    ] = "",
+    from_hz: Annotated[float, typer.Option(help="Lowest frequency of a motion, Hz.")] = 2.0,
+    to_hz: Annotated[float, typer.Option(help="Highest frequency of a motion, Hz.")] = 40.0,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Suggest the next records and predict the standard errors after each."""
+    if motion:
+        texts = position_limit, velocity_limit, torque_limit
+        limits = [numbers(text) if text else None for text in texts]
+        shape = motion, from_hz, to_hz, duration_s
+        _plan_motion(loaded(study), method, shape, limits, count, as_json)
+        return
     _, _, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
@@ -72,8 +88,13 @@ def suggested(
     torque = numbers(torque_limit) if torque_limit else None
     velocity = numbers(velocity_limit) if velocity_limit else None
     known = loaded(path)
+    if known.motion_records:
+        raise JointIdError(
+            "Sines are planned from the noise of sines, and this study has records of other motions: "
+            "add --motion sweep or --motion multisine."
+        )
     with status("Planning", quiet=quiet):
-        phasors = extract_phasors(known.records)
+        phasors = extract_phasors(known.sine_records)
         fit = identify_elasticity(
             phasors,
             known.inertias,
@@ -92,6 +113,54 @@ def suggested(
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
     return known, fit, suggestion
+
+
+def _plan_motion(
+    known: Study,
+    method: str,
+    shape: tuple[str, float, float, float],
+    limits: Sequence[Sequence[float] | None],
+    count: int,
+    as_json: bool,
+) -> None:
+    from jointid.arrays import per_joint
+    from jointid.simulation.motion import Motion
+    from jointid.study import analyse
+    from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
+
+    motion, n = Motion(*shape, odd=shape[0] == "multisine"), known.inertia.n
+    largest = largest_motion(known.records)
+    own = largest.position_rad, largest.velocity_rad_s, largest.torque_Nm
+    pairs = zip(own, limits, strict=True)
+    chosen = [each if given is None else per_joint("limit", given, n) for each, given in pairs]
+    with status("Planning", quiet=as_json):
+        fit = analyse(known, method=method).fit
+        interval = known.records[0].interval_s
+        inertia = known.inertias[0]
+        found = plan_motion(
+            fit, inertia, motion, MotionLimits(*chosen), interval_s=interval, records=count
+        )
+    reached = largest_motion(found.records)
+    if as_json:
+        print_json(
+            {
+                "motion": motion.kind,
+                "duration_s": found.duration_s,
+                "parameters": list(found.names),
+                "relative_error_alone": found.alone.tolist(),
+                "relative_error_together": found.together.tolist(),
+                "peak_torque_Nm": reached.torque_Nm.tolist(),
+                "peak_velocity_rad_s": reached.velocity_rad_s.tolist(),
+            }
+        )
+        return
+    print(f"{motion.kind}, {count} records, {found.duration_s:.4g} s in all: relative standard errors\n")
+    today = fit.standard_error / np.abs(fit.estimate)
+    rows = [
+        [name, *map(_percent, (float(a), float(b), float(c)))]
+        for name, a, b, c in zip(found.names, today, found.alone, found.together, strict=True)
+    ]
+    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:

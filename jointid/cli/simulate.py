@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -48,6 +48,13 @@ def simulate(
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
     count: Annotated[int, typer.Option(min=1, max=500, help="Number of frequencies.")] = 18,
     periods: Annotated[float, typer.Option(help="Length of each record, periods.")] = 12.5,
+    motion: Annotated[
+        str,
+        typer.Option(help="In place of sines: sweep, multisine, random or moves."),
+    ] = "",
+    odd: Annotated[bool, typer.Option(help="Multisine on odd lines, which shows distortion.")] = False,
+    duration: Annotated[float, typer.Option(help="Length of each record of a motion, s.")] = 20.0,
+    records: Annotated[int, typer.Option(min=1, max=100, help="Records of a motion.")] = 2,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
@@ -73,7 +80,7 @@ def simulate(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate a closed-loop sine experiment and save it as a study."""
+    """Simulate closed-loop experiments, sines or another motion, and save it as a study."""
     import numpy as np
 
     from jointid import (
@@ -81,6 +88,7 @@ def simulate(
         Elasticity,
         Excitation,
         Measurement,
+        Motion,
         MotorFriction,
         PlanarArm,
         Study,
@@ -102,12 +110,16 @@ def simulate(
     require_free(output, overwrite, [inertia])
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
+    experiment: Any = np.unique(np.geomspace(from_hz, to_hz, count).round(6))
+    settings: dict[str, Any] = {"excitation": Excitation(periods=periods)}
+    if motion:
+        experiment, settings = Motion(motion, from_hz, to_hz, duration, odd=odd), {"records": records}
     with progress("Simulating", quiet=as_json) as tell:
         campaign = simulate_campaign(
             robot.inertia,
             true,
-            np.unique(np.geomspace(from_hz, to_hz, count).round(6)),
-            excitation=Excitation(periods=periods),
+            experiment,
+            **settings,
             controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
             friction=friction,
             measurement=Measurement(

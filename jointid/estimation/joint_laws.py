@@ -35,6 +35,8 @@ _STABLE = 0.1
 """Least slope of a softening spring, over K."""
 _SLACK = 1e-3
 """Least stiffness inside the play, over K, where the damping is zero."""
+_STILL = 1e-12
+"""Wind-up of a gear that transmits no torque, rad."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3
@@ -79,7 +81,7 @@ class JointLaws:
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
-        wind_up = self.peak / p.K
+        wind_up = np.maximum(self.peak / p.K, _STILL)
         return {
             "K": p.K,
             "D": p.K / np.abs(self.s).max(),

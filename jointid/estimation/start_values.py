@@ -36,7 +36,9 @@ def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None
     linear in M_j and in the products with K_j and D_j. Poses differ in M2, hence only for one.
     """
     n = phasors.n
-    several = len(prior.M) > 1 or len(prior.M2) > 1 or bool(phasors.motion.any())
+    if phasors.motion.any():  # (8) has terms of the ends there
+        return None
+    several = len(prior.M) > 1 or len(prior.M2) > 1
     if several or prior.added.any() or prior.gravity.any() or 2 * phasors.omega.size < 4 * n + 1:
         return None
     s, q = 1j * phasors.omega[:, None], phasors.q

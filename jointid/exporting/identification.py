@@ -186,7 +186,7 @@ def identification(analysis: Analysis) -> Identification:
             model=model_name(fit),
             free_reversal=next((c.reversal for c in fit.candidates if c.chosen), 0.0),
             records=len(study.records),
-            frequencies_hz=tuple(sorted({record.frequency_hz for record in study.records})),
+            frequencies_hz=tuple(sorted({record.frequency_hz for record in study.sine_records})),
             misfit=fit.misfit,
             inertia_std=study.inertia_std,
             torque_std=study.torque_std,

@@ -35,10 +35,12 @@ def phasor_table(analysis: Analysis) -> str:
         header += [
             f"{signal}_m{j + 1}_{part}_{unit}" for j in range(p.n) for part in ("re", "im", "std")
         ]
-    values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, -1)
+    values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, 6 * p.n)
     rows = (
         [label, record.pose or "", record.frequency_hz, *row]
-        for label, record, row in zip(p.labels, analysis.study.records, values.tolist(), strict=True)
+        for label, record, row in zip(
+            p.labels, analysis.study.sine_records, values.tolist(), strict=True
+        )
     )
     return csv_text(header, rows)
 

@@ -6,6 +6,7 @@ from .response import model_over_measurement as model_over_measurement
 from .response import single_record as single_record
 from .springs import dynamic_stiffness as dynamic_stiffness
 from .springs import unexplained_torque as unexplained_torque
+from .waveforms import coherences as coherences
 from .waveforms import raw_columns as raw_columns
 from .waveforms import spectra as spectra
 from .waveforms import waveforms as waveforms

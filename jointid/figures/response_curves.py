@@ -210,7 +210,8 @@ def _model(
     analysis: Analysis, pose: str, i: int, j: int, inertia: Inertia, elasticity: Elasticity
 ) -> Response:
     """A curve over the measured band, dense enough for its peaks."""
-    band = band_of(analysis.phasors.omega[analysis.study.of_pose(pose)] / (2 * np.pi))
+    omega = analysis.phasors.omega[analysis.study.of_pose(pose)]
+    band = band_of((omega if omega.size else analysis.transfer_matrices[pose].omega) / (2 * np.pi))
     peaks = [peak * np.geomspace(0.97, 1.03, _PEAK_POINTS) for peak in resonances(inertia, elasticity)]
     f = np.concatenate([np.geomspace(*band, _POINTS), *peaks])
     f = np.unique(f[(f >= band[0]) & (f <= band[1])])

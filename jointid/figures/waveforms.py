@@ -23,18 +23,20 @@ from jointid.figures.style import (
     span,
     upright,
 )
+from jointid.phasors.coherence import coherence
 from jointid.phasors.spectrum import amplitude_spectrum
-from jointid.records import SineRecord
+from jointid.records import JointRecord, MotionRecord, SineRecord
 
 _MOST_POINTS = 2000
 """Points of a curve that a screen can show; longer signals are drawn by their extremes."""
 
 _LONGEST_TITLE = 22
+_DECADES: Trace = {"tickvals": None, "dtick": 1, "exponentformat": "power"}
 _QUANTITIES = (("Angle", "rad"), ("Torque", "N·m"))
 
 
 def waveforms(
-    record: SineRecord,
+    record: JointRecord,
     joint: int,
     fitted: Floats | None = None,
     *,
@@ -45,20 +47,22 @@ def waveforms(
 
     Parameters
     ----------
-    record : SineRecord
+    record : JointRecord
     joint : int
         Index of the joint, from 0.
     fitted : ndarray, shape (N, 2n), optional
         ``SineFit.at`` at the record's times.
     periods : float, optional
-        Show that many periods from the start of the used part; by default the whole record.
+        Show that many periods, of another motion than a sine seconds, from the start of the used part;
+        by default the whole record.
     """
     ink = colours(dark)
     last = record.time_s.size
     first = 0
     if periods is not None:
         first = record.start
-        end = record.time_s[first] + periods / record.frequency_hz
+        frequency = record.frequency_hz if isinstance(record, SineRecord) else 1.0
+        end = record.time_s[first] + periods / frequency
         last = max(int(np.searchsorted(record.time_s, end)) + 1, first + 2)
     part = slice(first, last)
     time = record.time_s[part]
@@ -101,8 +105,10 @@ def waveforms(
     )
 
 
-def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
-    """Amplitude spectra of angle and torque of one joint, with the excitation and its harmonics marked.
+def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
+    """Amplitude spectra of angle and torque of one joint.
+
+    Of a sine, the excitation and its harmonics are marked; of another motion, its band.
 
     Raises
     ------
@@ -111,7 +117,8 @@ def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
     """
     ink = colours(dark)
     used = slice(record.start, None)
-    traces, shown = [], np.array([record.frequency_hz / 3, record.frequency_hz * 30])
+    sine = record.frequency_hz if isinstance(record, SineRecord) else 0.0
+    traces, shown = [], np.array([sine / 3, sine * 30]) if sine else _shown_hz(record)
     for row, (signals, (quantity, unit)) in enumerate(
         zip((record.theta_rad, record.tau_Nm), _QUANTITIES, strict=True), start=1
     ):
@@ -125,27 +132,74 @@ def spectra(record: SineRecord, joint: int, *, dark: bool = False) -> go.Figure:
         hover = f"%{{x:.4g}} Hz<br>{quantity} amplitude %{{y:.3g}} {unit}<extra></extra>"
         style: Trace = {"line": {"width": 1.2}, "showlegend": False, "hovertemplate": hover}
         traces.append(line(x, y, quantity, ink.measured, xaxis="x", yaxis=f"y{row}", **style))
-    marks = []
+    marks = _band_shapes(record, ink.quiet)
     nowhere = np.array([np.nan])
-    for name, orders, colour, dash, width in (
+    lines: list[tuple[str, tuple[int, ...], str, str, int]] = [
         ("excitation", (1,), ink.identified, "solid", 2),
         ("harmonics 2, 3, 5, 7", (2, 3, 5, 7), ink.quiet, "dot", 1),
-    ):
+    ]
+    for name, orders, colour, dash, width in lines if sine else ():
         # The marks are shapes, which have no place in the legend.
         mark: Trace = {"line": {"width": 2, "dash": dash}, "hoverinfo": "skip"}
         traces.append(line(nowhere, nowhere, name, colour, xaxis="x", yaxis="y1", **mark))
-        for f in (h * record.frequency_hz for h in orders if h * record.frequency_hz < shown[1]):
+        for f in (h * sine for h in orders if h * sine < shown[1]):
             marks.append(upright(f, colour, width=width, dash=dash, layer="below"))
-    decades = {"tickvals": None, "dtick": 1, "exponentformat": "power"}
     return figure(
         traces,
         height=430,
         dark=dark,
         shapes=marks,
         xaxis=frequency_axis(shown, anchor="y2"),
-        yaxis=log_axis("Angle (rad)", domain=[0.54, 1.0], **decades),
-        yaxis2=log_axis("Torque (N·m)", domain=[0.0, 0.46], **decades),
+        yaxis=log_axis("Angle (rad)", domain=[0.54, 1.0], **_DECADES),
+        yaxis2=log_axis("Torque (N·m)", domain=[0.0, 0.46], **_DECADES),
     )
+
+
+def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure:
+    """Share of one motor's motion that is linear in all torques, and its level over the noise floor.
+
+    Raises
+    ------
+    JointIdError
+        When the record is too short.
+    """
+    ink, found = colours(dark), coherence(record)
+    traces = []
+    for row, (name, values) in enumerate(
+        (("coherence", found.coherence), ("angle / floor", np.sqrt(found.above_floor))), start=1
+    ):
+        style: Trace = {"line": {"width": 1.2}, "showlegend": False}
+        style["hovertemplate"] = f"%{{x:.4g}} Hz<br>{name} %{{y:.3g}}<extra></extra>"
+        y = np.where(np.isfinite(values[:, joint]), values[:, joint], np.nan)
+        traces.append(
+            line(found.frequency_hz, y, name, ink.measured, xaxis="x", yaxis=f"y{row}", **style)
+        )
+    return figure(
+        traces,
+        height=430,
+        dark=dark,
+        shapes=_band_shapes(record, ink.quiet),
+        xaxis=frequency_axis(_shown_hz(record), anchor="y2"),
+        yaxis=linear_axis("Coherence", domain=[0.54, 1.0], range=[0, 1.02]),
+        yaxis2=log_axis("Angle / noise floor", domain=[0.0, 0.46], **_DECADES),
+    )
+
+
+def _shown_hz(record: JointRecord) -> Floats:
+    """Frequencies of a motion's figures."""
+    band = record.band_hz if isinstance(record, MotionRecord) else None
+    nyquist = 0.5 / record.interval_s
+    if band is None:
+        return np.array([max(0.5, 4 / (record.samples * record.interval_s)), nyquist])
+    return np.array([max(band[0] / 3, 0.1), min(5 * band[1], nyquist)])
+
+
+def _band_shapes(record: JointRecord, colour: str) -> list[Any]:
+    band = record.band_hz if isinstance(record, MotionRecord) else None
+    if band is None:
+        return []
+    label = {"text": "band used", "textposition": "top left"}
+    return [span(max(band[0], 1e-3), band[1], colour, 0.15, label=label)]
 
 
 def raw_columns(

@@ -11,6 +11,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.phasors.long_records import LongRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
 
 
@@ -55,13 +56,17 @@ def study_digest(study: Study) -> str:
     for record in study.records:
         _texts(state, (record.label, "pose " + record.pose if record.pose is not None else ""))
         begins = float("nan") if record.start_s is None else record.start_s
-        timing = (record.frequency_hz, float(record.torque_hold), record.torque_delay_s, begins)
+        frequency = record.frequency_hz if isinstance(record, SineRecord) else float("nan")
+        timing = (frequency, float(record.torque_hold), record.torque_delay_s, begins)
         state.update(struct.pack("<4d", *timing))
         if isinstance(record, LongRecord):
             _texts(state, ("long", record.fingerprint()))
             continue
         for array in (record.time_s, record.theta_rad, record.tau_Nm):
             _array(state, array)
+        if isinstance(record, MotionRecord):
+            _texts(state, ("motion", repr(record.band_hz)))
+            _arrays(state, [] if record.arm_rad is None else [record.arm_rad])
     return state.hexdigest()
 
 

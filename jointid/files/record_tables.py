@@ -24,10 +24,10 @@ from jointid.files.csv_tables import (
     row_error,
     time_error,
 )
-from jointid.records import SineRecord
+from jointid.records import JointRecord, MotionRecord
 from jointid.wording import counted, listed, nearest
 
-_JOINT_COLUMN = re.compile(r"(?:theta_m([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
+_JOINT_COLUMN = re.compile(r"(?:theta_[am]([1-9]\d{0,3})_rad|tau_m([1-9]\d{0,3})_Nm)")
 
 
 def column_names(joints: int) -> list[str]:
@@ -36,7 +36,11 @@ def column_names(joints: int) -> list[str]:
     return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
 
 
-def read_record_table(file: str, data: bytes, joints: int) -> tuple[Floats, Floats, Floats]:
+def _arm_name(joint: int) -> str:
+    return f"theta_a{joint + 1}_rad"
+
+
+def read_record_table(file: str, data: bytes, joints: int, *, arm: bool = False) -> dict[str, Floats]:
     """Read the columns of one record; others are ignored.
 
     Parameters
@@ -47,13 +51,14 @@ def read_record_table(file: str, data: bytes, joints: int) -> tuple[Floats, Floa
         The file's content.
     joints : int
         Number of joints of the study.
+    arm : bool
+        Also read the angles at the arm side, where there are such columns.
 
     Returns
     -------
-    time_s : ndarray, shape (N,)
-        Ascending.
-    theta_rad, tau_Nm : ndarray, shape (N, n)
-        Motor side, finite.
+    dict
+        Arguments of a record: time_s, shape (N,), ascending; theta_rad and tau_Nm, shape (N, n),
+        motor side, finite; arm_rad, shape (N, n), NaN for a joint without a column, if ``arm``.
 
     Raises
     ------
@@ -66,22 +71,33 @@ def read_record_table(file: str, data: bytes, joints: int) -> tuple[Floats, Floa
     kind = file.lower().rpartition(".")[2]
     if kind == "csv":
         header, body = read_header(file, data)
-        columns = read_columns(file, data, header, body, _find_columns(file, header, joints))
+        positions = _find_columns(file, header, joints, arm)
+        found = list(positions)
+        columns = read_columns(file, data, header, body, list(positions.values()))
     elif kind == "parquet":
-        columns = _read_parquet(file, data, joints)
+        found, columns = _read_parquet(file, data, joints, arm)
     else:
         raise JointIdError(f"{file}: a record must be a .csv or .parquet file.")
-    n = columns[0].size
-    theta, tau = np.empty((n, joints), order="F"), np.empty((n, joints), order="F")
-    for j in range(joints):
-        theta[:, j], tau[:, j] = columns[1 + j], columns[1 + joints + j]
-    return columns[0], theta, tau
+    by_name = dict(zip(found, columns, strict=True))
+    nothing = np.full(columns[0].size, np.nan) if arm else columns[0]
+
+    def joined(names: Sequence[str]) -> Floats:
+        return np.asfortranarray(np.column_stack([by_name.get(name, nothing) for name in names]))
+
+    names = column_names(joints)
+    arrays = {"time_s": columns[0], "theta_rad": joined(names[1 : joints + 1])}
+    arrays["tau_Nm"] = joined(names[joints + 1 :])
+    return arrays | ({"arm_rad": joined([_arm_name(j) for j in range(joints)])} if arm else {})
 
 
-def write_record_table(record: SineRecord, record_format: str) -> bytes:
+def write_record_table(record: JointRecord, record_format: str) -> bytes:
     """Return a record's table as the bytes of a "csv" or "parquet" file, exact to the last bit."""
     names = column_names(record.n)
     arrays = [record.time_s, *record.theta_rad.T, *record.tau_Nm.T]
+    if isinstance(record, MotionRecord) and record.arm_rad is not None:
+        for j in np.flatnonzero(~np.isnan(record.arm_rad[0])).tolist():
+            names.append(_arm_name(j))
+            arrays.append(record.arm_rad[:, j])
     table = pa.table([pa.array(array) for array in arrays], names=names)
     buffer = io.BytesIO()
     if record_format == "parquet":
@@ -93,8 +109,8 @@ def write_record_table(record: SineRecord, record_format: str) -> bytes:
     return buffer.getvalue()
 
 
-def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
-    """Positions of a record's columns among those of its file."""
+def _find_columns(file: str, found: Sequence[str], joints: int, arm: bool = False) -> dict[str, int]:
+    """Positions of a record's columns among those of its file, by name."""
     for name in found:
         match = _JOINT_COLUMN.fullmatch(name)
         number = int(match[1] or match[2]) if match else 0
@@ -105,9 +121,9 @@ def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
                 column=name,
                 hint=f"Give M and M2 of all {number} joints, or remove the columns of joint {number}.",
             )
-    positions = []
+    positions = {}
     expected = column_names(joints)
-    for name in expected:
+    for name in [*expected, *(n for n in map(_arm_name, range(joints)) if arm and n in found)]:
         count = found.count(name)
         if count > 1:
             raise JointIdError(
@@ -120,7 +136,7 @@ def _find_columns(file: str, found: Sequence[str], joints: int) -> list[int]:
                 f"{_conversion(name, others)} Columns found: {listed(found)}.",
                 column=name,
             )
-        positions.append(found.index(name))
+        positions[name] = found.index(name)
     return positions
 
 
@@ -143,16 +159,16 @@ def _conversion(name: str, found: Sequence[str]) -> str:
     return nearest(name, found)
 
 
-def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
-    """Positions of a Parquet record's columns, time, motor angles, motor torques.
+def numeric_columns(file: str, schema: pa.Schema, joints: int, arm: bool = False) -> dict[str, int]:
+    """Positions of a Parquet record's columns by name: time, motor angles, torques, arm angles.
 
     Raises
     ------
     JointIdError
         When one is missing or holds no numbers.
     """
-    positions = _find_columns(file, list(schema.names), joints)
-    for k in positions:
+    positions = _find_columns(file, list(schema.names), joints, arm)
+    for k in positions.values():
         kind = schema.types[k]
         if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
             raise JointIdError(
@@ -162,12 +178,12 @@ def numeric_columns(file: str, schema: pa.Schema, joints: int) -> list[int]:
     return positions
 
 
-def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
+def _read_parquet(file: str, data: bytes, joints: int, arm: bool) -> tuple[list[str], list[Floats]]:
     columns = []
     with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
         schema = source.schema_arrow
-        names = [schema.names[k] for k in numeric_columns(file, schema, joints)]
+        names = list(numeric_columns(file, schema, joints, arm))
         if source.metadata.num_rows == 0:
             raise JointIdError(f"{file} has columns but no rows: export the record again.")
         _require_bounded(file, source.metadata, len(names))
@@ -178,8 +194,8 @@ def _read_parquet(file: str, data: bytes, joints: int) -> list[Floats]:
                 raise empty_cell(file, int(np.argmax(column.is_null().to_numpy())) + 1, name)
             columns.append(np.asarray(column.cast(pa.float64()).to_numpy()))
     if not are_usable(columns):
-        explain_fault(file, column_names(joints), columns)
-    return columns
+        explain_fault(file, names, columns)
+    return names, columns
 
 
 def _require_bounded(file: str, metadata: pa_parquet.FileMetaData, columns: int) -> None:

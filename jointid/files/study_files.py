@@ -12,7 +12,10 @@ std = 0.02
 added = [[0.0012, 0.0005], [0.0005, 0.0009]]
 [[records]]
 file = "records/01.csv"
-frequency_hz = 3.0
+frequency_hz = 3.0              # a sine
+[[records]]
+file = "records/02.csv"        # any other motion
+band_hz = [2.5, 38]            # optional: frequencies to use
 
 """
 
@@ -50,7 +53,7 @@ from jointid.files.study_parts import is_long, read_long_record
 from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
 from jointid.files.table_preview import peek_table
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import MAX_FILE_BYTES
 from jointid.study import INERTIA_STD, Study
 from jointid.wording import listed, nearest, shown
@@ -217,12 +220,11 @@ def _record(
     container: Container,
     joints: int,
     poses: tuple[str, ...],
-) -> SineRecord:
+) -> SineRecord | MotionRecord:
     hold = timing.flag("torque_hold", False) if timing else False
     delay = timing.number("torque_delay_s", 0.0) if timing else 0.0
     pose = table.text("pose") if "pose" in table else None
     known: dict[str, Any] = {
-        "frequency_hz": table.number("frequency_hz"),
         "torque_hold": table.flag("torque_hold", hold),
         "torque_delay_s": table.number("torque_delay_s", delay),
         "start_s": table.number("start_s") if "start_s" in table else None,
@@ -235,16 +237,24 @@ def _record(
             f"Known poses: {listed(poses)}.",
             file=table.file,
         )
+    kind: type[SineRecord | MotionRecord] = SineRecord
+    if "frequency_hz" in table:
+        known["frequency_hz"] = table.number("frequency_hz")
+        if "band_hz" in table:
+            raise table.error("band_hz belongs to a record without frequency_hz: remove one of them.")
+    else:
+        kind = MotionRecord
+        known["band_hz"] = table.numbers("band_hz") if "band_hz" in table else None
     path = container.path(file)
-    if path is not None and is_long(file, path, joints):
+    if kind is SineRecord and path is not None and is_long(file, path, joints):
         with in_place(file, file):
             return read_long_record(file, path, joints, **known)
     with in_file(file):
-        time, theta, tau = read_record_table(file, container.read(file), joints)
+        arrays = read_record_table(file, container.read(file), joints, arm=kind is MotionRecord)
     try:
-        return SineRecord(time_s=time, theta_rad=theta, tau_Nm=tau, **known)
+        return kind(**(known | arrays))
     except JointIdError as error:
-        unit = _other_time_unit(known["frequency_hz"], time)
+        unit = _other_time_unit(known.get("frequency_hz", 0.0), arrays["time_s"])
         raise JointIdError(f"{file}: {error}{unit}", file=file) from error
 
 

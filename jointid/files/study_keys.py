@@ -46,7 +46,8 @@ NOMINAL_KEYS = {"K": "K = [20.0, 3.5]  # N·m/rad", "D": "D = [0.10, 0.015]  # N
 TIMING_KEYS = {"torque_hold": "torque_hold = true", "torque_delay_s": "torque_delay_s = 0.0005"}
 RECORD_KEYS = {
     "file": 'file = "records/01.csv"',
-    "frequency_hz": "frequency_hz = 3.0",
+    "frequency_hz": "frequency_hz = 3.0  # a sine; without it, the record is any other motion",
+    "band_hz": "band_hz = [2.5, 38.0]  # frequencies to use of a motion",
     "start_s": "start_s = 2.0",
     "pose": 'pose = "stretched"',
     "label": 'label = "axis 1 leads"',

@@ -21,7 +21,7 @@ from jointid.files.record_tables import write_record_table
 from jointid.joints import Inertia
 from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.phasors.long_records import LongRecord
-from jointid.records import SineRecord
+from jointid.records import JointRecord, SineRecord
 from jointid.robot_models.model import RobotModel
 from jointid.study import INERTIA_STD, Study
 
@@ -123,7 +123,11 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     head["poses"] = {n: _angles(study, n) or _pose(study, pose) for n, pose in study.poses.items()}
     text = tomli_w.dumps(head)
     for file, record in zip(files, study.records, strict=True):
-        row: dict[str, Any] = {"file": file, "frequency_hz": record.frequency_hz}
+        row: dict[str, Any] = {"file": file}
+        if isinstance(record, SineRecord):
+            row["frequency_hz"] = record.frequency_hz
+        elif record.band_hz is not None:
+            row["band_hz"] = list(record.band_hz)
         if record.start_s is not None:
             row["start_s"] = float(record.start_s)
         if record.pose is not None:
@@ -187,7 +191,7 @@ def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
     return ({} if np.array_equal(pose.M, study.inertia.M) else own) | table
 
 
-def _timing(record: SineRecord) -> dict[str, Any]:
+def _timing(record: JointRecord) -> dict[str, Any]:
     return {"torque_hold": record.torque_hold, "torque_delay_s": record.torque_delay_s}
 
 

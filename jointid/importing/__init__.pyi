@@ -1,6 +1,8 @@
 from .columns.log_table import LogColumn as LogColumn
 from .columns.log_table import LogTable as LogTable
 from .columns.log_table import main_tables as main_tables
+from .find.motions import find_runs as find_runs
+from .find.motions import measure_run as measure_run
 from .find.segment import Segment as Segment
 from .find.segments import common_frequencies as common_frequencies
 from .find.segments import find_segments as find_segments

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Elasticity, Inertia
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.rounding import significant
 from jointid.study import INERTIA_STD, Study
 from jointid.wording import counted, shown
@@ -24,8 +24,10 @@ from jointid.wording import counted, shown
 
 def segment_records(
     log: MappedLog, segments: Sequence[Segment], *, pose: str | None = None
-) -> tuple[SineRecord, ...]:
+) -> tuple[SineRecord | MotionRecord, ...]:
     """Cut the records out of a log: one per segment, or one per line of a multisine segment.
+
+    A segment of any other motion becomes a motion record.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ def segment_records(
 
     Returns
     -------
-    tuple of SineRecord
+    tuple of SineRecord and MotionRecord
         On the clock of the log. From the record of one line of a multisine the other lines are
         subtracted by least squares; the noise remains.
 
@@ -45,13 +47,24 @@ def segment_records(
     JointIdError
         When a segment is too short for its frequency.
     """
-    records = []
+    records: list[SineRecord | MotionRecord] = []
     for number, segment in enumerate(segments, start=1):
         part = log.rows(segment.start_s, segment.stop_s)
         time, theta, tau = log.time_s[part], log.theta_rad[part], log.tau_Nm[part]
         place = f"{significant(segment.start_s)} to {significant(segment.stop_s)} s"
+        shared: dict[str, Any] = {
+            "time_s": time,
+            "torque_hold": log.torque_hold,
+            "torque_delay_s": log.torque_delay_s,
+            "pose": pose,
+        }
+        name = f"{log.name}: {place}".removeprefix(": ")
+        if segment.is_motion:
+            records.append(
+                MotionRecord(theta_rad=theta, tau_Nm=tau, band_hz=segment.band_hz, label=name, **shared)
+            )
         for line in segment.lines_hz:
-            label = f"{log.name}: {place}".removeprefix(": ")
+            label = name
             others = [other for other in segment.lines_hz if other != line]
             if others:
                 label += f", {significant(line)} Hz"
@@ -60,13 +73,10 @@ def segment_records(
                 records.append(
                     SineRecord(
                         frequency_hz=line,
-                        time_s=time,
                         theta_rad=theta - shares[:, : log.n],
                         tau_Nm=tau - shares[:, log.n :],
-                        torque_hold=log.torque_hold,
-                        torque_delay_s=log.torque_delay_s,
-                        pose=pose,
                         label=label,
+                        **shared,
                     )
                 )
             except JointIdError as error:
@@ -128,8 +138,8 @@ def study_from_logs(
         )
     if not any(each):
         raise JointIdError(
-            "No sine segments were found or chosen: the method needs steady sines of a few periods. "
-            "Mark one by its start and stop, or check the time and position columns."
+            "No sine segments or other motions were found or chosen. Mark one by its start and stop, or "
+            "check the time, position and torque columns."
         )
     pose_of = pose_of or [None] * len(logs)
     if len(pose_of) != len(logs):
@@ -144,7 +154,7 @@ def study_from_logs(
             )
     # Frequencies of all logs together, so that runs of one set point in two logs form a group.
     flat = common_frequencies([segment for part in each for segment in part])
-    records: list[SineRecord] = []
+    records: list[SineRecord | MotionRecord] = []
     done = 0
     for log, part, pose in zip(logs, each, pose_of, strict=True):
         records += segment_records(log, flat[done : done + len(part)], pose=pose)
@@ -156,14 +166,21 @@ def study_from_logs(
         nominal=nominal,
         name=name or study_name([log.name for log in logs]),
         origin="measured",
-        description=description
-        or f"Imported: {counted(len(flat), 'sine segment')} of {sources or 'a log'}.",
+        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.",
         poses=poses or {},
         robot=robot,
         date=date,
         inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
         torque_std=torque_std,
     )
+
+
+def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:
+    """Return "3 sine segments and 1 motion"."""
+    motions = sum(segment.is_motion for segment in segments)
+    sines = len(segments) - motions
+    parts = [counted(sines, sine)] if sines or not motions else []
+    return " and ".join([*parts, *([counted(motions, "motion")] if motions else [])])
 
 
 def parse_date(text: str) -> datetime.date | None:

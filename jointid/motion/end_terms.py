@@ -36,7 +36,7 @@ class EndTerms:
         records = np.flatnonzero(phasors.motion)
         if not records.size:
             return None
-        highest = np.array([phasors.segments[r].highest for r in records])  # type: ignore[union-attr]
+        highest = np.array([each.highest for each in phasors.segments if each is not None])
         unit = s[records] / np.abs(s[records, highest - 1])[:, None]
         return cls(records, 1j * unit[..., None] ** np.arange(_DEGREE + 1))
 

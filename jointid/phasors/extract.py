@@ -66,9 +66,15 @@ class Phasors:
     """Frequency of the motor angle, from the drift of its phase, shape (r,), Hz."""
     labels: tuple[str, ...]
     """Name of each record, for messages and plots."""
-    segments: tuple[Segment | None, ...] = ()
-    """Segment of each row that comes from a motion record; None for a sine. Its harmonics are those of
-    its length, zero outside its band."""
+    segments: Sequence[Segment | None] | np.ndarray = ()
+    """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
+    Its harmonics are those of its length, zero outside its band."""
+
+    def __post_init__(self) -> None:
+        rows = np.full(np.size(self.omega), None, dtype=object)
+        if len(self.segments):
+            rows[:] = self.segments
+        object.__setattr__(self, "segments", rows)
 
     @classmethod
     def joined(cls, parts: Sequence[Phasors]) -> Phasors:
@@ -81,14 +87,12 @@ class Phasors:
                 each = [padded(array, most) for array in each]
             arrays[name] = np.concatenate(each)
         labels = tuple(label for part in parts for label in part.labels)
-        rows = [part.segments or (None,) * part.omega.size for part in parts]
-        return cls(**arrays, labels=labels, segments=tuple(each for row in rows for each in row))
+        return cls(**arrays, labels=labels, segments=np.concatenate([p.segments for p in parts]))
 
     @property
     def motion(self) -> np.ndarray:
         """Which rows come from motion records, shape (r,)."""
-        rows = self.segments or (None,) * self.omega.size
-        return np.array([segment is not None for segment in rows])
+        return np.array([segment is not None for segment in self.segments], dtype=bool)
 
     @property
     def torque_size(self) -> Floats:
@@ -164,7 +168,7 @@ class Phasors:
         """Return the phasors of some records only, by index or boolean mask."""
         index = np.arange(self.omega.size)[np.asarray(records)]
         arrays = {f.name: getattr(self, f.name)[index] for f in fields(self) if f.name not in _PER_ROW}
-        segments = tuple(self.segments[i] for i in index) if self.segments else ()
+        segments = np.asarray(self.segments, dtype=object)[index]
         return Phasors(**arrays, labels=tuple(self.labels[i] for i in index), segments=segments)
 
 
@@ -231,6 +235,31 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         settling_noise=settling_noise,
         frequency_found_hz=_frequency_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
+    )
+
+
+def no_phasors(n: int) -> Phasors:
+    """Return the phasors of no record of n joints."""
+    z, real, square = (
+        np.zeros((0, n), complex),
+        np.zeros((0, 2 * n)),
+        np.zeros((0, 2 * n, 2 * n), complex),
+    )
+    none = np.zeros(0)
+    return Phasors(
+        omega=none,
+        q=z,
+        tau=z,
+        covariance=square,
+        degrees_of_freedom=none,
+        duration_s=none,
+        harmonics=np.zeros((0, 1, 2 * n), complex),
+        harmonic_covariance=square[:, None],
+        drift=z.real,
+        settling=real,
+        settling_noise=real,
+        frequency_found_hz=none,
+        labels=(),
     )
 
 

@@ -43,9 +43,10 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
     )
     if analysis.transfer_problem:
         yield Paragraph(analysis.transfer_problem, "quiet")
+    sine_poses = {record.pose or "" for record in analysis.study.sine_records}
     for pose in dict.fromkeys(record.pose or "" for record in analysis.study.records):
         suffix = f', pose "{pose}"' if pose else ""
-        if n > 1:
+        if n > 1 and pose in sine_poses:
             yield Figure(
                 (single_record_figure(analysis, 0, pose=pose),),
                 f"{next(numbers)} Motor 1, each record alone{suffix} (Figure 3 of the paper).",

@@ -27,7 +27,6 @@ from jointid.study import Analysis, Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.version import __version__
-from jointid.wording import counted
 
 __all__ = ["make_report", "to_html", "to_pdf"]
 
@@ -86,20 +85,7 @@ def make_report(
 
 
 def _facts(study: Study) -> str:
-    f = sorted(record.frequency_hz for record in study.records)
-    band = f"{plain(round(f[0], 3))} Hz"
-    if f[-1] > f[0] * 1.001:
-        band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
-    facts = [
-        _ORIGINS[study.origin],
-        counted(study.inertia.n, "joint"),
-        counted(len(f), "sine record"),
-        counted(len(set(f)), "frequency"),
-        band,
-    ]
-    if len(poses := {record.pose for record in study.records}) > 1:
-        facts.append(counted(len(poses), "pose"))
-    return " · ".join(facts)
+    return " · ".join([_ORIGINS[study.origin], *study.facts])
 
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:

@@ -11,6 +11,7 @@ from jointid.answer import elasticity_quantities, further_quantities, model_name
 from jointid.estimation.elasticity import METHODS, ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
+from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.rounding import UNDETERMINED, plain, significant, with_error
 from jointid.study import Analysis, Study
@@ -38,7 +39,11 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             "noise explains; 1 is ideal",
         ),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
-        ("Harmonics fitted", str(analysis.phasors.harmonics.shape[1])),
+        *(
+            [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
+            if study.sine_records
+            else []
+        ),
     ]
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
@@ -69,7 +74,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             (method, *(with_error(float(v), float(e)) for v, e in _estimates(other)))
             for method, other in analysis.fits.items()
         ),
-        "Other estimators on the same records: the paper's least squares (13)–(14) and its explicit "
+        "Other estimators on the sine records: the paper's least squares (13)–(14) and its explicit "
         "solution (15), with the given inertias; without friction and delay.",
     )
     yield Table(
@@ -96,9 +101,8 @@ def record_rows(study: Study) -> Table:
     for number, record in enumerate(study.records, start=1):
         row = (
             record.pose or "–",
-            plain(record.frequency_hz),
-            significant(record.periods, 4),
-            significant(record.periods / record.frequency_hz, 4),
+            *_excitation(record),
+            significant(record.samples * record.interval_s, 4),
             plain(round(1 / record.interval_s, 2)),
         )
         alike.setdefault(row, []).append(record.label or f"record {number}")
@@ -108,6 +112,13 @@ def record_rows(study: Study) -> Table:
     shown = [tuple(row[k] for k in columns) for row in table[: _MAX_ROWS + 1]]
     more = len(table) - len(shown)
     return Table(shown[0], tuple(shown[1:]), f"And {more} more rows, see the study." if more else "")
+
+
+def _excitation(record: SineRecord | MotionRecord) -> tuple[str, str]:
+    """Frequency and periods of a sine; the band of another motion."""
+    if isinstance(record, SineRecord):
+        return plain(record.frequency_hz), significant(record.periods, 4)
+    return record.excitation.removesuffix(" Hz"), "–"
 
 
 def digit_blocks(analysis: Analysis) -> Iterator[Block]:

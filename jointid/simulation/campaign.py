@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from jointid.arrays import whole_number
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.records import SineRecord
-from jointid.simulation.closed_loop import simulate_records
+from jointid.records import MotionRecord, SineRecord
+from jointid.simulation.closed_loop import simulate_motion, simulate_records
+from jointid.simulation.motion import Motion
 
 LOADED = "loaded"
 """Pose of the records with the payload."""
@@ -21,7 +22,7 @@ LOADED = "loaded"
 class Campaign(NamedTuple):
     """Records, and the inertias that a study of them is given."""
 
-    records: tuple[SineRecord, ...]
+    records: tuple[SineRecord | MotionRecord, ...]
     inertia: Inertia
     poses: dict[str, Inertia]
 
@@ -29,7 +30,7 @@ class Campaign(NamedTuple):
 def simulate_campaign(
     inertia: Inertia,
     elasticity: Elasticity,
-    frequencies_hz: ArrayLike,
+    experiment: ArrayLike | Motion,
     *,
     inertia_error: float = 0.0,
     added: ArrayLike | None = None,
@@ -41,8 +42,10 @@ def simulate_campaign(
 
     Parameters
     ----------
-    inertia, elasticity, frequencies_hz
-        The robot and its experiment, see ``simulate_records``.
+    inertia, elasticity
+        The robot.
+    experiment : array_like, shape (f,), or Motion
+        Frequencies of the sines, Hz, or another motion.
     inertia_error : float
         Share by which the given inertias differ from the robot's, see ``wrongly_given``.
     added : array_like, shape (n, n), optional
@@ -53,7 +56,7 @@ def simulate_campaign(
     progress : callable, optional
         Called with the fraction done, up to 1.0.
     **settings
-        Further settings of ``simulate_records``.
+        Further settings of ``simulate_records`` or ``simulate_motion``.
 
     Raises
     ------
@@ -63,7 +66,7 @@ def simulate_campaign(
     seed = whole_number("seed", seed, 0)
     given = wrongly_given(inertia, inertia_error, seed)
     robots = {None: inertia} | ({} if added is None else {LOADED: inertia.with_added(added)})
-    records: list[SineRecord] = []
+    records: list[SineRecord | MotionRecord] = []
     for k, (pose, robot) in enumerate(robots.items()):
 
         def report(done: float, before: int = k) -> None:
@@ -71,7 +74,10 @@ def simulate_campaign(
                 progress((before + done) / len(robots))
 
         settings |= {"pose": pose, "seed": seed if pose is None else _other(seed), "progress": report}
-        records += simulate_records(robot, elasticity, frequencies_hz, **settings)
+        if isinstance(experiment, Motion):
+            records += simulate_motion(robot, elasticity, experiment, **settings)
+        else:
+            records += simulate_records(robot, elasticity, experiment, **settings)
     poses = {} if added is None else {LOADED: given.with_added(added)}
     return Campaign(tuple(records), given, poses)
 

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.experiment import Controller, Excitation, Measurement, MotorFriction
+from jointid.simulation.motion import Motion, sampled
 from jointid.simulation.robot import Reference, Robot
 
 _LARGEST_LOG_BYTES = 2e9
@@ -105,6 +106,68 @@ def simulate_records(
             label=f"{reference.omega[r] / (2 * np.pi):.2f} Hz, record {r % len(weights) + 1}",
         )
         for r, length in enumerate(samples)
+    )
+
+
+def simulate_motion(
+    inertia: Inertia,
+    elasticity: Elasticity,
+    motion: Motion | None = None,
+    *,
+    records: int = 2,
+    controller: Controller | None = None,
+    friction: MotorFriction | None = None,
+    measurement: Measurement | None = None,
+    pose: str | None = None,
+    declare_timing: bool = True,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[MotionRecord, ...]:
+    """Simulate experiments with any motion and return their logs.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        The robot, n joints, equation (1).
+    motion : Motion, optional
+        Reference of the joints; by default a sweep.
+    records : int
+        Number of records, each with other random phases, points or sweep directions.
+    controller, friction, measurement, pose, declare_timing, progress
+        As in :func:`simulate_records`.
+    seed : int
+        Seed of the motion and of the noise.
+
+    Returns
+    -------
+    tuple of MotionRecord
+
+    Raises
+    ------
+    JointIdError
+        When settings do not fit the robot, or the closed loop is unstable.
+    """
+    motion, controller = motion or Motion(), controller or Controller()
+    friction, measurement = friction or MotorFriction(), measurement or Measurement()
+    seed, records = whole_number("seed", seed, 0), whole_number("records", records, 1, 1000)
+    robot = Robot(inertia, elasticity, controller, friction)
+    before = int(np.ceil(2 * robot.settling_time_s() / robot.T))
+    length = int(np.ceil(motion.duration_s / robot.T - 1e-6))
+    _require_memory(before + length, 2 * robot.n * records)
+    reference = sampled(motion, robot.n, records, robot.T, before, seed)
+    theta, tau = robot.run(reference, before, length, measurement, seed, progress)
+    time = robot.T * np.arange(float(length))
+    return tuple(
+        MotionRecord(
+            time_s=time,
+            theta_rad=theta[before:, :, r],
+            tau_Nm=tau[before:, :, r],
+            torque_hold=declare_timing,
+            torque_delay_s=controller.torque_delay_s if declare_timing else 0.0,
+            pose=pose,
+            label=f"{motion.kind} {r + 1}",
+        )
+        for r in range(records)
     )
 
 

@@ -56,12 +56,12 @@ class Controller:
     torque_delay_s: float = 0.0
 
     def __post_init__(self) -> None:
-        _store(self, "bandwidth_hz", "Hz", positive=True)
-        _store(self, "damping_ratio", "", positive=True)
-        _store(self, "position_gain", "N·m/rad", positive=True)
-        _store(self, "velocity_gain", "N·m·s/rad", positive=True)
-        _store(self, "sample_rate_hz", "Hz", positive=True, single=True)
-        _store(self, "torque_delay_s", "s", single=True)
+        checked_setting(self, "bandwidth_hz", "Hz", positive=True)
+        checked_setting(self, "damping_ratio", "", positive=True)
+        checked_setting(self, "position_gain", "N·m/rad", positive=True)
+        checked_setting(self, "velocity_gain", "N·m·s/rad", positive=True)
+        checked_setting(self, "sample_rate_hz", "Hz", positive=True, single=True)
+        checked_setting(self, "torque_delay_s", "s", single=True)
         if self.torque_delay_s > 0.1:
             raise JointIdError(
                 f"torque_delay_s = {self.torque_delay_s:g} s: more than 0.1 s cannot be simulated. "
@@ -124,12 +124,12 @@ class Excitation:
             )
         if self.records_per_frequency is not None:
             whole_number("records_per_frequency", self.records_per_frequency, 1, 1000)
-        _store(self, "velocity_rad_s", "rad/s", positive=True)
-        _store(self, "acceleration_rad_s2", "rad/s²", positive=True)
-        _store(self, "constant_velocity_rad_s", "rad/s", signed=True)
-        _store(self, "duration_s", "s", positive=True, single=True)
-        _store(self, "periods", "", positive=True, single=True)
-        _store(self, "settle_s", "s", single=True)
+        checked_setting(self, "velocity_rad_s", "rad/s", positive=True)
+        checked_setting(self, "acceleration_rad_s2", "rad/s²", positive=True)
+        checked_setting(self, "constant_velocity_rad_s", "rad/s", signed=True)
+        checked_setting(self, "duration_s", "s", positive=True, single=True)
+        checked_setting(self, "periods", "", positive=True, single=True)
+        checked_setting(self, "settle_s", "s", single=True)
 
     def weights(self, n: int) -> Complexes:
         """Weights W of the joints' sines, shape (R, n)."""
@@ -196,9 +196,9 @@ class MotorFriction:
     step_s: float = 1.25e-4
 
     def __post_init__(self) -> None:
-        _store(self, "coulomb", "N·m")
-        _store(self, "viscous", "N·m·s/rad")
-        _store(self, "step_s", "s", positive=True, single=True)
+        checked_setting(self, "coulomb", "N·m")
+        checked_setting(self, "viscous", "N·m·s/rad")
+        checked_setting(self, "step_s", "s", positive=True, single=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,13 +229,13 @@ class Measurement:
     torque_gain: PerJoint = 1.0
 
     def __post_init__(self) -> None:
-        _store(self, "encoder_counts", "per revolution", positive=True, single=True)
-        _store(self, "position_noise_rad", "rad")
-        _store(self, "torque_noise_Nm", "N·m")
-        _store(self, "torque_gain", "", positive=True)
+        checked_setting(self, "encoder_counts", "per revolution", positive=True, single=True)
+        checked_setting(self, "position_noise_rad", "rad")
+        checked_setting(self, "torque_noise_Nm", "N·m")
+        checked_setting(self, "torque_gain", "", positive=True)
 
 
-def _store(
+def checked_setting(
     settings: object,
     name: str,
     unit: str,

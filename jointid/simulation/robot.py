@@ -16,6 +16,7 @@ from jointid.arrays import Complexes, Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
+from jointid.simulation.motion import SampledReference
 from jointid.simulation.motor_dynamics import Step, constant_torque, plant, step_with_friction
 from jointid.wording import counted
 
@@ -76,7 +77,7 @@ class Robot:
 
     def run(
         self,
-        reference: Reference,
+        reference: Reference | SampledReference,
         before: int,
         samples: int,
         measurement: Measurement,
@@ -84,9 +85,13 @@ class Robot:
         progress: Callable[[float], None] | None,
     ) -> tuple[Floats, Floats]:
         """Log ``before`` samples ahead of t = 0 and ``samples`` after it: θ and τ, (N, n, R)."""
-        n, shape = self.n, (before + samples, self.n, reference.omega.size)
+        n, shape = self.n, (before + samples, *reference.at(np.zeros(1))[0].shape[1:])
         theta, tau = np.empty(shape), np.empty(shape)
-        Z, y_before, torques = self._steady_state(reference, -before)
+        if isinstance(reference, Reference):
+            Z, y_before, torques = self._steady_state(reference, -before)
+        else:  # at rest, with the springs relaxed
+            Z, y_before = np.zeros((5 * n, shape[2])), np.zeros(shape[1:])
+            torques = deque([y_before] * (self.delay + 1), maxlen=self.delay + 2)
         sources = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
         position_source, torque_source = sources
         position_noise = per_joint("position_noise_rad", measurement.position_noise_rad, n)
@@ -119,7 +124,7 @@ class Robot:
                 progress(float(last / shape[0]))
         return theta, tau
 
-    def _feed(self, reference: Reference, k: np.ndarray) -> Floats:
+    def _feed(self, reference: Reference | SampledReference, k: np.ndarray) -> Floats:
         """The part of the commanded torque that does not depend on the encoder, (N, n, R)."""
         position, acceleration = reference.at(k * self.T)
         past, _ = reference.at((k - 1) * self.T)

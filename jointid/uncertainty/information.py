@@ -43,7 +43,7 @@ class PlanningModel:
     p: Floats
     """All parameters, shape (P,); those that only the planned records have are as given."""
     scale: Floats
-    """Factor on each harmonic's variance for the model's misfit, shape (H,)."""
+    """Factor on each harmonic's variance for the model's misfit, shape (H,) or (r, H)."""
     pose: tuple[int, int]
     """Row of M and matrix of M2 of the planned records."""
     omega: Floats
@@ -88,7 +88,8 @@ class PlanningModel:
         has_friction = self.fit.friction is not None
         laws = self.problem.laws
         distorted = has_friction or laws is not None
-        orders = np.arange(1, (self.scale.size if distorted else 1) + 1)
+        scales = np.atleast_2d(self.scale)[0]  # a harmonic of sines has one misfit in all records
+        orders = np.arange(1, (scales.size if distorted else 1) + 1)
         s = np.asarray(1j * np.multiply.outer(omega, orders))
         C = self.noise(np.abs(s), np.broadcast_to(duration_s[:, None], s.shape))
         signals = np.zeros((*s.shape, 2 * n), complex)
@@ -102,13 +103,15 @@ class PlanningModel:
             known=np.ones(s.shape, bool),
             prior=replace(self.problem.prior, rotor=np.full(r, rotor), pose=np.full(r, pose)),
             friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
+            group=np.broadcast_to(np.arange(orders.size), s.shape),
+            main=np.arange(orders.size) == 0,
             laws=laws and replace(laws, s=s, clear=np.ones((*s.shape, n), bool)),
         )
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
         for _ in range(_ITERATIONS if laws else 1):  # the torque leaves no residual
             left = Residual.at(problem, self.p)
             signals[..., n:] -= left.r / (left.lag * scale)
-        residual = WhitenedResidual.of(problem, self.p, self.scale[: orders.size])
+        residual = WhitenedResidual.of(problem, self.p, scales[: orders.size])
         columns = residual.columns(signals)
         return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
 

@@ -12,7 +12,7 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.rounding import significant
 from jointid.transfer_matrix import TransferMatrix
 
@@ -44,7 +44,7 @@ class Finding:
 class Evidence:
     """One analysis, as the rules see it."""
 
-    records: tuple[SineRecord, ...]
+    records: tuple[SineRecord | MotionRecord, ...]
     inertias: Sequence[Inertia]
     """Inertia of each record."""
     phasors: Phasors
@@ -54,6 +54,11 @@ class Evidence:
     """The paper's least squares on the same records."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """By pose."""
+
+    @property
+    def sines(self) -> tuple[SineRecord, ...]:
+        """The sine records."""
+        return tuple(record for record in self.records if isinstance(record, SineRecord))
 
     @property
     def poses(self) -> tuple[str, ...]:

@@ -63,7 +63,6 @@ _OF_RECORDS: tuple[_Rule, ...] = (
     few_periods,
     constant_torque,
     coarse_encoder,
-    one_frequency,
 )
 """Rules on the records, independent of the answer."""
 
@@ -94,7 +93,7 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     evidence : Evidence
         One analysis.
     """
-    found = [finding for rule in _OF_RECORDS for finding in rule(evidence)]
+    found = [*of_records(evidence), *one_frequency(evidence)]
     judge = _best_fit(evidence)
     outlier = find_outlier(evidence.phasors, list(evidence.inertias), judge)
     if outlier is not None:
@@ -115,7 +114,7 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
         if not causes:
             found += [finding for rule in _OF_ITS_PRECISION for finding in rule(evidence)]
     if not any(finding.level in ("problem", "warning") for finding in found):
-        found.append(_all_well(evidence.fit))
+        found.append(all_well(evidence.fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
@@ -140,7 +139,13 @@ def _physical_misfit(fit: ElasticityFit) -> float:
     return np.inf if np.any(fit.K <= 0) or np.any(fit.D <= 0) else fit.misfit
 
 
-def _all_well(fit: ElasticityFit) -> Finding:
+def of_records(evidence: Evidence) -> list[Finding]:
+    """Findings on the records themselves, whatever the answer is."""
+    return [finding for rule in _OF_RECORDS for finding in rule(evidence)]
+
+
+def all_well(fit: ElasticityFit) -> Finding:
+    """The finding that no action is needed."""
     share = relative(fit.standard_error, fit.estimate)
     errors = ", ".join(
         f"{name} {percent(s)}" for name, s in zip(elasticity_labels(fit.n), share, strict=True)

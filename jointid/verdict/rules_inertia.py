@@ -35,6 +35,12 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
     if judged is None or judged.misfit > _EXPLAINED:
         yield from _far_off(evidence)
         return
+    yield from inertias_off(evidence, judged)
+
+
+def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]:
+    """Difference of the inertias of a fit that explains the data from the given ones."""
+    fit = evidence.fit
     exact = judged is not fit
     rows = [(_significance(row, exact), row) for row in prior_rows(judged, evidence.poses) if row.unit]
     off = sorted((pair for pair in rows if pair[0] > CLEAR), key=lambda pair: -pair[0])

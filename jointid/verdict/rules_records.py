@@ -56,7 +56,7 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
     found = evidence.phasors.frequency_found_hz
     off = np.abs(found / evidence.frequency_hz - 1)
     return tuple(
-        int(i) for i in np.flatnonzero(off > 2e-3) if _turns_at(evidence.records[i], found[i])
+        int(i) for i in np.flatnonzero(off > 2e-3) if _turns_at(evidence.sines[i], found[i])
     )  # noise has a frequency as well
 
 
@@ -213,7 +213,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     """Quantisation of the encoder dominates the noise of the angle."""
     phasors, n = evidence.phasors, evidence.fit.n
     variance = phasors.standard_deviation[:, :n] ** 2
-    step = np.array([_encoder_steps(record) for record in evidence.records])
+    step = np.array([_encoder_steps(record) for record in evidence.sines])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
     for j in range(n):

@@ -27,14 +27,14 @@ _FLOOR_BINS = 20  # spectral bins to each side of a line that give its noise flo
 
 @dataclass(frozen=True)
 class Segment:
-    """A span of a log in which every joint follows steady sines.
+    """A span of a log in which every joint follows steady sines, or any other motion.
 
     Parameters
     ----------
     start_s, stop_s : float
         Settled part, on the clock of the log; the sample at ``stop_s`` belongs to it.
     frequency_hz : float
-        The frequency, or the strongest of several lines.
+        The frequency, or the strongest of several lines; NaN for another motion.
     lines_hz : sequence of float, optional
         All lines at once, ascending; by default the one.
     frequency_error_hz : float, optional
@@ -45,6 +45,8 @@ class Segment:
         The same for the torque.
     amplitude_rad : sequence of float, optional
         Amplitude of each motor at ``frequency_hz``.
+    band_hz : (float, float), optional
+        Lowest and highest frequency to use of a motion that is no sine.
 
     Raises
     ------
@@ -60,17 +62,22 @@ class Segment:
     share: float = float("nan")
     torque_share: float = float("nan")
     amplitude_rad: tuple[float, ...] = ()
+    band_hz: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start_s", "stop_s", "frequency_hz"):
+        band = self.band_hz
+        for name in ("start_s", "stop_s", *(() if band else ("frequency_hz",))):
             value = getattr(self, name)
             if not isinstance(value, float | int | np.floating) or not np.isfinite(value):
                 raise JointIdError(f"{name} = {shown(value)}: expected a finite number.")
             object.__setattr__(self, name, float(value))
         lines = tuple(sorted(float(line) for line in (self.lines_hz or (self.frequency_hz,))))
-        if min(lines) <= 0:
+        if band is not None:
+            lines = ()
+            object.__setattr__(self, "band_hz", (float(band[0]), float(band[1])))
+        elif min(lines) <= 0:
             raise JointIdError(f"A segment's frequency is {min(lines):g} Hz: it must be positive.")
-        if self.frequency_hz not in lines:
+        elif self.frequency_hz not in lines:
             raise JointIdError(
                 f"frequency_hz = {self.frequency_hz:g} Hz is not among lines_hz, "
                 f"{listed(f'{line:g}' for line in lines)} Hz: give it there too."
@@ -87,6 +94,11 @@ class Segment:
     def periods(self) -> float:
         """Periods of ``frequency_hz``."""
         return (self.stop_s - self.start_s) * self.frequency_hz
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it is no steady sine but any other motion."""
+        return self.band_hz is not None
 
     @property
     def is_multisine(self) -> bool:

@@ -74,7 +74,7 @@ def find_segments(
     if not fewest_periods >= 2:
         raise JointIdError(f"fewest_periods = {fewest_periods!r}: a segment needs at least 2 periods.")
     found: list[Segment] = []
-    for begin, end in _without_gaps(log.time_s):
+    for begin, end in without_gaps(log.time_s):
 
         def report(share: float, begin: int = begin, end: int = end) -> None:
             if progress is not None:
@@ -171,6 +171,8 @@ def common_frequencies(segments: Sequence[Segment]) -> tuple[Segment, ...]:
             frequency_hz=shared[k, s.frequency_hz],
             lines_hz=tuple(shared[k, line] for line in s.lines_hz),
         )
+        if s.lines_hz
+        else s
         for k, s in enumerate(segments)
     )
 
@@ -179,7 +181,8 @@ def _error(segment: Segment) -> float:
     return segment.frequency_error_hz if np.isfinite(segment.frequency_error_hz) else 0.0
 
 
-def _without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
+def without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
+    """First row and one past the last of each part of a log without gaps."""
     steps = np.diff(time)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1
     for begin, end in pairwise([0, *gaps.tolist(), time.size]):

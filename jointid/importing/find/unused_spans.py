@@ -8,6 +8,7 @@ from itertools import compress
 import numpy as np
 
 from jointid.arrays import true_runs
+from jointid.importing.find.line_fit import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.steady_state import frames_of, phase_bend
 from jointid.importing.map.mapped_log import MappedLog
@@ -16,6 +17,8 @@ from jointid.wording import listed
 
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend
+_LEAST_SHARE = 0.8  # of the signal beside a run that the sine explains where it goes on
+_MIN_STEADY = 0.2  # of a span of motion with a sweep, below which its steady runs are chance
 _SWEEP_GAP = 1.5  # times the longer piece: longest pause within a sweep
 _BLOCK_S = 0.1  # length of the blocks whose motion is compared
 _MIN_MOTION = 0.05  # of the strong motion of a log (90 % quantile)
@@ -52,12 +55,22 @@ def without_sweeps(
     """
     bends = [_bend(log, s) for s in segments]
     limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error in bends]
-    drifts = [abs(bend) > limit for (bend, _), limit in zip(bends, limits, strict=True)]
+    drifts = [
+        abs(bend[0]) > limit or _drifts_on(log, segment)
+        for segment, bend, limit in zip(segments, bends, limits, strict=True)
+    ]
     spans = _merged(compress(segments, drifts))
     for k, segment in enumerate(segments):
         reach = _SWEEP_GAP * (segment.stop_s - segment.start_s)
         near = any(a - reach < segment.stop_s and segment.start_s < b + reach for a, b in spans)
         drifts[k] |= near and abs(bends[k][0]) + limits[k] > 2 * _MIN_BEND_RAD
+    if any(drifts) and not all(drifts):
+        for begin, end in moving_spans(log) or [(float(log.time_s[0]), float(log.time_s[-1]))]:
+            here = [k for k, s in enumerate(segments) if s.start_s < end and s.stop_s > begin]
+            steady = sum(segments[k].stop_s - segments[k].start_s for k in here if not drifts[k])
+            if any(drifts[k] for k in here) and steady < _MIN_STEADY * (end - begin):
+                for k in here:
+                    drifts[k] = True
     pieces = list(compress(segments, drifts))
     spans = _merged(pieces)
     notes = []
@@ -85,6 +98,32 @@ def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
     interval = (segment.stop_s - segment.start_s) / (len(signals) - 1)
     lines = interval * np.array(segment.lines_hz)
     return phase_bend(frames_of(signals, lines, hop_periods=0.5).z)
+
+
+def _drifts_on(log: MappedLog, segment: Segment) -> bool:
+    """Whether the sine goes on beyond the run, with a frequency that runs through evenly.
+
+    A slow sweep bends the phase of a short run too little for the noise to tell, but it does not end.
+    """
+    half = (segment.stop_s - segment.start_s) / 2
+    found = []
+    for k in range(-2, 4):  # halves of the run and of the spans before and after it
+        part = log.rows(segment.start_s + k * half, segment.start_s + (k + 1) * half)
+        time = log.time_s[part]
+        if len(time) < 8 or time[-1] - time[0] < 0.8 * half:
+            continue
+        fit = fit_lines(time, np.column_stack([log.theta_rad[part], log.tau_Nm[part]]), segment.lines_hz)
+        if fit.share.max() >= _LEAST_SHARE:
+            found.append([fit.frequency_hz, fit.error_hz])
+    if len(found) < 4:
+        return False
+    hertz, error = np.array(found).transpose(1, 0, 2)
+    steps = np.diff(hertz, axis=0)
+    mean = steps.mean(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        even = np.all((steps / mean > 0.3) & (steps / mean < 2.5), axis=0)
+    clear = np.abs(hertz[-1] - hertz[0]) > _BEND_SIGMAS * np.hypot(error[0], error[-1])
+    return bool(np.any(even & clear))
 
 
 def _merged(pieces: Iterable[Segment]) -> list[tuple[float, float]]:
@@ -119,14 +158,14 @@ def unused_spans(
     """
     covered = [*((s.start_s, s.stop_s) for s in segments), *sweeps]
     reasons: dict[str, list[tuple[float, float]]] = {}
-    for begin, end in _moving(log):
+    for begin, end in moving_spans(log):
         for first, last in _uncovered(begin, end, covered):
             if last - first >= _MIN_SPAN_S:
                 reasons.setdefault(_reason(log, first, last), []).append((first, last))
     return [f"{_listed_times(spans)}: {why}" for why, spans in reasons.items()]
 
 
-def _moving(log: MappedLog) -> list[tuple[float, float]]:
+def moving_spans(log: MappedLog) -> list[tuple[float, float]]:
     """Spans in which a position or torque moves, without drift, as strongly as in runs."""
     length = max(8, round(_BLOCK_S / log.interval_s))
     count = len(log.time_s) // length

@@ -67,7 +67,7 @@ def choose_runs(logs: Sequence[Log], shown: Log, mapping: Mapping) -> Runs:
 
     Without a log that can be mapped the page ends here.
     """
-    st.subheader("Sine runs", anchor=False)
+    st.subheader("Runs", anchor=False)
     ready: dict[str, MappedLog] = {}
     rules: dict[str, str] = {}
     for log in logs:
@@ -110,8 +110,9 @@ def _found(ready: dict[str, MappedLog], rules: dict[str, str]) -> dict[str, tupl
             show_error(error)
     if not any(found.values()):
         st.info(
-            "No steady sine run was found. Mark one in a new row of the table by its start and stop, or "
-            "choose other columns: the method needs steady sines of a few periods."
+            "No steady sine run and no coherent motion was found. Mark one in a new row of the table by "
+            "its start and stop, or choose other columns: the method needs steady sines of a few "
+            "periods, or seconds of another motion."
         )
     return found
 

@@ -27,6 +27,8 @@ class Row:
     use: bool = True
     found: Segment | None = None
     """The segment itself as long as nothing of it was changed."""
+    motion: bool = False
+    """Any motion, not a sine."""
 
 
 def last_rows() -> dict[str, list[Row]]:

@@ -12,7 +12,8 @@ import numpy as np
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import MappedLog, Segment, find_segments, measure_segment
+from jointid.importing import MappedLog, Segment, find_runs, measure_run
+from jointid.importing.find.motions import measure_motion
 from jointid.rounding import significant
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
@@ -32,14 +33,20 @@ def found_in(watch: Watch, key: str, mapping_json: str, log: MappedLog) -> tuple
         When it holds too many, or the search was stopped.
     """
     label = f"Looking for steady sines in {log.name}"
-    return watch.do(f"sines {key} {mapping_json}", label, lambda tell: find_segments(log, progress=tell))
+    return watch.do(f"sines {key} {mapping_json}", label, lambda tell: find_runs(log, progress=tell))
 
 
 @st.cache_resource(max_entries=256, show_spinner=False)
 def _measured(
-    key: str, mapping_json: str, start: float, stop: float, hertz: float | None, _log: MappedLog
+    key: str,
+    mapping_json: str,
+    start: float,
+    stop: float,
+    hertz: float | None,
+    motion: bool,
+    _log: MappedLog,
 ) -> Segment:
-    return measure_segment(_log, start, stop, hertz)
+    return measure_motion(_log, start, stop) if motion else measure_run(_log, start, stop, hertz)
 
 
 def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, str]) -> list[Row]:
@@ -66,7 +73,8 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
         _table(rows, labels, key)
         st.caption(
             "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
-            "a frequency it is estimated, of several lines at once each of them."
+            "a frequency it is estimated, of several lines at once each of them; where no steady line "
+            "explains the span, it becomes a motion record."
         )
     for log, part in found.items():
         for note in getattr(part, "notes", ()):
@@ -115,7 +123,8 @@ def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
             f"{significant(row.start_s)} to {significant(row.stop_s)} s: a frequency of "
             f"{row.frequency_hz:g} Hz. Give a positive one, or none to have it estimated."
         )
-    return _measured(row.log, mapping_json, row.start_s, row.stop_s, row.frequency_hz, log)
+    hertz, motion = row.frequency_hz, row.motion and row.frequency_hz is None
+    return _measured(row.log, mapping_json, row.start_s, row.stop_s, hertz, motion, log)
 
 
 def chosen_segments(
@@ -156,7 +165,7 @@ def settle(
         settled = []
         for row in rows:
             if row.log == key and (s := segment_of(row, logs[key], mapping_json[key])) is not None:
-                settled.append(Row(key, s.start_s, s.stop_s, s.frequency_hz, row.use, s))
+                settled.append(replace(_row(key, s), use=row.use))
         last[_one(key, part)] = sorted(settled, key=lambda row: row.start_s or 0.0)
     st.session_state[_SETTLED] = st.session_state.get(_SETTLED, 0) + 1
     return True
@@ -180,7 +189,12 @@ def _changed(row: Row, cells: Mapping[str, Any], logs: Mapping[str, str]) -> Row
 
 
 def _rows(log: str, segments: Sequence[Segment]) -> list[Row]:
-    return [Row(log, s.start_s, s.stop_s, s.frequency_hz, found=s) for s in segments]
+    return [_row(log, segment) for segment in segments]
+
+
+def _row(log: str, s: Segment) -> Row:
+    hertz = None if s.is_motion else s.frequency_hz
+    return Row(log, s.start_s, s.stop_s, hertz, found=s, motion=s.is_motion)
 
 
 def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
@@ -199,6 +213,8 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         settings[_LOG] = column.SelectboxColumn(options=options, default=options[0], required=True)
     for name, attribute in ((_START, "start_s"), (_STOP, "stop_s"), (_HERTZ, "frequency_hz")):
         columns[name] = np.array([_tidy(getattr(row, attribute), attribute) for row in rows], float)
+    if any(row.found is not None and row.found.is_motion for row in rows):
+        columns["Band (Hz)"] = [_band(row.found) for row in rows]
     columns["Periods"] = [_periods(row) for row in rows]
     for name, share in (("Motion explained", "share"), ("Torque explained", "torque_share")):
         columns[name] = [_percent(getattr(row.found, share, math.nan)) for row in rows]
@@ -212,7 +228,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
     st.data_editor(
         columns,
         column_config=settings,
-        disabled=["Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
+        disabled=["Band (Hz)", "Periods", "Motion explained", "Torque explained", "Lines (Hz)"],
         num_rows="dynamic",
         hide_index=True,
         height=min(36 + 35 * (len(rows) + 1), 430),
@@ -224,6 +240,12 @@ def _periods(row: Row) -> str:
     if row.start_s is None or row.stop_s is None or row.frequency_hz is None:
         return ""
     return f"{(row.stop_s - row.start_s) * row.frequency_hz:.1f}"
+
+
+def _band(segment: Segment | None) -> str:
+    if segment is None or segment.band_hz is None:
+        return ""
+    return "–".join(significant(f, 3) for f in segment.band_hz)
 
 
 def _percent(share: float) -> str:

@@ -13,7 +13,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import Segment
 from jointid.importing.robot_inertia import KnownRobot
-from jointid.importing.study import parse_date, study_name
+from jointid.importing.study import parse_date, run_counts, study_name
 from jointid.rounding import plain
 from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
@@ -51,16 +51,17 @@ def show_next_step(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> Non
     to_check : bool
         Whether part of the mapping is unconfirmed.
     """
-    hertz = [segment.frequency_hz for part in runs.values() for segment in part]
-    if not hertz:
-        st.markdown("**Next:** mark a steady sine run in the table of runs, or choose other columns.")
+    used = [segment for part in runs.values() for segment in part]
+    if not used:
+        st.markdown("**Next:** mark a run in the table of runs, or choose other columns.")
         return
+    hertz = [f for segment in used for f in segment.band_hz or (segment.frequency_hz,)]
     low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
     band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
     look = "look at what is marked To check, then " if to_check else ""
     goal = "open it as a study" if inertias_given() else "give the inertias"
     st.markdown(
-        f"{counted(len(hertz), 'steady sine run')} of {band} found. **Next:** {look}[{goal}](#{ROBOT})."
+        f"{run_counts(used, 'steady sine run')} of {band} found. **Next:** {look}[{goal}](#{ROBOT})."
     )
 
 

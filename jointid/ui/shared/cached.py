@@ -6,7 +6,7 @@ import inspect
 
 import streamlit as st
 
-from jointid import Analysis, Phasors, Study, analyse, extract_phasors
+from jointid import Analysis, Phasors, SineRecord, Study, analyse, extract_phasors
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import METHODS
 from jointid.phasors.sine_fit import fit_sines
@@ -32,11 +32,16 @@ def analysis(digest: str, method: str, _study: Study) -> Analysis:
 @st.cache_resource(max_entries=MOST_ANALYSES, show_spinner="Fitting sines")
 def phasors(digest: str, _study: Study) -> Phasors:
     """Run the first step alone: it succeeds for records that do not determine the springs."""
-    return extract_phasors(_study.records)
+    return extract_phasors(_study.sine_records)
 
 
 @st.cache_resource(max_entries=256, show_spinner=False)
-def fitted_sine(digest: str, record: int, _study: Study) -> Floats:
-    """Return the fitted fundamental with offset and drift at a record's times, (N, 2n)."""
+def fitted_sine(digest: str, record: int, _study: Study) -> Floats | None:
+    """Return the fitted fundamental with offset and drift at a record's times, (N, 2n).
+
+    None for a record of another motion.
+    """
     chosen = _study.records[record]
+    if not isinstance(chosen, SineRecord):
+        return None
     return fit_sines([chosen])[0].at(chosen.time_s, chosen.omega)

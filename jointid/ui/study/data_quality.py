@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
-from jointid import JointIdError, Phasors, SineRecord
+from jointid import JointIdError, MotionRecord, Phasors, SineRecord
+from jointid.phasors.distortion import distortion
+from jointid.records import JointRecord
 from jointid.rounding import significant, with_error
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import Table, table
@@ -21,8 +23,12 @@ _ROUNDING_S = 1e-9
 def show_quality(page: Page) -> None:
     """Show the quality of every record, and what its figures mean."""
     st.subheader("Quality of every record", anchor=False)
+    if page.study.motion_records:
+        table(motion_table(page.study.motion_records))
+    if not page.study.sine_records:
+        return
     try:
-        table(quality_table(page.study.records, cached.phasors(page.digest, page.study)))
+        table(quality_table(page.study.sine_records, cached.phasors(page.digest, page.study)))
     except JointIdError as error:
         show_error(error)
     with st.expander("What the columns mean"):
@@ -57,6 +63,42 @@ def quality_table(records: Sequence[SineRecord], phasors: Phasors) -> Table:
         "Found (Hz)": [f"{x:.6g}" for x in phasors.frequency_found_hz],
         "Jitter (ms)": [_figure(1e3 * r.jitter_s) if r.jitter_s > _ROUNDING_S else "0" for r in records],
     }
+
+
+def show_distortion(record: JointRecord) -> None:
+    """Show nonlinear distortion against noise, of a repeated multisine on odd lines."""
+    try:
+        found = distortion(record)
+    except JointIdError:
+        return  # another motion
+    n = record.n
+    names = [f"θ{j + 1}" for j in range(n)] + [f"τ{j + 1}" for j in range(n)]
+    st.markdown("**Distortion against noise**")
+    levels = (("Even lines (%)", found.even), ("Odd lines (%)", found.odd), ("Noise (%)", found.noise))
+    table({"": names} | {name: [_figure(100 * x) for x in level] for name, level in levels})
+    st.caption(
+        f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
+        "excitation over that of excited ones. Odd lines above the noise show friction or a hardening "
+        "gear, even ones play or a one-sided load."
+    )
+
+
+def motion_table(records: Sequence[MotionRecord]) -> Table:
+    """One row per record of any motion: length, band, and the motion of every joint."""
+    columns: dict[str, list[object]] = {
+        "Record": [r.label or f"motion {i}" for i, r in enumerate(records, start=1)],
+        "Length (s)": [_figure(r.samples * r.interval_s) for r in records],
+        "Samples": [r.samples for r in records],
+        "Band": [r.excitation for r in records],
+    }
+    for j in range(records[0].n):
+        travel = [float(np.ptp(r.theta_rad[r.start :, j])) for r in records]
+        columns[f"θ{j + 1} travel (rad)"] = [_figure(x) for x in travel]
+        columns[f"τ{j + 1} RMS (N·m)"] = [
+            _figure(float(np.std(r.tau_Nm[r.start :, j]))) for r in records
+        ]
+    uneven = [r.jitter_s if r.jitter_s > _ROUNDING_S else 0.0 for r in records]
+    return columns | {"Jitter (ms)": [_figure(1e3 * x) if x else "0" for x in uneven]}
 
 
 def phasor_table(phasors: Phasors) -> Table:

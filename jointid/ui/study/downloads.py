@@ -105,7 +105,8 @@ def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
         )
     )
     with st.container(horizontal=True):
-        download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
+        if analysis.study.sine_records:
+            download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
         if analysis.transfer_matrices:
             download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
     if not analysis.transfer_matrices:

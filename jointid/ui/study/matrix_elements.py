@@ -50,7 +50,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     figure = page.drawn(
         f"element {i} {j} {pose}", lambda: element_response(analysis, i, j, pose=pose, dark=page.dark)
     )
-    if i == j and n > 1:
+    if i == j and n > 1 and page.study.of_pose(pose).any():
         left, right = st.columns(2)
         with left:
             st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")

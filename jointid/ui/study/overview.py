@@ -28,19 +28,8 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 def show_heading(study: Study) -> None:
     """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
-    f = sorted(record.frequency_hz for record in study.records)
-    band = f"{plain(round(f[0], 3))} Hz"
-    if f[-1] > f[0] * 1.001:
-        band = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
-    facts = [
-        f":gray-badge[{_ORIGINS[study.origin]}]",
-        counted(len(study.records), "record"),
-        counted(study.inertia.n, "joint"),
-        band,
-    ]
-    if len(poses := {record.pose for record in study.records}) > 1:
-        facts.append(counted(len(poses), "pose"))
-    st.markdown(" &nbsp;·&nbsp; ".join(facts))
+    badge = f":gray-badge[{_ORIGINS[study.origin]}]"
+    st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
     if study.description:
         st.caption(markdown_escape(study.description))
 

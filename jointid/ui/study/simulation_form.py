@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import streamlit as st
@@ -17,11 +17,13 @@ from jointid import (
     Inertia,
     JointIdError,
     Measurement,
+    Motion,
     MotorFriction,
     Study,
 )
 from jointid.rounding import plain
 from jointid.simulation.campaign import simulate_campaign
+from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
@@ -29,9 +31,14 @@ from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
 Number = TypeVar("Number", int, float)
 _RECORDS = {
-    "All joints, another phase each time": "orthogonal",
-    "One joint at a time, the others held": "one-at-a-time",
+    "Sines, all joints, another phase each time": "orthogonal",
+    "Sines, one joint at a time, the others held": "one-at-a-time",
+    "Sweeps": "sweep",
+    "Multisines on odd lines": "multisine",
+    "Random motion": "random",
+    "Point-to-point moves": "moves",
 }
+_COUNT_HELP = "Number of sines. Of another motion, every joint gives one record, at least two."
 _M2 = "0.004104, 0.000395; 0.000395, 0.001889"
 _M2_HELP = (
     "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
@@ -58,6 +65,7 @@ class Settings:
     elasticity: Elasticity
     frequencies_hz: tuple[float, ...]
     pattern: str
+    """Of ``Excitation``, or the kind of a ``Motion``."""
     seconds: float
     bandwidth_hz: float
     coulomb_Nm: tuple[float, ...]
@@ -73,6 +81,12 @@ class Settings:
     """Addition to M2 by the known payload of a second set of records; empty without one."""
     inertia_std: float
     torque_std: float | None
+
+    @property
+    def records(self) -> int:
+        """Number of records without payload."""
+        n = self.inertia.n
+        return max(n, 2) if self.pattern in KINDS else len(self.frequencies_hz) * n
 
 
 def ask() -> Settings | None:
@@ -103,11 +117,9 @@ def ask() -> Settings | None:
             first = _number(one, "First frequency (Hz)", 3.0, (0.05, 1000.0), "first")
             last = _number(two, "Last frequency (Hz)", 30.0, (0.05, 1000.0), "last")
             one, two = st.columns(2)
-            count = _number(one, "Frequencies", 16, (1, 60), "count")
+            count = _number(one, "Frequencies", 16, (1, 60), "count", _COUNT_HELP)
             seconds = _number(two, "Length of a record (s)", 4.0, (0.2, 60.0), "seconds")
-            pattern = st.selectbox(
-                "Who moves", list(_RECORDS), key="sim_pattern", persist_state="session"
-            )
+            pattern = st.selectbox("Motion", list(_RECORDS), key="sim_pattern", persist_state="session")
             one, two = st.columns(2)
             noise = _number(one, "Torque noise (N·m)", 0.02, (0.0, 10.0), "noise")
             counts = _number(two, "Encoder counts per turn, 0: ideal", 65536, (0, 2**24), "counts")
@@ -166,12 +178,20 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
     JointIdError
         When the settings do not fit each other.
     """
+    f, kind = settings.frequencies_hz, settings.pattern
+    experiment: Any = f
+    shape: dict[str, Any] = {}
+    if kind in KINDS:
+        experiment = Motion(kind, f[0], f[-1], settings.seconds, odd=kind == "multisine")
+        shape["records"] = settings.records
+    else:
+        shape["excitation"] = Excitation(pattern=kind, duration_s=settings.seconds)
     campaign = run_in_background(
         simulate_campaign,
         settings.inertia,
         settings.elasticity,
-        settings.frequencies_hz,
-        excitation=Excitation(pattern=settings.pattern, duration_s=settings.seconds),
+        experiment,
+        **shape,
         controller=Controller(bandwidth_hz=settings.bandwidth_hz),
         friction=MotorFriction(coulomb=settings.coulomb_Nm, viscous=settings.viscous_Nms),
         measurement=Measurement(

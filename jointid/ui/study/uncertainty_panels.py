@@ -87,6 +87,12 @@ def show_error_parts(analysis: Analysis) -> None:
 def errors_table(analysis: Analysis) -> Table:
     """One row per parameter, with the paper's answer."""
     found = elasticity_quantities(analysis.fit)
+    columns: dict[str, list[str]] = {
+        "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
+        "Estimate": [quantity.shown[0] for quantity in found],
+    }
+    if "least-squares" not in analysis.fits:
+        return columns
     paper = elasticity_quantities(analysis.fits["least-squares"])
 
     def apart(one: Quantity, other: Quantity) -> str:
@@ -95,9 +101,7 @@ def errors_table(analysis: Analysis) -> Table:
         known = np.isfinite([one.error, other.error]).all()
         return difference(other.value, one.value) if known else "–"
 
-    return {
-        "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
-        "Estimate": [quantity.shown[0] for quantity in found],
+    return columns | {
         "Paper's least squares": [quantity.shown[0] for quantity in paper],
         "Difference": [apart(one, other) for one, other in zip(found, paper, strict=True)],
     }

@@ -1,0 +1,151 @@
+"""Planning of motions: limits, and what a sweep and a multisine would tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, JointIdError, Motion
+from jointid.rounding import significant
+from jointid.ui.shared.background import run_in_background
+from jointid.ui.shared.charts import Table, csv_bytes, download
+from jointid.ui.shared.messages import show_error, show_text_table
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.study.plan_form import percent, pose_inertia
+from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
+
+_KINDS = {"sweep": "Sweeps", "multisine": "Multisines on odd lines"}
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """A motion to plan, and its limits per joint, motor side."""
+
+    records: int
+    seconds: float
+    from_hz: float
+    to_hz: float
+    limits: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+    """Position from the middle, velocity and torque."""
+
+
+@st.cache_resource(max_entries=64, show_spinner="Simulating the motions, predicting their errors")
+def _planned(
+    digest: str, method: str, settings: MotionSettings, _analysis: Analysis
+) -> tuple[PlannedMotion, ...]:
+    study = _analysis.study
+    pose = study.records[0].pose or ""
+    limits = MotionLimits(*(np.array(each) for each in settings.limits))
+    band = settings.from_hz, settings.to_hz
+    return tuple(
+        run_in_background(
+            plan_motion,
+            _analysis.fit,
+            pose_inertia(_analysis, pose),
+            Motion(kind, *band, settings.seconds, odd=kind == "multisine"),
+            limits,
+            interval_s=study.records[0].interval_s,
+            records=settings.records,
+        )
+        for kind in _KINDS
+    )
+
+
+def show_motion_plan(page: Page, analysis: Analysis) -> None:
+    """Ask for the limits and show what each motion would tell."""
+    st.write(
+        "The identified robot is simulated with a sweep and with a multisine within your limits, with "
+        "the noise of this study, and the estimator states the errors of K and D. A multisine on odd "
+        "lines also tells nonlinear distortion from noise."
+    )
+    try:
+        settings = _ask(page, analysis)
+        if settings is None:
+            return
+        plans = _planned(page.digest, page.method, settings, analysis)
+    except JointIdError as error:
+        show_error(error)
+        return
+    show_text_table(plan_table(plans))
+    st.caption(
+        "Relative standard errors. Together: with the records so far, as independent answers. The peaks "
+        "are those of the simulated motors and contain friction."
+    )
+    for plan in plans:
+        download(
+            f"Save the {plan.motion.kind}s (.csv)",
+            partial(_csv, plan),
+            f"planned_{plan.motion.kind}.csv",
+            "text/csv",
+            hint="Angles and torques of the simulated motors over time, record by record.",
+        )
+
+
+def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
+    study, n = analysis.study, analysis.fit.n
+    largest = largest_motion(study.records)
+    with st.form("plan motions", border=False):
+        one, two, three, four = st.columns(4)
+        records = one.number_input("Records", 1, 20, 2, key="motion_records")
+        seconds = two.number_input("Seconds each", 2.0, 120.0, 20.0, 1.0, key="motion_seconds")
+        low = three.number_input("From (Hz)", 0.1, 1000.0, 2.0, key="motion_from")
+        high = four.number_input("To (Hz)", 0.2, 2000.0, 40.0, key="motion_to")
+        texts = []
+        labels = (
+            "Largest angle, ± (rad)",
+            "Largest velocity (rad/s)",
+            "Largest torque (N·m)",
+        )
+        values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
+        for place, label, value in zip(st.columns(3), labels, values, strict=True):
+            text = ", ".join(f"{x:.3g}" for x in value)
+            texts.append(place.text_input(label, text, key=f"motion {label} {page.digest[:12]}"))
+        submitted = st.form_submit_button("Predict", type="primary")
+    asked = f"motion plan {page.digest[:12]}"  # the answer stays when a file is saved
+    st.session_state[asked] = submitted or st.session_state.get(asked, False)
+    if not st.session_state[asked]:
+        return None
+    limits = [numbers_in(label, text, count=n) for label, text in zip(labels, texts, strict=True)]
+    if min(min(each) for each in limits) <= 0:
+        raise JointIdError("The largest angles, velocities and torques must be positive numbers.")
+    return MotionSettings(
+        int(records), float(seconds), float(low), float(high), (limits[0], limits[1], limits[2])
+    )
+
+
+def plan_table(plans: tuple[PlannedMotion, ...]) -> Table:
+    """One row per motion: duration, peaks and errors."""
+    peaks = [largest_motion(plan.records) for plan in plans]
+    columns: dict[str, list[str]] = {
+        "Motion": [_KINDS[plan.motion.kind] for plan in plans],
+        "Duration": [f"{len(p.records)} × {significant(p.motion.duration_s, 3)} s" for p in plans],
+        "Peak velocity (rad/s)": [_listed(peak.velocity_rad_s) for peak in peaks],
+        "Peak torque (N·m)": [_listed(peak.torque_Nm) for peak in peaks],
+        "Worst error alone": [percent(float(plan.alone.max())) for plan in plans],
+        "Worst error together": [percent(float(plan.together.max())) for plan in plans],
+    }
+    for k, name in enumerate(plans[0].names):
+        columns[f"{name} together"] = [percent(float(plan.together[k])) for plan in plans]
+    return columns
+
+
+def plan_columns(plan: PlannedMotion) -> Table:
+    """Angles and torques over time of every record, for a file."""
+    columns: dict[str, list[float]] = {"time_s": plan.records[0].time_s.tolist()}
+    for number, record in enumerate(plan.records, start=1):
+        for j in range(record.n):
+            columns[f"record{number}_theta_m{j + 1}_rad"] = record.theta_rad[:, j].tolist()
+            columns[f"record{number}_tau_m{j + 1}_Nm"] = record.tau_Nm[:, j].tolist()
+    return columns
+
+
+def _csv(plan: PlannedMotion) -> bytes:
+    return csv_bytes(plan_columns(plan))
+
+
+def _listed(values: np.ndarray) -> str:
+    return ", ".join(significant(float(value), 3) for value in values)

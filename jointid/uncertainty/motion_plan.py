@@ -1,0 +1,211 @@
+"""Planning of motions: what a sweep or a multisine within limits would tell about K and D."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jointid.arrays import Floats, per_joint
+from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.parameters import elasticity_labels
+from jointid.joints import Inertia
+from jointid.records import MotionRecord, SineRecord
+from jointid.simulation.closed_loop import simulate_motion
+from jointid.simulation.experiment import Controller, Measurement, MotorFriction
+from jointid.simulation.motion import Motion
+
+_ROUNDS = 4
+"""Of fitting the amplitude to the limit of the torque, which friction and resonances bend."""
+_BANDWIDTHS_HZ = (10.0, 4.0, 1.5)
+"""Of the controllers that are tried for the simulated motion; only the motion counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Largest motion of each joint, motor side, and torque, each shape (n,)."""
+
+    position_rad: Floats
+    velocity_rad_s: Floats
+    torque_Nm: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMotion:
+    """A motion with the errors that it would bring."""
+
+    motion: Motion
+    records: tuple[MotionRecord, ...]
+    """Simulated with the identified robot: the reference to follow, and the torque that it takes."""
+    names: tuple[str, ...]
+    """K1 ... Kn, D1 ... Dn."""
+    alone: Floats
+    """Relative standard errors from these records alone, shape (2n,)."""
+    together: Floats
+    """The same with the records so far, shape (2n,)."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of all records, s."""
+        return float(sum(record.samples * record.interval_s for record in self.records))
+
+
+def sensor_noise(fit: ElasticityFit, interval_s: float) -> Floats:
+    """Standard deviation of white noise in each sample of the angles and torques, shape (2n,).
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+    interval_s : float
+        Sample interval of the records.
+    """
+    phasors = fit.phasors
+    variance = phasors.standard_deviation**2 * (phasors.duration_s / interval_s)[:, None] / 4
+    return np.asarray(np.sqrt(np.median(variance, axis=0)))
+
+
+def largest_motion(records: Sequence[SineRecord | MotionRecord]) -> MotionLimits:
+    """Return the largest distance from the middle, velocity and torque of each joint in the records."""
+    position, velocity, torque = [], [], []
+    for record in records:
+        used = slice(record.start, None)
+        theta, step = record.theta_rad[used], max(1, round(2e-3 / record.interval_s))
+        position.append(np.ptp(theta, axis=0) / 2)
+        speed = (theta[step:] - theta[:-step]) / (step * record.interval_s)
+        velocity.append(np.abs(speed - speed.mean(axis=0)).max(axis=0, initial=0.0))
+        torque.append(np.abs(record.tau_Nm[used]).max(axis=0))
+    return MotionLimits(*(np.max(each, axis=0) for each in (position, velocity, torque)))
+
+
+def plan_motion(
+    fit: ElasticityFit,
+    inertia: Inertia,
+    motion: Motion,
+    limits: MotionLimits,
+    *,
+    interval_s: float,
+    records: int = 2,
+    seed: int = 0,
+) -> PlannedMotion:
+    """Predict the errors of K and D from a motion within limits.
+
+    The identified robot is simulated with this motion, with the sensor noise of the fit, and the
+    estimator states its errors; inertias and torque scale are fitted as in the study. Errors together
+    with the records so far combine both answers as independent ones.
+
+    Parameters
+    ----------
+    fit : ElasticityFit
+        The answer so far.
+    inertia : Inertia
+        Given inertia at the pose of the motion.
+    motion : Motion
+        Its limits are replaced by ``limits``.
+    limits : MotionLimits
+    interval_s : float
+        Sample interval, s.
+    records : int, default 2
+        Number of records.
+    seed : int
+        Seed of phases and noise.
+
+    Raises
+    ------
+    JointIdError
+        When the torque does not overcome the friction, or the motion does not determine the springs.
+    """
+    n = fit.n
+    coulomb, viscous = np.zeros(n), np.zeros(n)
+    if fit.friction is not None:
+        coulomb = np.maximum(fit.friction.coulomb, 0.0)
+        viscous = np.maximum(fit.friction.viscous, 0.0)
+    if np.any(limits.torque_Nm <= coulomb):
+        j = int(np.argmax(limits.torque_Nm <= coulomb)) + 1
+        raise JointIdError(
+            f"The torque limit of joint {j} does not overcome its friction: raise the torque limit."
+        )
+    noise = sensor_noise(fit, interval_s)
+    friction = MotorFriction(coulomb=coulomb, viscous=viscous, step_s=max(interval_s, 1.25e-4))
+    measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
+    chosen = _within(fit, motion, limits, coulomb, interval_s, seed)
+    made = _simulated(
+        fit, chosen, interval_s, records=records, friction=friction, measurement=measurement, seed=seed
+    )
+    prior = fit.prior
+    found = identify_motion(
+        made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear="linear"
+    )
+    size = np.abs(fit.estimate)
+    whole = np.linalg.pinv(_information(fit.covariance) + _information(found.covariance))
+    known = np.isfinite(fit.standard_error) | np.isfinite(found.standard_error)
+    together = np.where(known, np.sqrt(np.maximum(np.diag(whole), 0.0)), np.inf)
+    with np.errstate(divide="ignore"):
+        return PlannedMotion(
+            chosen, made, elasticity_labels(n), found.standard_error / size, together / size
+        )
+
+
+def _information(covariance: Floats) -> Floats:
+    """Inverse of a covariance; zero for parameters that are not known."""
+    known = np.isfinite(np.diag(covariance)) & (np.diag(covariance) > 0)
+    size = np.sqrt(np.where(known, np.diag(covariance), 1.0))
+    unit = np.where(np.outer(known, known), covariance, np.eye(size.size)) / np.outer(size, size)
+    return np.asarray(np.linalg.pinv(unit) / np.outer(size, size) * np.outer(known, known))
+
+
+def _within(
+    fit: ElasticityFit,
+    motion: Motion,
+    limits: MotionLimits,
+    coulomb: Floats,
+    interval_s: float,
+    seed: int,
+) -> Motion:
+    """The motion with the largest acceleration that keeps the limits."""
+    acceleration = per_joint("acceleration_rad_s2", motion.acceleration_rad_s2, fit.n)
+    share = np.ones(fit.n)  # the motors overshoot their reference
+    for _ in range(_ROUNDS):
+        motion = Motion(
+            motion.kind,
+            motion.from_hz,
+            motion.to_hz,
+            motion.duration_s,
+            velocity_rad_s=limits.velocity_rad_s * share,
+            acceleration_rad_s2=acceleration,
+            position_rad=limits.position_rad * share,
+            odd=motion.odd,
+        )
+        record = _simulated(fit, motion, interval_s, records=1, seed=seed)[0]
+        reached = largest_motion([record])
+        ratio = np.min(
+            [
+                (limits.torque_Nm - coulomb) / reached.torque_Nm,
+                limits.velocity_rad_s / reached.velocity_rad_s,
+                limits.position_rad / reached.position_rad,
+            ],
+            axis=0,
+        )
+        acceleration = acceleration * np.minimum(ratio, 2.0)
+        share = share * np.minimum(ratio, 1.0)
+    return motion
+
+
+def _simulated(
+    fit: ElasticityFit, motion: Motion, interval_s: float, **settings: Any
+) -> tuple[MotionRecord, ...]:
+    """Simulate the identified robot with the fastest controllers that are stable."""
+    problem: JointIdError | None = None
+    for bandwidth in _BANDWIDTHS_HZ:
+        controller = Controller(bandwidth_hz=bandwidth, sample_rate_hz=1 / interval_s)
+        try:
+            return simulate_motion(
+                fit.inertias[0], fit.elasticity, motion, controller=controller, **settings
+            )
+        except JointIdError as error:
+            problem = error
+    assert problem is not None
+    raise problem

@@ -1,0 +1,122 @@
+"""Findings on studies with records of motions that are no sines."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_motion import identify_motion
+from jointid.joints import Inertia
+from jointid.phasors.coherence import coherence
+from jointid.phasors.extract import Phasors
+from jointid.records import MotionRecord, SineRecord
+from jointid.verdict.evidence import Evidence, Finding, note, number, percent, warning
+from jointid.verdict.findings import all_well, of_records
+from jointid.verdict.rules_causes import half_a_sample, lag_size
+from jointid.verdict.rules_effects import effects_found
+from jointid.verdict.rules_inertia import inertias_off
+from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
+
+_EXPLAINED = 3.0
+"""Misfit up to which the given inertias explain the data."""
+_LOOSE = 0.3
+"""Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
+_COHERENT = 0.5
+"""Median coherence within the band, below which torque and motion hardly belong together."""
+
+
+def motion_findings(
+    records: Sequence[SineRecord | MotionRecord],
+    inertias: Sequence[Inertia],
+    phasors: Phasors,
+    fits: Mapping[str, ElasticityFit],
+) -> tuple[Finding, ...]:
+    """All findings, most important first, including one if no action is needed.
+
+    Parameters
+    ----------
+    records : sequence of SineRecord and MotionRecord
+    inertias : sequence of Inertia
+        Inertia of each record.
+    phasors : Phasors
+        Of the sine records.
+    fits : mapping of str to ElasticityFit
+        The fit of all records first, then the linear ones of the sines.
+    """
+    fit = next(iter(fits.values()))
+    evidence = Evidence(tuple(records), inertias, fit.phasors, fit, fit, {})
+    found = [*_incoherent(evidence), *not_physical(evidence)]
+    sines = [k for k, record in enumerate(records) if isinstance(record, SineRecord)]
+    if linear := fits.get("weighted"):
+        chosen = tuple(record for record in records if isinstance(record, SineRecord))
+        theirs = [inertias[k] for k in sines]
+        found += of_records(Evidence(chosen, theirs, phasors, linear, linear, {}))
+    causes = list(_wrong_inertias(evidence))
+    found += [*causes, *effects_found(evidence), *_torque_lags(evidence)]
+    if not causes:
+        for rule in (model_limits, hardly_tested, hardly_known):
+            found += rule(evidence)
+    if not any(finding.level in ("problem", "warning") for finding in found):
+        found.append(all_well(fit))
+    return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def _incoherent(evidence: Evidence) -> Iterator[Finding]:
+    """Records in which torque and motion hardly belong together."""
+    for count, record in enumerate(evidence.records, start=1):
+        if not isinstance(record, MotionRecord):
+            continue
+        try:
+            found = coherence(record)
+        except JointIdError:
+            continue  # too short to tell
+        low, high = record.band_hz or (0.0, 0.1 / record.interval_s)
+        inside = (found.frequency_hz >= low) & (found.frequency_hz <= high)
+        inside &= np.any(found.above_floor > 10, axis=1)
+        if not inside.any():
+            continue
+        share = np.median(found.coherence[inside], axis=0)
+        j = int(np.argmin(share))
+        if share[j] < _COHERENT:
+            yield warning(
+                f"Torque and motion of joint {j + 1} are hardly coherent",
+                f"In {record.label or f'record {count}'} the torques explain {percent(share[j])} "
+                "of the motion (median over the band); the rest is friction, disturbance or noise.",
+                "Move more, or check that torque and angle belong to the same motors and to one clock.",
+                0.3,
+            )
+
+
+def _wrong_inertias(evidence: Evidence) -> Iterator[Finding]:
+    """Fitted inertias explain the data and differ from the given ones by more than their uncertainty."""
+    fit = judged = evidence.fit
+    if np.any(fit.K <= 0):
+        return
+    if "M2" not in fit.parameters.layout:  # exact ones that explain the data are not questioned
+        if fit.misfit <= _EXPLAINED:
+            return
+        try:
+            judged = identify_motion(evidence.records, list(evidence.inertias), inertia_std=_LOOSE)
+        except JointIdError:
+            return
+    if judged.misfit <= _EXPLAINED:
+        yield from inertias_off(evidence, judged)
+
+
+def _torque_lags(evidence: Evidence) -> Iterator[Finding]:
+    """The torque acts later, or earlier, than its samples."""
+    fit = evidence.fit
+    if fit.delay is None or (size := lag_size(evidence)) is None:
+        return
+    interval = float(np.median([record.interval_s for record in evidence.records]))
+    yield note(
+        f"The torque {'lags' if fit.delay > 0 else 'leads'} by {size}",
+        f"That is {number(abs(fit.delay) / interval)} samples, and is accounted for.",
+        half_a_sample(evidence)
+        or f"If the drive explains it, state torque_delay_s = {number(fit.delay)} in study.toml.",
+        0.01,
+        "edit mapping",
+    )

@@ -1,0 +1,444 @@
+"""Records of any motion: simulated, saved, loaded, analysed and shown."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from examples import examples
+from hypothesis import given
+from hypothesis import strategies as st
+from streamlit.testing.v1 import AppTest
+
+from jointid import (
+    Analysis,
+    Controller,
+    Elasticity,
+    Inertia,
+    JointIdError,
+    Measurement,
+    Motion,
+    MotionRecord,
+    MotorFriction,
+    SineRecord,
+    Study,
+    analyse,
+    load_study,
+    motor_response,
+    save_study,
+    simulate_motion,
+    simulate_records,
+)
+from jointid.cut.outcome import study_outcome
+from jointid.exporting.identification import identification
+from jointid.exporting.identification_files import from_json, to_json
+from jointid.exporting.matlab import to_mat
+from jointid.exporting.tables import phasor_table, transfer_matrix_table
+from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
+from jointid.fleet.row import checked, row_of
+from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
+from jointid.importing.map.mapped_log import MappedLog
+from jointid.phasors.distortion import Distortion, distortion
+from jointid.reporting.pdf import to_pdf
+from jointid.reporting.report import make_report
+from jointid.simulation.motion import KINDS
+from jointid.ui.study.uncertainty_panels import errors_table
+from jointid.uncertainty.motion_plan import (
+    MotionLimits,
+    largest_motion,
+    plan_motion,
+    sensor_noise,
+)
+from jointid.uncertainty.sensitivity import prior_influence
+
+ROOT = Path(__file__).parents[1]
+ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
+SPRINGS = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
+CONTROL = Controller(sample_rate_hz=500.0)
+
+
+def moved(kind: str, **settings: Any) -> tuple[MotionRecord, ...]:
+    shape = {"duration_s": 6.0, "from_hz": 3.0, "to_hz": 30.0} | settings
+    return simulate_motion(ROBOT, SPRINGS, Motion(kind, **shape), controller=CONTROL, seed=3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_simulated_motions_keep_their_limits_and_move_every_joint(kind: str) -> None:
+    first, second = moved(kind, position_rad=0.2, velocity_rad_s=4.0, acceleration_rad_s2=150.0)
+    for record in (first, second):
+        velocity = np.diff(record.theta_rad, axis=0) / record.interval_s
+        # The controlled joint follows its reference to a factor of about two near its bandwidth.
+        assert np.all(np.abs(record.theta_rad).max(axis=0) < 0.4)
+        assert np.all(np.abs(velocity).max(axis=0) < 8.0)
+        assert np.all(np.std(velocity, axis=0) > 0.2)
+    assert np.abs(first.theta_rad - second.theta_rad).max() > 0.05
+    np.testing.assert_array_equal(
+        first.tau_Nm,
+        moved(kind, position_rad=0.2, velocity_rad_s=4.0, acceleration_rad_s2=150.0)[0].tau_Nm,
+    )
+
+
+def test_a_multisine_gives_the_transfer_matrix_of_the_robot_at_its_lines() -> None:
+    """Periodic in the steady state: without noise, DFTs of one period obey H exactly."""
+    records = moved("multisine")
+    period = records[0].samples // 4
+    Q, T = (
+        np.stack([np.fft.rfft(getattr(r, name)[:period], axis=0) for r in records], axis=-1)
+        for name in ("theta_rad", "tau_Nm")
+    )
+    again = np.fft.rfft(records[0].theta_rad[-period:], axis=0)
+    np.testing.assert_allclose(again, Q[:, :, 0], atol=2e-4 * np.abs(Q).max())
+    line = np.arange(5, 40)  # 3.3-26 Hz
+    omega = 2 * np.pi * line / (period * records[0].interval_s)
+    held = (1 - np.exp(-1j * omega / 500)) / (1j * omega / 500)  # the held torque's own transform
+    H = -(omega**2)[:, None, None] * Q[line] @ np.linalg.inv(held[:, None, None] * T[line])
+    expected = motor_response(omega, ROBOT, SPRINGS)
+    scale = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    assert np.abs(H - expected).max(axis=(1, 2)).max() < 0.01 * scale.max()
+
+
+def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
+    smooth = moved("multisine", odd=True)[0]
+    period = smooth.samples // 4
+    spectrum = np.abs(np.fft.rfft(smooth.tau_Nm[:, 0]))[::4][: period // 2]
+    inside = np.arange(5, 45)
+    strong = spectrum[inside] > 0.02 * spectrum[inside].max()
+    assert not strong[inside % 2 == 0].any()
+    assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
+
+
+def test_friction_acts_in_a_simulated_motion() -> None:
+    plain = moved("random")[0]
+    motion = Motion("random", duration_s=6.0, from_hz=3.0, to_hz=30.0)
+    rough = simulate_motion(
+        ROBOT, SPRINGS, motion, controller=CONTROL, friction=MotorFriction(coulomb=[0.4, 0.08]), seed=3
+    )[0]
+    velocity = np.gradient(rough.theta_rad[:, 0])
+    extra = (rough.tau_Nm - plain.tau_Nm)[:, 0]
+    assert np.mean(extra * velocity) > 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "chirp"}, "expected sweep, multisine, random, moves"),
+        ({"kind": "sweep", "from_hz": 9.0, "to_hz": 3.0}, "give a band"),
+        ({"kind": "random", "duration_s": 0.5}, "Record longer, or raise from_hz"),
+    ],
+)
+def test_impossible_motions_are_refused(settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        Motion(**settings)
+
+
+def table(seed: int, n: int, samples: int = 40) -> dict[str, np.ndarray]:
+    source = np.random.default_rng(seed)
+    time = np.cumsum(source.uniform(0.5, 1.5, samples)) * 1e-2
+    return {"time_s": time} | {k: source.normal(size=(samples, n)) for k in ("theta_rad", "tau_Nm")}
+
+
+@examples(30)
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 3),
+    sensors=st.sampled_from(["none", "first", "all"]),
+    band=st.sampled_from([None, (2.5, 38.0), (0.0, 1 / 3)]),
+    start=st.sampled_from([None, 0.1]),
+    form=st.sampled_from(["csv", "parquet"]),
+)
+def test_a_study_of_sines_and_motions_comes_back_bit_for_bit(
+    seed: int, n: int, sensors: str, band: tuple[float, float] | None, start: float | None, form: Any
+) -> None:
+    values = table(seed, n)
+    arm = None
+    if sensors != "none":
+        arm = values["theta_rad"] / 100
+        arm[:, 1 if sensors == "first" else n :] = np.nan
+    motion = MotionRecord(**values, arm_rad=arm, band_hz=band, start_s=start, torque_hold=True)
+    sine = SineRecord(5.0, **table(seed + 1, n))
+    study = Study((motion, sine), Inertia(np.ones(n), np.eye(n)))
+    assert len(study.sine_records) == len(study.motion_records) == 1
+    packed = pack_study(study, record_format=form)
+    again = load_study(packed)
+    assert isinstance(again.records[0], MotionRecord)
+    assert isinstance(again.records[1], SineRecord)
+    for name in ("time_s", "theta_rad", "tau_Nm", "arm_rad", "band_hz", "start_s", "torque_hold"):
+        np.testing.assert_array_equal(getattr(again.records[0], name), getattr(motion, name))
+    assert pack_study(again, record_format=form) == packed
+    changed = {"band_hz": (1.0, 2.0)} if band is None else {"band_hz": None}
+    fields = {k: getattr(motion, k) for k in (*values, "arm_rad", "start_s", "torque_hold")}
+    other = Study((MotionRecord(**fields, **changed), sine), study.inertia)
+    assert len({study_digest(s) for s in (study, other)}) == 2
+
+
+HEADER = "time_s,theta_m1_rad,tau_m1_Nm,theta_a1_rad"
+ROWS = "\n".join(f"{k / 100},{k % 7},{k % 5},{k % 3}" for k in range(40))
+
+
+def one_motion(rows: str = ROWS, header: str = HEADER, keys: str = "") -> bytes:
+    toml = f'format = 1\n[inertia]\nM = [1.0]\nM2 = [[2.0]]\n[[records]]\nfile = "a.csv"\n{keys}'
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("study.toml", toml)
+        archive.writestr("a.csv", f"{header}\n{rows}")
+    return file.getvalue()
+
+
+def test_arm_columns_are_read_into_arm_rad(tmp_path: Path) -> None:
+    record = load_study(one_motion(keys="band_hz = [2, 38]")).motion_records[0]
+    assert record.band_hz == (2.0, 38.0)
+    assert record.arm_rad is not None
+    np.testing.assert_array_equal(record.arm_rad[:, 0], np.arange(40) % 3)
+    save_study(load_study(one_motion()), tmp_path / "copy")
+    assert (tmp_path / "copy" / "records" / "01.csv").read_text().startswith(HEADER)
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (one_motion(ROWS.replace("0.07,0,2,1", "0.07,0,2,x")), r"a.csv, line 9, column theta_a1_rad"),
+        (one_motion(header=HEADER.replace("a1", "a2")), "column theta_a2_rad, but the inertia"),
+        (one_motion(keys="band_hz = [2, 60]"), r"a.csv: band_hz = \[2, 60\] Hz reaches half"),
+        (one_motion(keys="band_hz = 2"), "band_hz"),
+        (one_motion(keys="band_hz = [2, 9]\nfrequency_hz = 3.0"), "without frequency_hz"),
+        (one_motion("\n".join(ROWS.split("\n")[:9])), "a.csv: A motion record needs at least 16"),
+    ],
+)
+def test_faults_of_motion_records_are_named(made: bytes, message: str) -> None:
+    with pytest.raises(JointIdError, match=message):
+        load_study(made)
+
+
+def log_of(record: MotionRecord, **changes: Any) -> MappedLog:
+    fields = {name: getattr(record, name) for name in ("time_s", "theta_rad", "tau_Nm")}
+    return MappedLog(**(fields | changes), torque_hold=True, name="log.csv")
+
+
+REAL = {
+    "controller": Controller(sample_rate_hz=500.0),
+    "friction": MotorFriction(coulomb=[0.05, 0.01], step_s=1e-3),
+    "measurement": Measurement(encoder_counts=65536, torque_noise_Nm=[0.02, 0.01]),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_of_any_motion_becomes_a_motion_record_with_its_band(kind: str) -> None:
+    motion = Motion(kind, 3.0, 30.0, 12.0)
+    record = simulate_motion(ROBOT, SPRINGS, motion, records=1, seed=5, **REAL)[0]
+    runs = find_runs(log_of(record))
+    assert len(runs) == 1
+    assert runs[0].is_motion
+    assert runs[0].stop_s - runs[0].start_s > 10
+    low, high = runs[0].band_hz or (0, 0)
+    assert low < 4
+    if kind != "moves":
+        assert 27 < high < 40
+    made = study_from_logs([log_of(record)], [runs], ROBOT).motion_records
+    assert len(made) == 1
+    assert made[0].torque_hold
+    assert made[0].band_hz == runs[0].band_hz
+
+
+@pytest.mark.parametrize("seconds", [12.0, 30.0])
+def test_sweeps_do_not_become_steady_sines(seconds: float) -> None:
+    record = simulate_motion(
+        ROBOT, SPRINGS, Motion("sweep", 3.0, 30.0, seconds), records=1, seed=1, **REAL
+    )[0]
+    assert not find_segments(log_of(record))
+
+
+def test_long_rests_separate_motions_and_noise_is_none() -> None:
+    record = simulate_motion(ROBOT, SPRINGS, Motion("random", 3.0, 30.0, 8.0), seed=2, **REAL)[0]
+    count = record.samples
+    noise = np.random.default_rng(0).normal(size=(2 * count, 2)) * [1e-5, 2e-2]
+    theta, tau = (np.zeros((2 * count + 2500, 2)) for _ in range(2))
+    for begin in (0, count + 2500):
+        theta[begin : begin + count], tau[begin : begin + count] = record.theta_rad, record.tau_Nm
+    theta += 1e-5 * np.random.default_rng(1).normal(size=theta.shape)
+    time = np.arange(len(theta)) / 500.0
+    runs = find_runs(log_of(record, time_s=time, theta_rad=theta, tau_Nm=tau))
+    assert [round(run.start_s) for run in runs] == [0, 13]
+    quiet = log_of(record, time_s=time[: 2 * count], theta_rad=noise[:, :1], tau_Nm=noise[:, 1:])
+    found = find_runs(quiet)
+    assert not found
+    assert "not coherent" in found.notes[-1]
+
+
+def test_a_marked_span_of_motion_is_measured_as_motion() -> None:
+    record = simulate_motion(ROBOT, SPRINGS, Motion("random", 3.0, 30.0, 12.0), seed=2, **REAL)[0]
+    run = measure_run(log_of(record), 2.0, 9.0)
+    assert run.is_motion
+    assert (run.start_s, run.stop_s) == (2.0, 9.0)
+    assert measure_run(log_of(record), 2.0, 9.0, 5.0).lines_hz == (5.0,)
+
+
+def motion_study(*kinds: str, sines: bool = False) -> Study:
+    records: list[Any] = []
+    for kind in kinds:
+        motion = Motion(kind, 2.0, 35.0, 8.0)
+        records += simulate_motion(ROBOT, SPRINGS, motion, records=1, seed=4, **FREE)
+    if sines:
+        records += simulate_records(ROBOT, SPRINGS, [5.0, 11.0, 19.0, 28.0], seed=4, **FREE)
+    return Study(records, ROBOT, nominal=Elasticity(K=[20.0, 3.5], D=[0.1, 0.015]), name="cell")
+
+
+FREE = {key: REAL[key] for key in ("controller", "measurement")}
+
+
+@pytest.fixture(scope="module")
+def analyses() -> dict[str, Analysis]:
+    return {
+        "motions": analyse(motion_study("sweep", "random")),
+        "both": analyse(motion_study("random", sines=True)),
+    }
+
+
+@pytest.mark.parametrize("name", ["motions", "both"])
+def test_a_study_with_motions_gives_the_springs_of_the_robot(
+    analyses: dict[str, Analysis], name: str
+) -> None:
+    analysis = analyses[name]
+    truth = np.array([43.0, 7.5, 0.10, 0.015])
+    assert np.all(np.abs(analysis.fit.estimate / truth - 1) < [2e-3, 2e-3, 5e-3, 5e-3])
+    assert np.all(np.abs(analysis.fit.estimate - truth) < 4 * analysis.fit.standard_error)
+    assert analysis.findings[0].level == "good"
+    assert analysis.state == "usable"
+    assert len(analysis.fit.inertias) == len(analysis.study.records)
+
+
+def test_the_transfer_matrix_of_motions_agrees_with_the_robot(analyses: dict[str, Analysis]) -> None:
+    """Local polynomials know nothing of the model."""
+    matrix = analyses["motions"].transfer_matrices[""]
+    assert matrix.omega.size > 10
+    off = np.abs(matrix.H - motor_response(matrix.omega, ROBOT, SPRINGS))
+    assert np.median(off / matrix.standard_deviation) < 2
+    diagonal = np.abs(np.einsum("fii->fi", motor_response(matrix.omega, ROBOT, SPRINGS)))
+    assert np.all(np.median(np.einsum("fii->fi", off) / diagonal, axis=0) < 0.02)
+
+
+@pytest.mark.parametrize("name", ["motions", "both"])
+def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis], name: str) -> None:
+    analysis = analyses[name]
+    found = from_json(to_json(identification(analysis)))
+    np.testing.assert_array_equal(found.K, analysis.fit.K)
+    assert to_mat(analysis).startswith(b"MATLAB 5.0")
+    rows = phasor_table(analysis).strip().splitlines()
+    assert len(rows) == 1 + len(analysis.study.sine_records)
+    assert len(transfer_matrix_table(analysis).splitlines()) > 4
+    report = make_report(analysis, cut=False)
+    assert "of 16.0 s" in report.facts or "of 8.00 s" in report.facts
+    assert b"%PDF" in to_pdf(report)[:8]
+    assert checked(row_of(analysis, study="x")).records == len(analysis.study.records)
+    assert study_outcome(analysis).after_m < study_outcome(analysis).before_m
+    assert errors_table(analysis)
+    assert prior_influence(analysis.fit).shift.shape[0] == 4
+
+
+def test_linear_estimators_refuse_motions() -> None:
+    with pytest.raises(JointIdError, match=r'takes sine records only.*"auto"'):
+        analyse(motion_study("sweep"), method="least-squares")
+
+
+def test_wrong_inertias_show_in_a_study_of_motions() -> None:
+    study = motion_study("random")
+    wrong = Inertia(M=1.4 * ROBOT.M, M2=ROBOT.M2)
+    found = analyse(replace(study, inertia=wrong, inertia_std=0.02)).findings
+    assert any(f.level in ("problem", "warning") and "inertias" in f.title for f in found)
+
+
+def test_torques_of_another_robot_are_no_usable_answer() -> None:
+    """Noise in place of the torque: nothing belongs together."""
+    study = motion_study("random")
+    record = study.motion_records[0]
+    tau = np.random.default_rng(1).normal(size=record.tau_Nm.shape)
+    try:
+        analysis = analyse(replace(study, records=[replace(record, tau_Nm=tau)]))
+    except JointIdError:
+        return
+    assert analysis.state != "usable"
+
+
+def test_distortion_is_told_from_noise_by_an_odd_multisine() -> None:
+    """Coulomb friction is odd; noise does not change its level, which even lines show."""
+    motion = Motion("multisine", 3.0, 30.0, 12.0, odd=True)
+
+    def levels(coulomb: float, noise: float) -> Distortion:
+        return distortion(
+            simulate_motion(
+                ROBOT,
+                SPRINGS,
+                motion,
+                records=1,
+                controller=CONTROL,
+                friction=MotorFriction(coulomb=coulomb, step_s=1e-3),
+                measurement=Measurement(torque_noise_Nm=noise),
+                seed=7,
+            )[0]
+        )
+
+    smooth, rough, loud = levels(0.0, 5e-3), levels(0.03, 5e-3), levels(0.03, 2e-2)
+    assert smooth.period_s == pytest.approx(3.0)
+    torque = slice(2, 4)
+    assert np.all(smooth.odd[torque] < 3 * smooth.noise[torque])
+    assert np.all(rough.odd[torque] > 4 * rough.noise[torque])
+    assert np.all(rough.even[torque] < 2 * rough.noise[torque])
+    np.testing.assert_allclose(loud.odd[torque], rough.odd[torque], rtol=0.3)
+    np.testing.assert_allclose(loud.noise[torque], 4 * rough.noise[torque], rtol=0.3)
+
+
+@pytest.mark.parametrize("kind", ["sweep", "random", "moves"])
+def test_other_motions_have_no_level_of_distortion(kind: str) -> None:
+    with pytest.raises(JointIdError, match="no multisine"):
+        distortion(moved(kind)[0])
+
+
+def test_a_planned_motion_keeps_its_limits_and_its_promise(analyses: dict[str, Analysis]) -> None:
+    analysis = analyses["motions"]
+    interval = analysis.study.records[0].interval_s
+    noise = sensor_noise(analysis.fit, interval)
+    np.testing.assert_allclose(noise[2:], [0.02, 0.01], rtol=0.3)
+    np.testing.assert_allclose(noise[:2], 2 * np.pi / 65536 / np.sqrt(12), rtol=0.3)
+    limits = MotionLimits(*(np.array(x) for x in ([0.3, 0.3], [5.0, 5.0], [1.0, 0.6])))
+    motion = Motion("multisine", 3.0, 30.0, 6.0, odd=True)
+    plan = plan_motion(analysis.fit, ROBOT, motion, limits, interval_s=interval)
+    assert plan.duration_s == pytest.approx(12.0)
+    peaks = largest_motion(plan.records)
+    for reached, limit in zip(
+        (peaks.position_rad, peaks.velocity_rad_s, peaks.torque_Nm),
+        (limits.position_rad, limits.velocity_rad_s, limits.torque_Nm),
+        strict=True,
+    ):
+        assert np.all(reached < 1.2 * limit)
+    # The real experiment, with noise of its own, states about these errors.
+    record = [replace(r, theta_rad=r.theta_rad.round(9), label="measured") for r in plan.records]
+    stated = analyse(replace(analysis.study, records=record)).fit
+    np.testing.assert_allclose(plan.alone, stated.standard_error / analysis.fit.estimate, rtol=0.5)
+    today = analysis.fit.standard_error / analysis.fit.estimate
+    assert np.all(plan.together < np.minimum(plan.alone, today) * 1.001)
+
+
+@pytest.fixture
+def app(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> AppTest:
+    monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
+    at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    at.query_params["study"] = "motions"
+    return at
+
+
+def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
+    at = app.run()
+    assert not at.exception
+    assert "2 motions of 16.0 s" in " ".join(m.value for m in at.markdown)
+    for page in sorted((ROOT / "pages").glob("*.py")):
+        at = at.switch_page(str(page)).run()
+        assert not at.exception, page.name
+        if page.name.startswith("1_"):
+            assert [tab.label for tab in at.tabs][-1] == "Coherence"
+        if page.name.startswith("6_"):
+            assert any(button.label == "Predict" for button in at.button)
