@@ -168,9 +168,8 @@ def test_bins_are_phasors() -> None:
 
 
 def test_friction_is_chosen_by_itself() -> None:
-    rubbing = simulate(
-        [(replace(CELL, coulomb=[0.05, 0.01]), replace(SHORT, kind="sweep", duration_s=3.0))]
-    )[0]
+    sweep = replace(SHORT, kind="sweep", duration_s=3.0)
+    rubbing = simulate([(replace(CELL, coulomb=[0.05, 0.01]), sweep)])[0]
     fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
     assert fit.friction is not None
     assert np.abs(fit.friction.coulomb / [0.05, 0.01] - 1).max() < 0.1

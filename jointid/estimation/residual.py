@@ -356,7 +356,7 @@ class Residual:
         if "arm_coulomb" in layout and problem.laws is not None:
             signs = problem.laws.arm_friction(self.waveform, self.arm)
             J[..., layout["arm_coulomb"]] = -(self.X @ self.arm) * signs[..., None, :]
-            turns = problem.laws.arm_friction_slope(self.torque, self.arm)
+            turns = problem.laws.arm_friction_slope(self.waveform, self.arm)
         self._differentiate_arm(J, f - self.law[1], turns)
         if "position_filter" in layout:
             J[..., layout["position_filter"]] = -self.X * (s * smooth[..., :n])[..., None, :]

@@ -1,1 +1,1 @@
-"""Records of any motion: their spectra, band, noise and velocities."""
+"""Records of any motion: spectra, band, noise, velocities, and what their ends and pauses hide."""
