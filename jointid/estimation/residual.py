@@ -197,9 +197,8 @@ def make_problem(
         )
     n, z = prior.n, phasors.harmonics
     s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, z.shape[1] + 1))
-    laws, motion = None, None
+    laws, motion = None, motor_motion(phasors)
     if any(name in layout for name in LAWS):
-        motion = motor_motion(phasors)
         rotor = prior.M[prior.rotor, None]
         inertial = (s * s)[..., None] * rotor
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
@@ -306,6 +305,12 @@ class Residual:
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
         return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law, wound)
+
+    def without_ends(self) -> tuple[Complexes, Complexes]:
+        """Torque through the gears and motor angles, those of motions without the terms of the ends."""
+        problem = self.problem
+        q = (problem.z[..., : problem.n] - _images(problem, self.p)) * self.advance
+        return _without_ends(problem, self.p, self.torque, q, motor_stiffness(problem, self.p))
 
     def ideal_torque(self) -> Complexes:
         """Torque of equation (1) at the fitted motor angle, shape (r, h, n), N·m.

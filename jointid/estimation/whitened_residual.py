@@ -11,8 +11,10 @@ from jointid.arrays import Complexes, Floats
 from jointid.estimation.residual import Problem, Residual, motor_stiffness
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection, real_rows
-from jointid.small_matrices import whitener
+from jointid.small_matrices import inverse, whitener
 
+_RESOLVED = 1.0
+"""Dynamic stiffness of the arm over K from which a motion's torsion curve has a line of its spectrum."""
 _CLEAR = 4.0
 """Standard deviations from which a harmonic counts as a signal."""
 _CHANCE = 1e-4
@@ -111,12 +113,21 @@ class WhitenedResidual:
 
     def torsion_curves(self) -> tuple[TorsionCurve, ...]:
         """Torque through every gear, by the balance at its motor, over its deflection."""
-        at, n = self.at, self.at.problem.n
-        z = np.concatenate([at.problem.z[..., :n] * at.advance, at.problem.z[..., n:]], axis=2)
-        gain, own = at.lag * at.p.torque_scale, motor_stiffness(at.problem, at.p)
-        friction = gain * z[..., n:] - own * z[..., :n] - at.torque + self.free_friction()
-        noise = at.problem.noise.covariance
-        return torsion_curves(at.problem.s, z, noise, own, gain, friction, at.arm, at.law[1])
+        at, problem = self.at, self.at.problem
+        torque, angle = at.without_ends()
+        tau = problem.z[..., problem.n :]
+        gain, own = at.lag * at.p.torque_scale, motor_stiffness(problem, at.p)
+        left, resolved = self.free_friction(), np.ones(torque.shape, bool)
+        if problem.ends is not None:
+            rows = problem.ends.records
+            left[rows] = 0  # the ends are in it
+            # At lower frequencies the deflection is the small difference of two integrated motions.
+            moved = np.abs(np.diagonal(inverse(at.arm[rows]), axis1=2, axis2=3))
+            resolved[rows] = moved > _RESOLVED * at.p.K
+        friction = gain * tau - own * angle - torque + left
+        z = np.concatenate([angle, tau], axis=2)
+        noise = problem.noise.covariance
+        return torsion_curves(problem.s, z, noise, own, gain, friction, at.arm, at.law[1], resolved)
 
     def compensated(self) -> tuple[Complexes, Complexes]:
         """Motor angle and torque without friction, delay, effects and ends, both shape (r, h, n).

@@ -81,7 +81,7 @@ def transfer_matrix_table(analysis: Analysis) -> str:
 
 
 def torsion_table(analysis: Analysis) -> str:
-    """Torsion curves: one row per joint, record and point of its period.
+    """Torsion curves: one row per joint, record (of a motion: segment) and point of its period.
 
     Parameters
     ----------
@@ -101,8 +101,13 @@ def torsion_table(analysis: Analysis) -> str:
         zip(analysis.fit.torsion_curves, analysis.fit.gears, strict=True), start=1
     ):
         law = gear.torque(curve.deflection_rad)
-        for r, record in enumerate(analysis.study.records):
-            first = [j, analysis.phasors.labels[r], record.pose or "", record.frequency_hz]
+        records = analysis.study.records
+        rows_are_records = len(records) == len(curve.frequency_hz)
+        for r, frequency in enumerate(curve.frequency_hz.tolist()):
+            name, pose = f"segment {r + 1}", ""
+            if rows_are_records:
+                name, pose = analysis.phasors.labels[r], records[r].pose or ""
+            first = [j, name, pose, frequency]
             noise = [float(curve.deflection_noise_rad[r]), float(curve.torque_noise_Nm[r])]
             points = np.stack([curve.deflection_rad[r], curve.torque_Nm[r]], axis=1)[::_EVERY].tolist()
             fitted = law[r, ::_EVERY].tolist()

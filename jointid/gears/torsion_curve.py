@@ -15,9 +15,16 @@ _CLEAR = 3.0
 """Standard deviations from which a harmonic is part of a curve; the others are noise."""
 
 
+_NOTHING = 1e-9
+"""Fundamental of a waveform without one, over its amplitude."""
+
+
 @dataclass(frozen=True, eq=False)
 class TorsionCurve:
-    """Measured torque of one gear over its wind-up, a period of every record."""
+    """Measured torque of one gear over its wind-up, a period of every record.
+
+    A motion has a row for each segment, with the lines of its spectrum above the locked resonance.
+    """
 
     deflection_rad: Floats
     """Shape (records, points), rad. Each record's mean is not observable and set to 0."""
@@ -28,7 +35,7 @@ class TorsionCurve:
     torque_noise_Nm: Floats
     """The same of the torque, shape (records,), N·m."""
     frequency_hz: Floats
-    """Shape (records,), Hz."""
+    """Frequency of the sine, or of the strongest line of a motion, shape (records,), Hz."""
 
     @property
     def amplitude_rad(self) -> Floats:
@@ -44,11 +51,12 @@ class TorsionCurve:
     def stiffness(self) -> tuple[Floats, Floats, Floats]:
         """Real part of torque over wind-up at the fundamental, its noise, and the torque amplitude.
 
-        Each shape (records,); N·m/rad, N·m/rad and N·m.
+        Each shape (records,); N·m/rad, N·m/rad and N·m; NaN for a motion whose band lacks it.
         """
         delta, torque = (phasors_of(v, 1)[:, 0] for v in (self.deflection_rad, self.torque_Nm))
-        size = np.maximum(np.abs(delta), np.finfo(float).tiny)
-        K = (torque / np.where(delta == 0, size, delta)).real
+        delta = np.where(np.abs(delta) > _NOTHING * self.amplitude_rad, delta, np.nan)
+        with np.errstate(invalid="ignore"):
+            K, size = (torque / delta).real, np.abs(delta)
         noise = np.hypot(self.torque_noise_Nm, np.abs(K) * self.deflection_noise_rad) / size
         return np.asarray(K), np.asarray(noise), np.abs(torque)
 
@@ -62,6 +70,7 @@ def torsion_curves(
     friction: Complexes | float,
     arm: Complexes,
     arm_friction: Complexes | float = 0.0,
+    resolved: np.ndarray | bool = True,
 ) -> tuple[TorsionCurve, ...]:
     """Torsion curves of n gears from H harmonics of r records.
 
@@ -81,6 +90,8 @@ def torsion_curves(
         At the motors, and P at the arm.
     arm : ndarray, shape (r, H, n, n)
         Compliance A⁻¹ of the arm.
+    resolved : ndarray of bool, shape (r, H, n), default True
+        Harmonics that a curve may have.
     """
     n = z.shape[2] // 2
     eye = np.eye(n)
@@ -96,7 +107,9 @@ def torsion_curves(
     variance = np.stack([((E @ covariance) * E.conj()).sum(axis=3).real for E in (wind_up, balance)])
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
+    clear &= resolved
     waves = samples_of(np.where(clear, signals, 0).swapaxes(2, 3), _POINTS)  # (2, r, n, t)
+    main = np.where(np.any(z[:, 0] != 0, axis=1), 0, (np.abs(torque) ** 2).sum(axis=2).argmax(axis=1))
     sigma = np.sqrt(0.5 * np.where(clear, variance, 0).sum(axis=2))
     return tuple(
         TorsionCurve(
@@ -104,7 +117,7 @@ def torsion_curves(
             torque_Nm=waves[1, :, j],
             deflection_noise_rad=sigma[0, :, j],
             torque_noise_Nm=sigma[1, :, j],
-            frequency_hz=np.abs(s[:, 0]) / (2 * np.pi),
+            frequency_hz=np.abs(s[np.arange(len(s)), main]) / (2 * np.pi),
         )
         for j in range(n)
     )
