@@ -123,7 +123,10 @@ class WhitenedResidual:
             left[rows] = 0  # the ends are in it
             # At lower frequencies the deflection is the small difference of two integrated motions.
             moved = np.abs(np.diagonal(inverse(at.arm[rows]), axis1=2, axis2=3))
-            resolved[rows] = moved > _RESOLVED * at.p.K
+            above = moved > _RESOLVED * at.p.K
+            power = np.abs(torque[rows]) ** 2
+            most = 2 * (power * above).sum(axis=1) > power.sum(axis=1)
+            resolved[rows] = above & most[:, None]
         friction = gain * tau - own * angle - torque + left
         z = np.concatenate([angle, tau], axis=2)
         noise = problem.noise.covariance
