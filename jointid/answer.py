@@ -71,7 +71,10 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     """Terms of gear catalogues for one joint, from 0, with values and units; motor side."""
     gear, curve = fit.gears[joint], fit.torsion_curves[joint]
     torque = gear.tried_Nm
-    terms = {"Law": " + ".join(gear.laws), "Tried up to": f"{significant(torque, 2)} N·m"}
+    terms = {
+        "Law": " + ".join(gear.laws),
+        "Tried up to": f"{significant(torque, 2)} N·m" if torque else "–",
+    }
     terms["K at small torque"] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad

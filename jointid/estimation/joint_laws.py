@@ -34,7 +34,7 @@ _FINE = 250
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where the phasors hold fewer."""
 _STILL = 1e-12
-"""Wind-up of a gear that transmits no torque, rad."""
+"""Wind-up and torque of a gear that transmits none, rad and N·m."""
 _LEAST_ANGLE = 1e-30
 """Presliding angle of a joint that does not move, rad."""
 _STEP = 1e-3
@@ -114,7 +114,7 @@ class JointLaws:
             "D": p.K / np.abs(self.s).max(),
             "cubic": p.K / wind_up**2,
             "backlash": wind_up,
-            "hysteresis": self.peak,
+            "hysteresis": np.maximum(self.peak, _STILL),
             "presliding": wind_up,
             "piecewise": p.K,
             "knee": wind_up,

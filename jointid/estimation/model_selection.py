@@ -261,6 +261,8 @@ class _Search:
             if min(self.misfit(m) for m in self.tried) >= _LOST and law in self.optional:
                 self.fit(self.base.with_part(law), _by_motion(self.phasors, self.prior))
         best = self._least(list(self.tried))
+        if "coulomb" in self.start.layout:  # the start may have friction that the records do not need
+            best = self._pruned(best)
         while len(self.tried) < self._most_fits(best):
             found = [best]
             for wider in sorted(self._extensions(best), key=_is_slow):

@@ -50,7 +50,8 @@ def show_torsion(page: Page, analysis: Analysis) -> None:
         "text/csv",
     )
     largest = [curve.amplitude_Nm for curve in fit.torsion_curves]
-    if all(a.max() > _SPREAD * a.min() for a in largest):
+    sines = not analysis.study.motion_records
+    if sines and all(a.max() > _SPREAD * a.min() for a in largest):
         with st.expander("K over amplitude and pose"):
             poses = [record.pose or "" for record in analysis.study.records]
             page.show_per_joint(
