@@ -29,7 +29,7 @@ FIGURES = {
     "pages/1_Records.py": 6,
     "pages/2_Phasors.py": 2,
     "pages/3_Transfer_matrix.py": 3,
-    "pages/4_Elasticity.py": 6,
+    "pages/4_Elasticity.py": 10,
 }
 """How many figures each page shows of two joints."""
 

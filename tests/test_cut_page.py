@@ -104,8 +104,8 @@ class TestPage:
         assert "with a parallelogram drive: its K and D apply as they are" in words(at)
         assert "a robot with the identified springs, K = 43" in words(at)
         assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
-        assert len(at.get("plotly_chart")) == 4
-        assert len(at.get("bidi_component")) == 1
+        assert len(at.get("plotly_chart")) == 5
+        assert [c.key for c in at.get("bidi_component")].count("cut_animation") == 1
         assert not at.error
 
     @pytest.mark.parametrize("key", ["one joint", "three joints"])
@@ -222,7 +222,7 @@ class TestPage:
         assert "which the servo does not compensate" in words(at)
         assert "is friction, delay and encoder, not the springs" in words(at)
         assert "95 of 100" not in words(at)
-        assert len(at.get("plotly_chart")) == 3  # no histogram
+        assert len(at.get("plotly_chart")) == 4  # no histogram
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
 
@@ -256,10 +256,10 @@ class TestPage:
         assert control(at, "cut_map_range").value == "± 10 %"
         assert at.button(key="cut_map").label == "Compute the map (441 cuts)"
         at = shown(at.button(key="cut_map").click().run())
-        assert len(at.get("plotly_chart")) == 5
+        assert len(at.get("plotly_chart")) == 6
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
-        assert len(at.get("plotly_chart")) == 5
+        assert len(at.get("plotly_chart")) == 6
         narrow = error_on_the_map(at)
         at = shown(control(at, "cut_map_range").set_value("A factor of 3").run())
         at = shown(at.button(key="cut_map").click().run())

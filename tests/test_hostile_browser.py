@@ -94,7 +94,7 @@ def test_no_name_leads_away(
     for title in METHOD:
         follow(page, title, title)
         look(page)
-    follow(page, "Report", "Report and export")
+    follow(page, "Report and export", "Report and export")
     page.get_by_role("button", name="Make the report").click()
     expect(page.get_by_role("button", name="Report as PDF")).to_be_visible()
     look(page)

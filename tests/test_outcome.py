@@ -38,6 +38,7 @@ def analysis_of(
         elasticity=identified,
         covariance=np.diag((relative_error * value) ** 2),
         friction=friction,
+        gears=(),
     )
     study = SimpleNamespace(inertia=inertia, nominal=nominal, poses={})
     return SimpleNamespace(study=study, fit=fit, findings=())

@@ -53,7 +53,7 @@ def test_free_shapes_are_taken_out_whatever_their_number(seed: int) -> None:
     assert np.array_equal(left[counts == 0], rows[counts == 0])
     assert projection.rank() == counts.sum()
     mixture = shapes @ rng.standard_normal((r, 1, k, 1))
-    assert np.allclose(projection.fitted(real_rows(W @ mixture), n), mixture[..., 0], atol=1e-6)
+    assert np.allclose(projection.explained(real_rows(W @ mixture), H), mixture[..., 0], atol=1e-6)
 
 
 def test_a_singular_covariance_has_a_finite_whitener() -> None:

@@ -12,7 +12,7 @@ F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the resid
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -70,8 +70,8 @@ class JointLaws:
     """Largest torque of each joint, shape (n,), N·m."""
     angle: Floats
     """Motor angles over a period, shape (r, n, t), rad."""
-    low: np.ndarray
-    """Harmonics at which the arm moves less than the gear winds up, shape (r, n, m)."""
+    locked: Floats
+    """Resonance with the motor locked, below which the arm moves less than the gear winds up, rad/s."""
     latest: list[Complexes] = field(default_factory=list)
     """Wind-up at these harmonics as last solved, from which the next solution starts."""
 
@@ -104,7 +104,21 @@ class JointLaws:
         clear[:, 0] = True
         samples = samples_of(np.where(clear[..., :n], angle, 0).swapaxes(1, 2), _points(H))
         largest = np.linalg.norm(torque * clear[..., n:], axis=1).max(axis=0)
-        return cls(s, clear[..., n:], np.asarray(largest), samples, _low(s, angle, torque, arm, main))
+        arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
+        size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
+        locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
+        return cls(s, clear[..., n:], np.asarray(largest), samples, np.median(locked, axis=0))
+
+    def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
+        """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
+        samples = samples_of(angle.swapaxes(1, 2), _points(s.shape[1]))
+        return replace(self, s=s, clear=np.ones(angle.shape, bool), angle=samples, latest=[])
+
+    @property
+    def low(self) -> np.ndarray:
+        """Harmonics below the locked resonance, shape (r, n, m)."""
+        low = np.abs(self.s)[:, None] < self.locked[:, None]
+        return np.asarray(low[..., : max(int(low.sum(axis=2).max()), 0)])
 
     def units(self, p: Parameters) -> dict[str, Floats]:
         """Value of each parameter at which its law is as large as the linear gear, each shape (n,)."""
@@ -139,9 +153,9 @@ class JointLaws:
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            start = self.latest[-1] if self.latest else None
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, start)
-        delta = found.delta[..., : self.low.shape[2]]
+            start, low = self.latest[-1] if self.latest else None, self.low
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, low, start)
+        delta = found.delta[..., : low.shape[2]]
         self.latest[:] = [delta] if np.isfinite(delta).all() else []
         return found
 
@@ -272,15 +286,6 @@ class SignSlope:
         found = self.outer @ (self.inner @ rows)
         H = change.shape[1]
         return np.asarray((found[:, :, :H] + 1j * found[:, :, H:]).swapaxes(1, 2))
-
-
-def _low(s: Complexes, angle: Complexes, torque: Complexes, arm: Floats, main: np.ndarray) -> np.ndarray:
-    """Harmonics at which the arm moves less than the gear winds up, shape (r, n, m)."""
-    arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
-    size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
-    locked = np.median((np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main], axis=0)
-    low = np.abs(s)[:, None] < locked[:, None]
-    return np.asarray(low[..., : max(int(low.sum(axis=2).max()), 0)])
 
 
 def _points(H: int) -> int:

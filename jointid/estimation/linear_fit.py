@@ -225,6 +225,10 @@ _RANGE = 30.0
 """Largest factor on a start value: the arm resonates within a factor of 5 of the frequencies."""
 
 
+_HUGE = 1e50
+"""Largest relative residual; its square and sums of squares stay finite."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Fundamentals:
     """Torques at the fundamental, and the friction phasors of each joint."""
@@ -255,8 +259,9 @@ class _Fundamentals:
         return np.concatenate(residual), found
 
     def relative(self, p: Floats) -> Floats:
-        """The residual alone."""
-        return self.residual(p)[0]
+        """The residual alone, finite at any K and D."""
+        with np.errstate(all="ignore"):
+            return np.clip(np.nan_to_num(self.residual(p)[0], nan=_HUGE), -_HUGE, _HUGE)
 
 
 def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:

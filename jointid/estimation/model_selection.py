@@ -200,6 +200,7 @@ def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     s = 1j * phasors.omega[:, None]
     torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
     arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
+    arm = np.where(torque == 0, 1.0, arm)
     delta = phasors.q - arm
     product = torque * delta.conj() / np.abs(arm) ** 2
     K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)

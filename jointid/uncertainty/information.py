@@ -105,7 +105,7 @@ class PlanningModel:
             friction=self._waveforms(omega, signals, C, duration_s) if has_friction else None,
             group=np.broadcast_to(np.arange(orders.size), s.shape),
             main=np.arange(orders.size) == 0,
-            laws=laws and replace(laws, s=s, clear=np.ones((*s.shape, n), bool)),
+            laws=laws and laws.planned(s, signals[..., :n]),
         )
         scale = np.broadcast_to(self.problem.layout.named(self.p).torque_scale, n)
         for _ in range(_ITERATIONS if laws else 1):  # the torque leaves no residual

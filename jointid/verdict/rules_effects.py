@@ -27,11 +27,13 @@ _REMEDIES = {
         "Check when each drive samples and acts.",
     ),
     "position_filter": (
-        "The positions {are filtered|lead as if the torques were filtered}",
+        "The positions {are filtered, or the torques act late by a filter"
+        "|lead as if the torques were filtered}",
         "Log unfiltered positions if the drive allows it.",
     ),
     "torque_filter": (
-        "The torques {are filtered|lead as if the positions were filtered}",
+        "The torques {act late by a filter, or the positions are filtered"
+        "|lead, or their log is filtered}",
         "Log the torque set point, or the current without a filter, if the drive allows it.",
     ),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
