@@ -92,8 +92,11 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     if lost:
         terms["Lost motion"] = f"{significant(1e3 * lost, 3)} mrad"
     else:
-        least = float(np.median(curve.deflection_noise_rad))
-        terms["Lost motion"] = f"not seen (noise {significant(1e3 * least, 1)} mrad)"
+        noise = curve.deflection_noise_rad
+        least = (
+            f"noise {significant(1e3 * float(np.median(noise)), 1)} mrad" if noise.size else "no curve"
+        )
+        terms["Lost motion"] = f"not seen ({least})"
     return terms
 
 

@@ -66,8 +66,10 @@ def cut(
     if as_json:
         print_json(document)
         return
-    robots = "study" if study is not None else "no study: the paper's K and D on the example arm"
-    print(f"Largest path error, simulated ({robots}; rule: {robot.rule}, servo before: {choice})")
+    robots = "with the paper's K and D on the example arm"
+    if study is not None and robot.rule != "demonstration":
+        robots = "with the identified K and D"
+    print(f"Largest path error, simulated {robots}; servo before: {choice}")
     print(f"{robot.meaning}\n")
     columns = ["corner zone", "before", "after (95 % stay below)"]
     cells = [

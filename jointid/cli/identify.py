@@ -26,7 +26,7 @@ def identify(
     if as_json:
         print_json(identify_document(analysis))
         return
-    print(f"{analysis.study.name or study.name}\n{analysis.headline}")
+    print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
     if analysis.caution:
         print(analysis.caution)
     _print_tables(analysis)

@@ -90,8 +90,8 @@ def suggested(
     known = loaded(path)
     if known.motion_records:
         raise JointIdError(
-            "Sines are planned from the noise of sines, and this study has records of other motions: "
-            "add --motion sweep or --motion multisine."
+            "Sines are planned from the noise of sines, and this study has records of other motions. "
+            "jointid plan --motion sweep plans a motion; set points need a study of sines."
         )
     with status("Planning", quiet=quiet):
         phasors = extract_phasors(known.sine_records)

@@ -237,8 +237,8 @@ def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurv
     return tuple(
         Gear(
             K=max(float(p.K[j]), 0.0),
-            tried_rad=float(curve.amplitude_rad.max()),
-            tried_Nm=float(curve.amplitude_Nm.max()),
+            tried_rad=float(curve.amplitude_rad.max(initial=0.0)),
+            tried_Nm=float(curve.amplitude_Nm.max(initial=0.0)),
             **{field: values[j] for field, values in found.items()},
         )
         for j, curve in enumerate(curves)

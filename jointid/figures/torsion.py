@@ -38,9 +38,10 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     traces: list[Trace] = []
     frequency = np.log(curve.frequency_hz)
-    span = max(float(np.ptp(frequency)), 1e-9)
     shown = drawn_records(curve.amplitude_Nm)
-    named = {min(shown, key=lambda r: frequency[r]), max(shown, key=lambda r: frequency[r])}
+    ends = sorted(shown, key=lambda r: frequency[r])
+    span = max(float(np.ptp(frequency)), 1e-9) if ends else 1.0
+    named = {*ends[:1], *ends[-1:]}
     for r in shown:
         share = (frequency[r] - frequency.min()) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (curve.deflection_rad, curve.torque_Nm))

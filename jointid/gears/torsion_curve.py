@@ -10,11 +10,14 @@ from jointid.arrays import Complexes, Floats
 from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 256
-"""Samples of a period."""
-_CLEAR = 3.0
-"""Standard deviations from which a harmonic is part of a curve; the others are noise."""
+"""Least samples of a period."""
+_CLEAR = 5.0
+"""Standard deviations from which a harmonic is part of a curve; the others are noise, or rounding that
+repeats."""
 
 
+_PER_HARMONIC = 8
+"""Samples of a period for each harmonic."""
 _NOTHING = 1e-9
 """Fundamental of a waveform without one, over its amplitude."""
 
@@ -23,7 +26,8 @@ _NOTHING = 1e-9
 class TorsionCurve:
     """Measured torque of one gear over its wind-up, a period of every record.
 
-    A motion has a row for each segment, with the lines of its spectrum above the locked resonance.
+    A motion has a row for each segment that moves above the locked resonance, with these lines of its
+    spectrum; there may be none.
     """
 
     deflection_rad: Floats
@@ -108,16 +112,17 @@ def torsion_curves(
     clear = np.abs(torque) ** 2 > _CLEAR**2 * variance[1]
     clear[:, 0] = True
     clear &= resolved
-    waves = samples_of(np.where(clear, signals, 0).swapaxes(2, 3), _POINTS)  # (2, r, n, t)
+    points = max(_POINTS, _PER_HARMONIC * s.shape[1])
+    waves = samples_of(np.where(clear, signals, 0).swapaxes(2, 3), points)  # (2, r, n, t)
     main = np.where(np.any(z[:, 0] != 0, axis=1), 0, (np.abs(torque) ** 2).sum(axis=2).argmax(axis=1))
     sigma = np.sqrt(0.5 * np.where(clear, variance, 0).sum(axis=2))
     return tuple(
         TorsionCurve(
-            deflection_rad=waves[0, :, j],
-            torque_Nm=waves[1, :, j],
-            deflection_noise_rad=sigma[0, :, j],
-            torque_noise_Nm=sigma[1, :, j],
-            frequency_hz=np.abs(s[np.arange(len(s)), main]) / (2 * np.pi),
+            deflection_rad=waves[0, rows, j],
+            torque_Nm=waves[1, rows, j],
+            deflection_noise_rad=sigma[0, rows, j],
+            torque_noise_Nm=sigma[1, rows, j],
+            frequency_hz=np.abs(s[rows, main[rows]]) / (2 * np.pi),
         )
-        for j in range(n)
+        for j, rows in enumerate(np.flatnonzero(each) for each in clear.any(axis=1).T)
     )

@@ -96,7 +96,9 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
 def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
     """Measured torque of one gear over its wind-up, and the fitted law; the joint from 0."""
     curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
-    x, y = (1.08 * np.abs(v).max() or 1.0 for v in (1e3 * curve.deflection_rad, curve.torque_Nm))
+    x, y = (
+        1.08 * np.abs(v).max(initial=0.0) or 1.0 for v in (1e3 * curve.deflection_rad, curve.torque_Nm)
+    )
     frame = _Frame(36.0, 6.0, width - 42.0, 130, (-x, x), (-y, y))
     ticks = [_linear_ticks(limit) for limit in (x, y)]
     shapes = _frame(frame, ticks[0], _signed(ticks[0]), ticks[1], _signed(ticks[1]))
