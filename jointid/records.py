@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -282,4 +283,26 @@ def _require_increasing(time: Floats) -> None:
         raise JointIdError(
             f"time_s {fault} {time[row - 1]:.9g} s at row {row} (value {time[row]:.9g} s): times must "
             "increase. Sort the rows, remove duplicates, and keep one experiment per file."
+        )
+
+
+def require_torques(records: Sequence[JointRecord]) -> None:
+    """Refuse a joint that moves while its torque is the same number throughout all records.
+
+    Raises
+    ------
+    JointIdError
+        When there is one.
+    """
+    constant = np.array([record.constant for record in records])
+    n = constant.shape[1] // 2
+    lost = constant[:, n:].all(axis=0) & ~constant[:, :n].all(axis=0)
+    if lost.any():
+        j = int(np.argmax(lost))
+        moving = int(np.argmin(constant[:, j]))
+        record = records[moving]
+        raise JointIdError(
+            f"Joint {j + 1} moves, but its torque tau_m{j + 1}_Nm is constant in every record: "
+            f"{record.tau_Nm[record.start, j]:.6g} N·m in {record.label or f'record {moving + 1}'}. "
+            f"K{j + 1} and D{j + 1} cannot be found. Log the torque or the current of motor {j + 1}."
         )

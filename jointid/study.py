@@ -19,7 +19,7 @@ from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
-from jointid.records import MotionRecord, SineRecord
+from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.robot_models.model import RobotModel
 from jointid.rounding import plain, significant
 from jointid.small_matrices import one_thread
@@ -295,7 +295,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
 
 
 def _analyse(study: Study, method: str) -> Analysis:
-    _require_torques(study)
+    require_torques(study.records)
     sines = study.sine_records
     phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
     transfer_matrices, problem = _transfer_matrices(study, phasors)
@@ -366,22 +366,6 @@ def _motion_matrices(
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return freed, problem
-
-
-def _require_torques(study: Study) -> None:
-    """Refuse a joint that moves while its torque is the same number throughout all records."""
-    constant = np.array([record.constant for record in study.records])
-    n = study.inertia.n
-    lost = constant[:, n:].all(axis=0) & ~constant[:, :n].all(axis=0)
-    if lost.any():
-        j = int(np.argmax(lost))
-        moving = int(np.argmin(constant[:, j]))
-        record = study.records[moving]
-        raise JointIdError(
-            f"Joint {j + 1} moves, but its torque tau_m{j + 1}_Nm is constant in every record: "
-            f"{record.tau_Nm[record.start, j]:.6g} N·m in {record.label or f'record {moving + 1}'}. "
-            f"K{j + 1} and D{j + 1} cannot be found. Log the torque or the current of motor {j + 1}."
-        )
 
 
 def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:

@@ -16,6 +16,7 @@ from jointid import (
     Gear,
     Inertia,
     JointIdError,
+    Measurement,
     Phasors,
     PlanarArm,
     extract_phasors,
@@ -213,3 +214,22 @@ def test_a_servo_that_knows_the_curve_cuts_better() -> None:
     linear = track(arm, path, elasticity, elasticity, gears=gears)
     known = track(arm, path, elasticity, elasticity, gears=gears, assumed_gears=gears)
     assert known.max_contour_error_m < 0.1 * linear.max_contour_error_m
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_play_is_not_taken_for_slopes(seed: int) -> None:
+    """Three slopes imitate a play of 3 % of the deflection, with a first slope that is no stiffness."""
+    inertia = Inertia([0.0028, 0.0012], [[0.0050, 0.0011], [0.0011, 0.0023]])
+    play = [9.4e-4, 2.37e-3]
+    records = simulate_records(
+        inertia,
+        Elasticity([36, 9.5], [0.08, 0.02]),
+        np.geomspace(3, 28, 12).tolist(),
+        gears=[Gear(K=K, backlash_rad=b) for K, b in zip((36, 9.5), play, strict=True)],
+        measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
+        seed=seed,
+    )
+    fit = identify_elasticity(extract_phasors(records), inertia)
+    assert [gear.kind for gear in fit.gears] == ["backlash"] * 2
+    assert [gear.backlash_rad for gear in fit.gears] == pytest.approx(play, rel=0.02)
+    np.testing.assert_allclose(fit.K, [36, 9.5], rtol=1e-3)

@@ -14,7 +14,7 @@ from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import PositionMap, position_map
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
-from jointid.arrays import Floats, frozen
+from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
@@ -28,6 +28,8 @@ _OTHER_SLIPS = (0.0, 0.1)
 """Other choices of that limit; what they change enters the error."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
+_ALIKE = 2.0
+"""Largest ratio of the motions on both sides of a gear."""
 _ROUNDS = 3
 
 
@@ -143,18 +145,45 @@ def identify_arm_side(
     -----
     A skew cannot be told from viscous friction on the arm's side of one joint: F adds F/K to it.
     """
-    given = [records] if isinstance(records, MotionRecord) else list(records)
-    if not given or not all(isinstance(record, MotionRecord) for record in given):
+    given = [records] if isinstance(records, MotionRecord) else records
+    if (
+        not isinstance(given, Sequence)
+        or not given
+        or not all(isinstance(record, MotionRecord) for record in given)
+    ):
         raise JointIdError("identify_arm_side needs one or more MotionRecord values.")
+    if not isinstance(robot, RobotModel):
+        raise JointIdError(f"robot = {robot!r:.60}: expected a RobotModel, see RobotModel.load.")
+    if band_hz is not None:
+        band_hz = bounded_number("band_hz", "Hz", band_hz)
     if all(record.arm_rad is None for record in given):
         raise JointIdError(
             "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."
         )
     with one_thread():
-        return _identified(given, robot, band_hz)
+        return _identified(list(given), robot, band_hz)
+
+
+def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
+    """Refuse a sensor that does not move as its motor does: another unit, sign or joint."""
+    if record.arm_rad is None:
+        return
+    q, arm = joint_angles(record, robot)[record.start :], record.arm_rad[record.start :]
+    for j in np.flatnonzero(np.isfinite(arm).all(axis=0)).tolist():
+        moves = q[:, j] - q[:, j].mean()
+        size = float(moves @ moves)
+        share = float(moves @ arm[:, j]) / size if size > 0 else 1.0
+        if not 1 / _ALIKE < share < _ALIKE:
+            raise JointIdError(
+                f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
+                "far as its motor through the gear. Give arm_rad in rad at the joint, and check the "
+                "gear ratio and its sign."
+            )
 
 
 def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | None) -> ArmSideFit:
+    for record in given:
+        _require_alike(record, robot)
     motions = [band_limited(record, robot, band_hz) for record in given]
     elastic = [np.zeros_like(m.q) for m in motions]
     motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]

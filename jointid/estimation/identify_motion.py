@@ -23,7 +23,7 @@ from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
-from jointid.records import MotionRecord, SineRecord
+from jointid.records import MotionRecord, SineRecord, require_torques
 from jointid.small_matrices import one_thread
 
 _BETTER = 0.9
@@ -74,6 +74,7 @@ def identify_motion(
     if gear not in ("auto", "linear"):
         raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
     records = _checked(records)
+    require_torques(records)
     n = records[0].n
     given = InertiaPrior.of(inertia, len(records), n, inertia_std=inertia_std, torque_std=torque_std)
     with one_thread():

@@ -87,7 +87,9 @@ class InertiaPrior:
         """
         if isinstance(inertia, InertiaPrior):
             return inertia
-        each = [inertia] * records if isinstance(inertia, Inertia) else list(inertia)
+        each = [inertia] * records if isinstance(inertia, Inertia) else inertia
+        if not isinstance(each, Sequence) or not all(isinstance(one, Inertia) for one in each):
+            raise JointIdError(f"inertia = {inertia!r:.60}: expected an Inertia, or one per record.")
         if len(each) != records:
             raise JointIdError(
                 f"{len(each)} inertias for {records} records: give one, or one per record."

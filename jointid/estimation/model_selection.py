@@ -91,6 +91,8 @@ _MANY_ROWS = 20_000
 the data: a fit takes seconds."""
 _MOST_SLOW_FITS = 8
 """Fits with a law of the gears."""
+_BEND = 4.0
+"""Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _CERTAIN = 200.0
 """Squared parameter over its variance from which a model without it need not be fitted."""
 
@@ -370,7 +372,9 @@ class _Search:
         if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / np.sqrt(
             max(found.expected_cost, 1.0)
         ):
-            wider.insert(0, model.without("cubic").with_part("piecewise"))
+            plain = model.without("cubic")
+            laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
+            wider = [*(plain.with_part(law) for law in laws_instead), *wider]
         return [each for each in wider if each not in self.tried]
 
     def _is_promising(self, model: Model, part: str, score: Score) -> bool:
@@ -478,7 +482,7 @@ class _Search:
         return all(
             self._part_is_significant(model, estimate, part)
             for part in model.parts
-            if part in self.optional
+            if part in (*self.optional, "piecewise")
         )
 
     def _part_is_significant(self, model: Model, estimate: LikelihoodEstimate, part: str) -> bool:
@@ -499,6 +503,11 @@ class _Search:
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
+        if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
+            p = estimate.named
+            stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
+            if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
+                return False
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False
