@@ -15,7 +15,7 @@ from jointid.estimation.joint_equations import SpringEquations, spring_equations
 from jointid.estimation.joint_laws import fitted_gears
 from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.estimation.linear_fit import LINEAR, Estimate, prior_covariance, weighted
-from jointid.estimation.model_selection import choose_model
+from jointid.estimation.model_selection import choose_model, evaluated
 from jointid.estimation.parameters import Parameters
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
@@ -238,6 +238,12 @@ def require_method(method: str) -> None:
         raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
 
 
+def require_gear(gear: str) -> None:
+    """Refuse a choice of gear laws that is neither "auto" nor "linear"."""
+    if gear not in ("auto", "linear"):
+        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+
+
 def identify_each(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia] | InertiaPrior,
@@ -254,8 +260,7 @@ def identify_each(
     names = list(dict.fromkeys(methods))
     for method in names:
         require_method(method)
-    if gear not in ("auto", "linear"):
-        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+    require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
     return {name: _identified(name, phasors, prior, equations, friction, delay, gear) for name in names}
@@ -288,14 +293,15 @@ def _identified(
             exactly=method != "auto",
             gear=gear,
         )
-    if isinstance(choice.estimate, LikelihoodEstimate):
-        inertias = list(choice.estimate.inertias)
-        equations = spring_equations(choice.estimate.phasors, inertias, noise=equations.noise)
-        return likelihood_fit(method, choice, choice.estimate, equations, prior)
+    if isinstance(estimate := choice.estimate, LikelihoodEstimate):
+        with one_thread():
+            fitted = evaluated(phasors, prior, choice.model, estimate, equations.noise, estimate.scale)
+        equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=equations.noise)
+        return likelihood_fit(method, choice, estimate, equations, prior, fitted.torsion_curves())
     if method == "auto":  # a fit with a large misfit lets the verdict name the cause
         fit = _linear_fit("weighted", linear, equations, phasors, prior)
         return replace(fit, candidates=choice.candidates)
-    raise choice.estimate
+    raise estimate
 
 
 def _linear_fit(
@@ -305,7 +311,7 @@ def _linear_fit(
     phasors: Phasors,
     prior: InertiaPrior,
 ) -> ElasticityFit:
-    fit = _fit(method, estimate, equations, phasors, prior)
+    fit = _fit(method, estimate, equations, phasors, prior, _linear_curves(phasors, prior))
     if not prior.blocks():
         return fit
     by_prior = prior_covariance(method, phasors, prior, equations.noise)
@@ -320,12 +326,13 @@ def likelihood_fit(
     estimate: LikelihoodEstimate,
     equations: SpringEquations,
     prior: InertiaPrior,
+    curves: tuple[TorsionCurve, ...],
 ) -> ElasticityFit:
     """Result of a chosen model, from joint equations with the compensated phasors."""
     layout, p = estimate.layout, estimate.named
     error = np.sqrt(np.diag(estimate.covariance))
     fit = replace(
-        _fit(method, estimate, equations, estimate.phasors, prior),
+        _fit(method, estimate, equations, estimate.phasors, prior, curves),
         candidates=choice.candidates,
         inertias=estimate.inertias,
         fundamental=estimate.fundamental,
@@ -357,6 +364,7 @@ def _fit(
     equations: SpringEquations,
     phasors: Phasors,
     prior: InertiaPrior,
+    curves: tuple[TorsionCurve, ...],
 ) -> ElasticityFit:
     K, D = estimate.named.K, estimate.named.D
     squared = equations.omega[:, None] ** 2
@@ -364,11 +372,9 @@ def _fit(
     if isinstance(estimate, LikelihoodEstimate):
         covariance, inflation = estimate.elasticity_covariance, estimate.inflation  # already included
         every = estimate.covariance
-        curves = estimate.torsion_curves
     else:
         inflation = max(1.0, estimate.misfit)
         covariance = every = estimate.elasticity_covariance * inflation
-        curves = _linear_curves(phasors, prior)
     return ElasticityFit(
         method=method,
         K=K,

@@ -12,14 +12,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Choice, Model
-from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
+from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, require_gear
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.model_selection import choose_model, fit_model, model_waveforms
+from jointid.estimation.model_selection import choose_model, evaluated, fit_model
 from jointid.estimation.noise import Noise, floored, sensor_noise
-from jointid.estimation.residual import make_problem
-from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
@@ -71,8 +69,7 @@ def identify_motion(
         When a record's clock is too uneven or its band is empty, a joint is not excited, or the records
         do not separate the parameters.
     """
-    if gear not in ("auto", "linear"):
-        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+    require_gear(gear)
     records = _checked(records)
     require_torques(records)
     n = records[0].n
@@ -117,17 +114,19 @@ def _identified(
         choice = search(phasors, prior, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
-    lines, inertias, covariance = _lines(choice.estimate, phasors, _noise(phasors, prior))
+    estimate, noise = choice.estimate, _noise(phasors, prior)
+    fitted = evaluated(phasors, prior, choice.model, estimate, noise, estimate.scale)
+    lines, inertias, covariance = _lines(estimate, phasors, noise)
     equations = spring_equations(
         lines, inertias, noise=Noise(covariance[:, None], lines.degrees_of_freedom)
     )
-    fit = likelihood_fit("auto", choice, choice.estimate, equations, prior)
+    fit = likelihood_fit("auto", choice, estimate, equations, prior, fitted.torsion_curves())
     first = [int(np.argmax(source == k)) for k in range(len(records))]
     return replace(
         fit,
         phasors=lines,
         prior=given,
-        inertias=tuple(choice.estimate.inertias[row] for row in first),
+        inertias=tuple(estimate.inertias[row] for row in first),
     )
 
 
@@ -158,12 +157,10 @@ def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasor
     if not phasors.motion.any() or not isinstance(choice.estimate, LikelihoodEstimate):
         return phasors
     model, estimate, noise = choice.model, choice.estimate, _noise(phasors, prior)
-    friction = model_waveforms(phasors, model)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, friction, noise)
-    residual = WhitenedResidual.of(problem, estimate.p, np.ones(problem.s.shape[1]))
-    H = problem.s.shape[1]
-    left = residual.at.r - residual.projection.explained(residual.whole, H)
-    freed = 1 - residual.projection.rank() / problem.rows
+    unweighted: Floats = np.ones(phasors.harmonics.shape[1])
+    residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
+    left = residual.at.r - residual.free_friction()
+    freed = 1 - residual.projection.rank() / residual.at.problem.rows
     motions = [segment for segment in phasors.segments if segment is not None]
     angles = np.mean([segment.angle_variance for segment in motions], axis=0)
     most = np.mean([segment.most_torque_variance for segment in motions], axis=0)

@@ -25,7 +25,6 @@ from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
-from jointid.gears.torsion_curve import TorsionCurve
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
@@ -71,8 +70,8 @@ class LikelihoodEstimate(Estimate):
     """The part of ``covariance`` that the prior makes, shape (P, P); noise makes the rest."""
     inertias: tuple[Inertia, ...]
     """Fitted inertia of each record; the given one where it is exact."""
-    torsion_curves: tuple[TorsionCurve, ...]
-    """Of every gear."""
+    scale: Floats
+    """Factor on each row's variance in the fit, as of ``Misfit``."""
 
     def whole_cost(self, misfit: float) -> float:
         """Cost of the data over a misfit, plus that of the prior."""
@@ -172,7 +171,7 @@ def maximum_likelihood(
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
         inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
-        torsion_curves=fitted.torsion_curves(),
+        scale=scale,
     )
 
 

@@ -23,8 +23,11 @@ from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_lik
 from jointid.estimation.linear_fit import friction_start
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
+from jointid.estimation.residual import make_problem
 from jointid.estimation.start_values import at_resonances, without_inertias
+from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
+from jointid.motion.end_terms import motor_motion
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 _RICHER = {
@@ -91,6 +94,8 @@ _MANY_ROWS = 20_000
 the data: a fit takes seconds."""
 _MOST_SLOW_FITS = 8
 """Fits with a law of the gears."""
+_MOST_SLOW_FITS_OF_MOTIONS = 3
+"""The same where the records hold motions."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _CERTAIN = 200.0
@@ -192,6 +197,20 @@ def fit_model(
         effects=model.effects,
         noise=noise,
     )
+
+
+def evaluated(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    model: Model,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    scale: Floats,
+) -> WhitenedResidual:
+    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
+    waveforms = model_waveforms(phasors, model)
+    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
+    return WhitenedResidual.of(replace(problem, motion=motor_motion(phasors)), estimate.p, scale)
 
 
 def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
@@ -300,7 +319,8 @@ class _Search:
         earlier = self.tried.get(model)
         self.fits[model] = self.fits.get(model, 0) + 1
         if _is_slow(model):
-            if self.slow_fits == (_MOST_SLOW_FITS if not self.phasors.motion.any() else 3):
+            motions = bool(self.phasors.motion.any())
+            if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if motions else _MOST_SLOW_FITS):
                 self.tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
                 return
             self.slow_fits += 1

@@ -197,8 +197,9 @@ def make_problem(
         )
     n, z = prior.n, phasors.harmonics
     s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, z.shape[1] + 1))
-    laws, motion = None, motor_motion(phasors)
+    laws, motion = None, None
     if any(name in layout for name in LAWS):
+        motion = motor_motion(phasors)
         rotor = prior.M[prior.rotor, None]
         inertial = (s * s)[..., None] * rotor
         variance = np.einsum("rhjj->rhj", noise.covariance).real.copy()
