@@ -22,7 +22,8 @@ class Reader:
     recognises: Callable[[bytes], bool]
     """Whether a file is of this format, from its first 4096 bytes."""
     read: Callable[[str, str], Sequence[LogTable]]
-    """Read a file by its name (for messages) and path, in a process with bounded memory and time."""
+    """Read a file: its name, for messages, and its path. It runs in a process with bounded memory and
+    time, and raises a ``JointIdError`` where the file holds no log."""
     endings: tuple[str, ...] = ()
     """Endings of file names, used where no reader recognises the content: "mat"."""
 

@@ -27,7 +27,6 @@ from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-_BATCH_ROWS = 1 << 16
 
 
 def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:

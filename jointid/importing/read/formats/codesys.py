@@ -30,12 +30,6 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
 
     Its XML is searched, not parsed: entities and links to other files have no effect.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError
@@ -56,12 +50,6 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
 
 def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a trace saved as .csv: for each variable a block of lines "; time; value".
-
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
 
     Raises
     ------

@@ -23,13 +23,6 @@ _MAX_UNPACKED = 128 << 20
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read every sheet of a workbook that holds a table of numbers.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-        Where it lies.
-
     Raises
     ------
     JointIdError

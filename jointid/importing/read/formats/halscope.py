@@ -19,12 +19,6 @@ _PAIR = re.compile(r"(\S{1,200})\s{1,9}([-+]\S{1,60})")
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a capture: names and values side by side (older versions), or a header and semicolons.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

@@ -27,13 +27,6 @@ _LABEL_ATTRIBUTES = ("columns", "column_names", "names", "labels", "Columns", "f
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the tables of an HDF5 file; one group's arrays of equal length are a table.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-        Where it lies.
-
     Raises
     ------
     JointIdError

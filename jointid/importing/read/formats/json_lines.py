@@ -20,12 +20,6 @@ _DEEPEST = 6
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read rows of named numbers; nested names are joined by points, elements of lists by their index.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

@@ -20,12 +20,6 @@ _FIRST = "LabVIEW Measurement"
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read every segment; segments of the same channels that follow each other in time are one table.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

@@ -23,13 +23,6 @@ _MOST_ELEMENTS = 500
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the tables of a .mat file of version 5 to 7.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-        Where it lies.
-
     Returns
     -------
     tuple of LogTable

@@ -15,12 +15,6 @@ from jointid.wording import listed
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the channels of an MDF file; every channel group has its own clock.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

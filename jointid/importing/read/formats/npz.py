@@ -18,12 +18,6 @@ from jointid.wording import listed
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the arrays of a NumPy file; those of equal length are a table.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

@@ -20,12 +20,6 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the channels of a TDMS file: waveforms, and channels beside a time channel.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

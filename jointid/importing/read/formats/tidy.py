@@ -29,12 +29,6 @@ _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a long table; every signal keeps its own times.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

@@ -26,12 +26,6 @@ _FULL_STAMP = 1e15  # a relative time in ms is far below
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a TwinCAT Scope export; every channel keeps its own clock.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError

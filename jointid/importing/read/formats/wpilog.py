@@ -38,12 +38,6 @@ class _Entry:
 def read(file: str, path: str) -> tuple[LogTable, ...]:
     """Read the numbers of a WPILib data log; every entry has its own clock.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-
     Raises
     ------
     JointIdError
