@@ -59,14 +59,14 @@ def significant(value: float, digits: int = 4) -> str:
     mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
     exponent = int(power)
     if -4 <= exponent < max(digits, 5):
-        return _minus(f"{float(f'{mantissa}e{power}'):.{max(0, digits - 1 - exponent)}f}")
-    return _minus(f"{mantissa}×10{str(exponent).translate(_SUPERSCRIPTS)}")
+        return minus(f"{float(f'{mantissa}e{power}'):.{max(0, digits - 1 - exponent)}f}")
+    return minus(f"{mantissa}×10{str(exponent).translate(_SUPERSCRIPTS)}")
 
 
 def plain(value: float) -> str:
     """Format a chosen number, such as a nominal value: 20, 3.5, 0.015."""
     mantissa = f"{value:.6g}"
-    return significant(value, 3) if "e" in mantissa else _minus(mantissa)
+    return significant(value, 3) if "e" in mantissa else minus(mantissa)
 
 
 def _last_place(error: float) -> int:
@@ -84,8 +84,9 @@ def decimal_place(value: float) -> int:
 
 def _fixed(value: float, place: int) -> str:
     rounded = round(value, -place) + 0.0  # no "-0"
-    return _minus(f"{rounded:.{max(0, -place)}f}")
+    return minus(f"{rounded:.{max(0, -place)}f}")
 
 
-def _minus(text: str) -> str:
+def minus(text: str) -> str:
+    """Return a number's text with the minus sign in place of hyphens."""
     return text.replace("-", "−")

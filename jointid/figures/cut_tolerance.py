@@ -9,6 +9,7 @@ from jointid.arrays import Floats
 from jointid.cut.tolerance import ToleranceMap
 from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis, points
 from jointid.joints import Elasticity
+from jointid.rounding import minus
 
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""
@@ -182,7 +183,7 @@ def _ratio_axis(title: str, ratios: Floats) -> Axis:
         step = _round_step((high - low) / 4)
         count = int((high - 1) / step)
         ticks = [1 + step * k for k in range(-count, count + 1)]
-        text = [f"{100 * (t - 1):+.3g} %".replace("-", "−") if t != 1 else "1" for t in ticks]
+        text = [minus(f"{100 * (t - 1):+.3g} %") if t != 1 else "1" for t in ticks]
     return linear_axis(
         title,
         type="log",

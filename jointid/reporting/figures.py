@@ -28,6 +28,7 @@ from jointid.figures.response_curves import (
 from jointid.figures.style import LIGHT
 from jointid.figures.torsion import drawn_records
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
+from jointid.rounding import minus
 from jointid.study import Analysis
 
 PAGE_WIDTH = 482.0
@@ -294,4 +295,4 @@ def _log_ticks(limits: tuple[float, float]) -> tuple[Floats, list[str]]:
 
 
 def _signed(values: Floats) -> list[str]:
-    return [f"{value:g}".replace("-", "−") for value in values]
+    return [minus(f"{value:g}") for value in values]

@@ -13,7 +13,7 @@ from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
-from jointid.rounding import UNDETERMINED, plain, significant, with_error
+from jointid.rounding import UNDETERMINED, minus, plain, significant, with_error
 from jointid.study import Analysis, Study
 from jointid.version import __version__
 
@@ -140,4 +140,4 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
 
 
 def _two(value: float) -> str:
-    return f"{value + 0.0:.2f}".replace("-", "−").replace("−0.00", "0.00")
+    return minus(f"{value + 0.0:.2f}").replace("−0.00", "0.00")

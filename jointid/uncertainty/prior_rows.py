@@ -11,7 +11,7 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.parameters import ParameterLayout
-from jointid.rounding import plain, significant, with_error
+from jointid.rounding import minus, plain, significant, with_error
 from jointid.wording import enumerated
 
 
@@ -50,7 +50,7 @@ class PriorRow:
             given = f"{significant(self.given, 3)} (start value)"
         fitted = with_error(self.fitted, self.fitted_std) if self.is_fitted else "as given"
         distance = self.disagreement
-        shown = "–" if distance is None else f"{round(distance, 1) + 0.0:+.1f} σ".replace("-", "−")
+        shown = "–" if distance is None else minus(f"{round(distance, 1) + 0.0:+.1f} σ")
         return [self.name, given, fitted, self.unit, shown]
 
 

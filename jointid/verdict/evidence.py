@@ -13,7 +13,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.rounding import significant
+from jointid.rounding import minus, significant
 from jointid.transfer_matrix import TransferMatrix
 
 Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
@@ -109,7 +109,7 @@ def number(value: float, digits: int = 3) -> str:
     size = abs(value)
     if size == 0 or 1e-4 <= size < 1e5:
         text = np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
-        return text.replace("-", "−")
+        return minus(text)
     return significant(value, digits)
 
 

@@ -66,7 +66,7 @@ class Channel:
     Parameters
     ----------
     column : str
-        Empty while none is chosen.
+        Its name; empty before the choice.
     unit : str
         Angle: a key of ``ANGLE_UNITS``; torque: one of ``TORQUE_UNITS``.
     scale : float, optional

@@ -9,7 +9,7 @@ from jointid import Elasticity, JointIdError
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
 from jointid.figures.tool_stiffness import deflection_ellipse
-from jointid.rounding import significant, with_error
+from jointid.rounding import minus, significant, with_error
 from jointid.study import Analysis
 from jointid.ui.shared.charts import NO_POSE, choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import show_error
@@ -73,7 +73,7 @@ def _show_numbers(of: ToolStiffness, covariance: np.ndarray, force: float, where
     st.write(f"**{force:.0f} N move the tool by up to {texts[0]} mm** ({where}).")
     table(
         {
-            "Direction": [", ".join(f"{part:+.2f}" for part in row) for row in directions],
+            "Direction": [", ".join(minus(f"{part:+.2f}") for part in row) for row in directions],
             "Deflection (mm)": texts,
             "Stiffness (N/mm)": [significant(1e-3 / value, 3) for value in values],
         }

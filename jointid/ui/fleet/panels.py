@@ -10,7 +10,7 @@ import streamlit as st
 from jointid.figures.fleet import distribution
 from jointid.fleet.row import Row
 from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, fleet_spread
-from jointid.rounding import significant, with_error
+from jointid.rounding import minus, significant, with_error
 from jointid.study import STATES
 from jointid.ui.fleet.studies import SIGNS, label
 from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
@@ -102,7 +102,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
                         "Date": row.date,
                         "Value": f"{spread.name} = {value}",
                         "Median": significant(float(spread.centre[k]), 4),
-                        "z": f"{spread.z[k]:+.1f}".replace("-", "−"),
+                        "z": minus(f"{spread.z[k]:+.1f}"),
                         "State": SIGNS[row.state],
                     },
                 )

@@ -9,7 +9,7 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.figures import compared_models
-from jointid.rounding import significant
+from jointid.rounding import minus, significant
 from jointid.study import NOT_USABLE
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side
@@ -112,4 +112,4 @@ def _percent(value: float) -> str:
 
 
 def _signed(value: float, digits: int) -> str:
-    return f"{value:+.{digits}f}".replace("-", "−") if np.isfinite(value) else "–"
+    return minus(f"{value:+.{digits}f}") if np.isfinite(value) else "–"

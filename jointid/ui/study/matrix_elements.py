@@ -7,7 +7,7 @@ import streamlit as st
 
 from jointid import Analysis, TransferMatrix
 from jointid.figures import element_response, single_record, torque_condition
-from jointid.rounding import significant, with_error
+from jointid.rounding import minus, significant, with_error
 from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import Page
@@ -110,7 +110,7 @@ def matrix_table(matrix: TransferMatrix) -> Table:
                 with_error(a, e) for a, e in zip(size, error[:, i, j], strict=True)
             ]
             angle = np.degrees(np.angle(matrix.H[:, i, j]))
-            columns[f"∠H{i + 1}{j + 1} (°)"] = [f"{a:.1f}".replace("-", "−") for a in angle]
+            columns[f"∠H{i + 1}{j + 1} (°)"] = [minus(f"{a:.1f}") for a in angle]
     if n > 1:
         columns["Condition"] = [significant(c, 3) for c in matrix.condition]
         columns["Reciprocity (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]

@@ -9,7 +9,7 @@ import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
-from jointid.rounding import UNDETERMINED, significant, with_error
+from jointid.rounding import UNDETERMINED, minus, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
 from jointid.ui.shared.messages import show_text_table
@@ -284,4 +284,4 @@ def _phasor(value: complex) -> str:
     if size == 0:
         return "0"
     angle = float(_degrees(np.array([value]))[0])
-    return f"{significant(size, 3)} ∠ {round(angle) + 0}°".replace("-", "−")
+    return minus(f"{significant(size, 3)} ∠ {round(angle) + 0}°")
