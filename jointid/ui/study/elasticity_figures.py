@@ -30,8 +30,9 @@ def show_torsion(page: Page, analysis: Analysis) -> None:
     st.subheader("Torsion curve of each gear", anchor=False)
     st.caption(
         "Torque through the gear over its wind-up, from motor data alone: s = τ − Mθ̈ − friction, wound "
-        "up by θ − θₐ with M₂θ̈ₐ = s. Each loop is one record, or one segment of a motion, with a band of "
-        "± two standard errors; damping opens it. The mean wind-up of a record is not observable and set to 0. "
+        "up by θ − θₐ with M₂θ̈ₐ = s. Each loop is one record, or one segment of a motion, with a band "
+        "of ± two standard errors; damping opens it. The mean wind-up of a record is not observable and "
+        "set to 0. "
         "Amplitudes beyond those tried are not known."
     )
     page.show_per_joint(
