@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any, cast
 
@@ -16,9 +18,11 @@ from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Elasticity, Inertia
+from jointid.phasors.extract import extract_phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.rounding import significant
 from jointid.study import INERTIA_STD, Study
+from jointid.verdict.steady_state import steady_from, unsettled
 from jointid.wording import counted, shown
 
 
@@ -98,6 +102,7 @@ def study_from_logs(
     date: datetime.date | None = None,
     inertia_std: float | None = None,
     torque_std: float | None = None,
+    **facts: Any,
 ) -> Study:
     """Make a study of the segments of one or many logs.
 
@@ -123,6 +128,8 @@ def study_from_logs(
         Relative standard deviation of the inertias; by default that of ``Study``.
     torque_std : float, optional
         The same of the torque constants; None: not stated.
+    **facts
+        Further parameters of ``Study``: gear_ratio, gear_temperature_C, note, assumed.
 
     Raises
     ------
@@ -159,6 +166,8 @@ def study_from_logs(
     for log, part, pose in zip(logs, each, pose_of, strict=True):
         records += segment_records(log, flat[done : done + len(part)], pose=pose)
         done += len(part)
+    records, trimmed = _settled(records)
+    later = f" {counted(trimmed, 'record')} trimmed to the steady state." if trimmed else ""
     sources = ", ".join(log.name for log in logs[:5] if log.name)
     return Study(
         records=tuple(records),
@@ -166,13 +175,30 @@ def study_from_logs(
         nominal=nominal,
         name=name or study_name([log.name for log in logs]),
         origin="measured",
-        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.",
+        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.{later}",
         poses=poses or {},
         robot=robot,
         date=date,
         inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
         torque_std=torque_std,
+        **facts,
     )
+
+
+def _settled(
+    records: Sequence[SineRecord | MotionRecord],
+) -> tuple[list[SineRecord | MotionRecord], int]:
+    """Let records that the verdict would call unsettled begin later; return how many do."""
+    found = list(records)
+    sines = [k for k, record in enumerate(found) if isinstance(record, SineRecord)]
+    trimmed = 0
+    with suppress(JointIdError):  # the analysis reports records without phasors
+        moving = unsettled(extract_phasors([found[k] for k in sines])) if sines else []
+        for k in (k for k, change in zip(sines, moving, strict=True) if change):
+            start = steady_from(found[k])
+            if start is not None:
+                found[k], trimmed = replace(found[k], start_s=start), trimmed + 1
+    return found, trimmed
 
 
 def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:

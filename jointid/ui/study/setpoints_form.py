@@ -16,7 +16,7 @@ from jointid.setpoints.robot_limits import RobotLimits
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download, table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.ui.study.plan_form import content
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
@@ -52,8 +52,11 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
         "robot first; a file exists only within all limits. Read its head before use."
     )
     with st.form("setpoints", border=False):
-        entered, places = {}, [column for _ in range(3) for column in st.columns(3)]
-        for place, (name, (label, example, hint)) in zip(places, _LIMITS.items(), strict=True):
+        ratios = analysis.study.gear_ratios
+        entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
+        asked = {name: each for name, each in _LIMITS.items() if name not in entered}
+        places = [column for _ in range(3) for column in st.columns(3)]
+        for place, (name, (label, example, hint)) in zip(places, asked.items(), strict=False):
             entered[name] = _text(place, label, "", f"{name}_{page.digest[:12]}", hint, example)
         one, two, three, four = st.columns(4)
         kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind", persist_state="session")
@@ -68,7 +71,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
         rest_s = _number(three, "Rest between (s)", 1.0, (0.1, 60.0), "rest")
         superposed = _text(four, "Superposed velocities (°/s)", "0", "superposed", _SUPERPOSED)
         st.form_submit_button("Check on the simulated robot", type="primary")
-    if not entered["gear_ratio"].strip():
+    if not (entered["gear_ratio"].strip() and entered["start_deg"].strip()):
         st.caption(
             "Enter gear ratios, start pose and limits: without them there is no check and no file."
         )
