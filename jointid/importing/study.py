@@ -189,16 +189,14 @@ def _settled(
     records: Sequence[SineRecord | MotionRecord],
 ) -> tuple[list[SineRecord | MotionRecord], int]:
     """Let records that the verdict would call unsettled begin later; return how many do."""
-    found = list(records)
-    sines = [k for k, record in enumerate(found) if isinstance(record, SineRecord)]
-    trimmed = 0
+    sines = [record for record in records if isinstance(record, SineRecord)]
+    later: dict[int, SineRecord] = {}
     with suppress(JointIdError):  # the analysis reports records without phasors
-        moving = unsettled(extract_phasors([found[k] for k in sines])) if sines else []
-        for k in (k for k, change in zip(sines, moving, strict=True) if change):
-            start = steady_from(found[k])
-            if start is not None:
-                found[k], trimmed = replace(found[k], start_s=start), trimmed + 1
-    return found, trimmed
+        moving = unsettled(extract_phasors(sines)) if sines else np.zeros(0)
+        for record in (sines[k] for k in np.flatnonzero(moving)):
+            if (start := steady_from(record)) is not None:
+                later[id(record)] = replace(record, start_s=start)
+    return [later.get(id(record), record) for record in records], len(later)
 
 
 def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:

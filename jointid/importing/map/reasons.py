@@ -41,8 +41,9 @@ def assumptions(mapping: Mapping) -> tuple[str, ...]:
 
 
 def unchanged(mapping: Mapping, guessed: Mapping) -> tuple[str, ...]:
-    """Assumed entries of a mapping whose values are still the guessed ones."""
-    return tuple(what for what in mapping.assumed if value_of(mapping, what) == value_of(guessed, what))
+    """Assumed entries of a mapping, without those whose guessed values were corrected."""
+    now = {what: value_of(mapping, what) for what in mapping.assumed}
+    return tuple(what for what, value in now.items() if value_of(guessed, what) in ("", value))
 
 
 def value_of(mapping: Mapping, what: str) -> str:
