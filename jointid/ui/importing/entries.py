@@ -127,6 +127,8 @@ class Entries:
         text = mapping_to_json(replace(found, assumed=()))
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
+        if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
+            st.session_state[key] = digest
         confirmed = st.session_state.get(key) == digest
         if step == "drives":
             found = replace(
@@ -138,14 +140,10 @@ class Entries:
                     "report and its files as assumed."
                 )
 
-        def confirm() -> None:
-            st.session_state[key] = digest
-            go_on()
-
         ready = step == "drives" or not missing
         if not confirmed and (open_ or step == "drives") and ready:
             name = "drive data" if step == "drives" else step
-            st.button(f"Confirm the {name}", type="primary", key=f"go_on {step}", on_click=confirm)
+            st.button(f"Confirm the {name}", type="primary", key=f"go_on {step}", on_click=go_on)
         to_confirm = not confirmed and (step == "drives" or bool(open_))
         if step == "columns":
             found = replace(found, assumed=() if confirmed else tuple(open_))
@@ -184,7 +182,7 @@ class Entries:
             base, name = getattr(first, role), f"{role} {j}"
             label = f"{role.capitalize()} of joint {j + 1}"
             column = self._select(places[2 * k], label, self.table.names, base.column, name)
-            known = bool(base.column) or f"unit of {role} of joint {j + 1}" not in self._reasons
+            known = bool(base.column) or j >= self.guess.mapping.n
             first_unit = base.unit if known else ""
             label = f"Unit of {role} {j + 1}"
             unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, f"{name} unit")
@@ -333,8 +331,8 @@ class Entries:
 
 
 _RATIO_HELP = (
-    "Motor turns over joint turns, negative when they turn against each other. For positions and torques "
-    "at the joint, and to show K and D there. ? for an unknown one."
+    "Motor turns over joint turns, negative when they turn against each other. For positions and "
+    "torques at the joint, and to show K and D there. ? for an unknown one."
 )
 _SCALE_HELP = "From the drive's data sheet or settings; no log states it. ? for an unknown one."
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import streamlit as st
@@ -23,6 +24,7 @@ from jointid.importing import (
     mapping_to_json,
 )
 from jointid.importing.columns.units import SAMPLES
+from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
@@ -166,12 +168,11 @@ def offer_again() -> None:
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
 
 
-def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
+def mapping_files(key: str, table: LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
     with st.popover("Save these entries, or take them from a file"):
-        if mapping is not None:
-            text = mapping_to_json(mapping)
-            download("Save the mapping (.json)", text, "mapping.json", "application/json")
+        text = mapping_to_json(mapping_of(key, table))
+        download("Save the mapping (.json)", text, "mapping.json", "application/json")
         version = st.session_state.get(_VERSION, 0)
         file = st.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:
@@ -182,7 +183,8 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
             except JointIdError as error:
                 show_error(f"{file.name} was not taken: {error}")
             else:
-                _start_from(table, taken)
+                guess = guessed(key, table).mapping
+                _start_from(table, replace(taken, assumed=unchanged(taken, guess)))
                 st.rerun()
 
 

@@ -78,6 +78,7 @@ def import_steps(progress: DeltaGenerator) -> None:
     names = ", ".join(each.table.name for each in logs[:3]) + ", …" * (len(logs) > 3)
     steps.tell(LOGS, log is not None, names)
     columns = drives = runs = None
+    clicked = False
     with steps.step(COLUMNS):
         if log is None:
             st.caption(_WAITS[COLUMNS])
@@ -104,8 +105,8 @@ def import_steps(progress: DeltaGenerator) -> None:
         if log is None or drives is None or runs is None:
             st.caption(_WAITS[INERTIAS])
         else:
-            _open_as_study(steps, log, drives.mapping, runs, drives.gear_ratio)
-    steps.finish()
+            clicked = _open_as_study(steps, log, drives.mapping, runs, drives.gear_ratio)
+    steps.finish(clicked=clicked)
 
 
 def _map_columns(steps: Steps, log: Log) -> Mapping | None:
@@ -118,7 +119,7 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
         show_error(error)
         steps.tell(COLUMNS, False, "to correct")
         asked = None
-    mapping_files(log.table, mapping_of(log.key, log.table))
+    mapping_files(log.key, log.table)
     show_raw(log.table, proposed_columns(log.key, log.table))
     return None if asked is None or asked.missing else asked.mapping
 
@@ -218,15 +219,15 @@ def _runs_in_words(used: Sequence[Segment]) -> str:
 
 def _open_as_study(
     steps: Steps, log: Log, mapping: Mapping, runs: Runs, gear_ratio: tuple[float, ...] | None
-) -> None:
-    """Ask for the robot; once it is complete, keep the study and switch to it."""
+) -> bool:
+    """Ask for the robot; once it is complete, keep the study and switch to it. Return the click."""
     ratios = [joint.gear_ratio for joint in mapping.joints]
     assumed = assumptions(mapping)
     try:
-        robot, state = ask_robot(ratios, [each.name for each in runs.logs.values()], assumed)
+        robot, state, clicked = ask_robot(ratios, [each.name for each in runs.logs.values()], assumed)
         steps.tell(INERTIAS, state.startswith("M"), state)
         if robot is None or runs.has_problems:
-            return
+            return clicked
         with st.spinner("Cutting the records out"):
             study = study_from_logs(
                 list(runs.logs.values()),
@@ -248,3 +249,4 @@ def _open_as_study(
         st.switch_page(OVERVIEW.path)
     except JointIdError as error:
         show_error(error)
+    return True

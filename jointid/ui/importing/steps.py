@@ -55,11 +55,11 @@ class Steps:
         if not done and st.session_state.get(_GO_ON, True):
             self._go_to(name)
 
-    def finish(self) -> None:
-        """Draw the list again if its heads are out of date."""
+    def finish(self, *, clicked: bool = False) -> None:
+        """Draw the list again if its heads are out of date, but not over the answer to a click."""
         if st.session_state.get(_GO_ON, True):
             self._go_to(INERTIAS)
-        if self._states != self._shown:
+        if self._states != self._shown and not clicked:
             st.session_state[_STATES] = self._states
             st.rerun()
 

@@ -46,7 +46,7 @@ class Robot:
 
 def ask_robot(
     gear_ratios: Sequence[float], logs: Sequence[str], assumed: Sequence[str] = ()
-) -> tuple[Robot | None, str]:
+) -> tuple[Robot | None, str, bool]:
     """Ask for inertias and a name, and show them.
 
     Parameters
@@ -64,6 +64,8 @@ def ask_robot(
         None until the button is clicked and everything is given.
     state : str
         What is given, beginning with M, or what is missing.
+    clicked : bool
+        Whether the button was clicked.
     """
     joints = len(gear_ratios)
     problems: list[str] = []
@@ -109,7 +111,7 @@ def ask_robot(
     robot = None
     if clicked and not problem and known is not None:
         robot = Robot(name.strip() or known.name or study_name(logs), known, poses, facts)
-    return robot, "to correct" if problem else state
+    return robot, "to correct" if problem else state, clicked
 
 
 def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
