@@ -81,6 +81,7 @@ def page(tab: Page, shared: Server) -> Page:
     else:
         follow(tab, "Import a log", "Import a log")
     close = tab.get_by_role("button", name="Close these logs")
+    tab.get_by_text("1 Logs").click()
     if close.count():
         with answered(tab):
             close.click()
@@ -174,7 +175,7 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(log: Log, page: Page, s
     upload(page, "cell.csv", as_csv(log, RATIOS, RATED_NM))
     correct(page)
     page.reload(wait_until="commit")
-    expect(page.get_by_text("Still open: cell.csv")).to_be_visible()
+    expect(page.locator("summary", has_text="cell.csv")).to_be_visible()
     rested(page)
     expect(page.get_by_role("textbox", name="Gear ratios")).to_have_value("100, -90")
     hold_torque(page)
@@ -187,7 +188,7 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(log: Log, page: Page, s
     shared.start()
     again = new_page(page.context)
     again.goto(address, wait_until="commit")
-    expect(again.get_by_text("Still open: cell.csv")).to_be_visible()
+    expect(again.locator("summary", has_text="cell.csv")).to_be_visible()
     finished(again, "Import a log")
     again.get_by_text("3 Drive data").click()
     expect(again.get_by_role("textbox", name="Gear ratios")).to_have_value("100, -90")
@@ -213,6 +214,8 @@ def drop_first_run(page: Page) -> None:
     """Untick the first line of the table, whose cells are drawn on a canvas."""
     page.get_by_text("4 Runs").click()
     table = page.get_by_test_id("stDataFrame").last
+    expect(table).to_be_visible()
+    page.wait_for_timeout(500)  # the step unfolds
     table.scroll_into_view_if_needed()
     box = table.locator("canvas").first.bounding_box()
     assert box is not None
