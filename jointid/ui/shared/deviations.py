@@ -94,6 +94,7 @@ def _ask(
         accept_new_options=True,
         key=key,
         persist_state="session",
+        bind=None if key.startswith("import ") else "query-params",  # the import keeps its own
         help=help_,
     )
     return str(chosen)
