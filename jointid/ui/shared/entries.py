@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
@@ -12,19 +12,22 @@ T = TypeVar("T")
 Number = TypeVar("Number", int, float)
 
 
+def _kept(key: str, ask: Callable[..., T], default: T, label: str, *args: Any, **settings: Any) -> T:
+    """Draw a widget; on the way back from another page, which clears its address, restore its value."""
+    kept: dict[str, Any] = st.session_state.setdefault("kept entries", {})
+    if kept.get(key, default) != default and key not in {*st.session_state, *st.query_params}:
+        st.session_state[key] = kept[key]
+        settings.pop("value", None)  # streamlit warns of two initial values
+    kept[key] = value = ask(label, *args, key=key, bind="query-params", **settings)
+    return value
+
+
 def enter_text(
     place: DeltaGenerator, key: str, label: str, value: str, help_: str = "", example: str = ""
 ) -> str:
     """Ask for a text."""
-    return place.text_input(
-        label,
-        value,
-        key=key,
-        help=help_ or None,
-        placeholder=example,
-        bind="query-params",
-        persist_state="session",
-    )
+    ask = place.text_input
+    return _kept(key, ask, value, label, value=value, help=help_ or None, placeholder=example)
 
 
 def enter_number(
@@ -36,17 +39,8 @@ def enter_number(
     help_: str = "",
 ) -> Number:
     """Ask for a number within limits."""
-    shown = "%d" if isinstance(value, int) else "%g"
-    return place.number_input(
-        label,
-        *limits,
-        value,
-        format=shown,
-        key=key,
-        help=help_ or None,
-        bind="query-params",
-        persist_state="session",
-    )
+    ask, shown = place.number_input, "%d" if isinstance(value, int) else "%g"
+    return _kept(key, ask, value, label, *limits, value=value, format=shown, help=help_ or None)
 
 
 def choose_from(
@@ -57,7 +51,7 @@ def choose_from(
     format_func: Callable[[str], str] = str,
 ) -> str:
     """Ask for one of several options, at first the first."""
-    return place.selectbox(label, options, key=key, format_func=format_func, bind="query-params")
+    return _kept(key, place.selectbox, options[0], label, options, format_func=format_func)
 
 
 def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T | None:
