@@ -85,7 +85,7 @@ def opened(at: AppTest) -> list[str]:
 
 
 def assumed(at: AppTest) -> str:
-    return " ".join(c.value for c in at.caption if "Not confirmed" in c.value)
+    return " ".join(m.value for m in at.markdown if "Not confirmed" in m.value)
 
 
 def sides(at: AppTest) -> list[list[str]]:
@@ -128,7 +128,7 @@ class TestMapping:
         assert widget(at, "selectbox", "Position of joint 1").value == "position"
         assert widget(at, "selectbox", "Torque of joint 1").value == "effort"
         assert figures(at) == 2
-        assert any("To check" in caption.value for caption in at.caption)
+        assert any("To check" in m.value for m in at.markdown)
 
     def test_a_role_that_no_column_fits_is_asked_for(self, page: AppTest) -> None:
         data = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
@@ -215,7 +215,7 @@ class TestMapping:
         lines = [line.rpartition(";")[0] if line.count(";") == 4 else line for line in lines]
         at = drop(page, ("cell.csv", "\r\n".join(lines).encode("latin-1")))
         assert widget(at, "number_input", "Joints").value == 1
-        checks = [c.value for c in at.caption if "To check" in c.value]
+        checks = [m.value for m in at.markdown if "To check" in m.value]
         assert any('"Achse 2 Ist" has no torque beside it' in check for check in checks)
         widget(at, "number_input", "Joints").set_value(2)
         at = shown(at.run())
@@ -224,7 +224,7 @@ class TestMapping:
         assert widget(at, "selectbox", "Unit of position 2").value == "deg"
         assert widget(at, "selectbox", "Unit of torque 2").value == "%"
         assert head(at, "2 Columns") == "choose: torque of joint 2"
-        assert any("mere proposal" in c.value for c in at.caption if "To check" in c.value)
+        assert any("mere proposal" in m.value for m in at.markdown if "To check" in m.value)
         widget(at, "selectbox", "Torque of joint 1").set_value("Achse 2 Ist")
         assert "is both torque of joint 1 and position of joint 2" in shown(at.run()).error[0].value
         widget(at, "number_input", "Joints").set_value(1)

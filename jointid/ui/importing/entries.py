@@ -308,7 +308,8 @@ class Entries:
                 lines.setdefault(line, []).extend([joint] if entry else [])
         for (text, entry), of in lines.items():
             name = markdown_escape(capitalised(entry + (f" of joint {enumerated(of)}" if of else "")))
-            st.caption(f":orange-badge[To check] **{name}:** {markdown_escape(text)}")
+            # No caption: its pale ink leaves the mark too little contrast.
+            st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
 
     def _select(
         self, place: DeltaGenerator, label: str, options: Iterable[str], value: str, name: str

@@ -94,9 +94,9 @@ def ask_robot(
     # The button is above everything of variable height, so that it never moves under a click.
     clicked = right.button("Open as study", type="primary", width="stretch")
     if assumed:
-        st.caption(
-            f":orange-badge[Assumed] {markdown_escape('; '.join(assumed))}. Not confirmed: it stays "
-            "with the study, its report and its files. Confirm it under 2 Columns and 3 Drive data."
+        st.markdown(
+            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: it "
+            "stays with the study, its report and its files. Confirm it in steps 2 and 3.]"
         )
     if clicked and known is None:
         problem = problem or (

@@ -12,6 +12,7 @@ from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
+from jointid.ui.shared.scroll_regions import make_scroll_regions_focusable
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
 _ID_LENGTH = 32
@@ -50,6 +51,7 @@ def choose_study() -> tuple[str, str, str] | None:
             help="For the answer, its tiles and the report. Through a gear ratio N, a stiffness K at "
             "the motor is N² K at the joint. Figures, tables and files stay at the motor, in SI units.",
         )
+        make_scroll_regions_focusable()
     return None if key is None else (key, method, unit)
 
 
