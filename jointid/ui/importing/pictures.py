@@ -50,7 +50,7 @@ def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
         others = [name for name in names if name != time]
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
         key = f"import curves {log.signature}"
-        begun = None if key in st.session_state else curves[:_FEW_CURVES]
+        begun = curves[:_FEW_CURVES]
         chosen = st.multiselect(
             "Columns in the picture", others, begun, key=key, persist_state="session"
         )

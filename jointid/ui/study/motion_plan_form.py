@@ -67,9 +67,9 @@ def _planned(
 def show_motion_plan(page: Page, analysis: Analysis) -> None:
     """Ask for the limits and show what each motion would tell."""
     st.write(
-        "The identified robot is simulated with a sweep and with a multisine within your limits, with "
-        "the noise of this study, and the estimator states the errors of K and D. A multisine on odd "
-        "lines also tells nonlinear distortion from noise."
+        "The identified robot is simulated with a sweep and a multisine within your limits and with the "
+        "noise of this study; the table shows the expected errors of K and D. A multisine on odd "
+        "lines also separates nonlinear distortion from noise."
     )
     try:
         settings = _ask(page, analysis)
