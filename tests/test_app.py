@@ -281,11 +281,11 @@ class TestSimulating:
     def test_entries_are_in_the_address_and_come_back_from_it(self, app: AppTest) -> None:
         app.query_params["sim_K"] = "50, 9"
         app.query_params["sim_count"] = "7"
-        app.query_params["sim_torque_std"] = "± 7 %"
+        app.query_params["sim_torque_std"] = "± 5 %"
         at = shown(app.switch_page("pages/8_Simulate.py").run())
         assert at.text_input(key="sim_K").value == "50, 9"
         assert at.number_input(key="sim_count").value == 7
-        assert at.selectbox(key="sim_torque_std").value == "± 7 %"
+        assert at.selectbox(key="sim_torque_std").value == "± 5 %"
         at.text_input(key="sim_D").set_value("0.2, 0.02")
         at = shown(at.run())
         assert "sim_D" in at.query_params
