@@ -288,7 +288,6 @@ class TestSimulating:
         assert at.selectbox(key="sim_torque_std").value == "± 5 %"
         at.text_input(key="sim_D").set_value("0.2, 0.02")
         at = shown(at.run())
-        assert "sim_D" in at.query_params
         at = shown(at.switch_page("pages/12_Glossary.py").run())
         at = shown(at.switch_page("pages/8_Simulate.py").run())
         assert at.text_input(key="sim_D").value == "0.2, 0.02"

@@ -72,23 +72,16 @@ class Entries:
             joints.append(self._columns_of(j, first, missing))
             used |= {joints[j].position.column, joints[j].torque.column}
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
-        open_ = [
-            what for what in unchanged(found, self.guess.mapping) if not what.startswith(_OF_DRIVES)
-        ]
-        open_ = [what for what in open_ if what not in missing]
-        self._show_reasons(open_)
-        return self._confirmed("columns", found, missing, open_)
+        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
+        return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
 
     def ask_drives(self, columns: Mapping) -> Asked:
         """Ask for gear ratios, scales, directions and timing of the torque."""
         missing: list[str] = []
         left, right = st.columns(2)
         joints = list(columns.joints)
-        ratios = self._numbers(
-            left, "Gear ratios", "gear ratio", range(len(joints)), "101, -93.5",
-            [j.gear_ratio for j in self.base.joints],
-            _RATIO_HELP,
-        )  # fmt: skip
+        of_base = [joint.gear_ratio for joint in self.base.joints]
+        ratios = self._numbers(left, "Gear ratios", "gear ratio", range(len(joints)), of_base, _RATIO)
         scales = self._scales(joints, right)
         hold, delay = self._torque_timing(left, right)
         places = [place for _ in range(2) for place in st.columns(2)]
@@ -114,40 +107,30 @@ class Entries:
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
         given = ("gear ratio", "scale", "torque hold")
-        open_ = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
-        self._show_reasons(open_)
-        asked = self._confirmed("drives", found, missing, [*open_, *missing])
-        given_ratios = tuple(ratios.values())
-        return replace(asked, gear_ratio=None if np.isnan(given_ratios).any() else given_ratios)
+        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
+        asked = self._confirmed("drive data", found, missing, guesses)
+        st.caption(
+            "No log proves these entries. What is not confirmed here stays with the study, its report "
+            "and its files as assumed."
+        )
+        of_joints = tuple(ratios.values())
+        return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
 
     def _confirmed(
-        self, step: str, found: Mapping, missing: Sequence[str], open_: Sequence[str]
+        self, step: str, found: Mapping, missing: Sequence[str], guesses: Sequence[str]
     ) -> Asked:
-        """Draw the button that confirms a step; a changed entry needs another confirmation."""
+        """Show guesses with a button that confirms them; a changed entry needs another confirmation."""
+        self._show_reasons(guesses)
         text = mapping_to_json(replace(found, assumed=()))
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
         if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
             st.session_state[key] = digest
-        confirmed = st.session_state.get(key) == digest
-        if step == "drives":
-            found = replace(
-                found, assumed=tuple(dict.fromkeys([*missing, *(() if confirmed else open_)]))
-            )
-            if not confirmed:
-                st.caption(
-                    "No log proves these entries. What is not confirmed here stays with the study, its "
-                    "report and its files as assumed."
-                )
-
-        ready = step == "drives" or not missing
-        if not confirmed and (open_ or step == "drives") and ready:
-            name = "drive data" if step == "drives" else step
-            st.button(f"Confirm the {name}", type="primary", key=f"go_on {step}", on_click=go_on)
-        to_confirm = not confirmed and (step == "drives" or bool(open_))
-        if step == "columns":
-            found = replace(found, assumed=() if confirmed else tuple(open_))
-        return Asked(found, tuple(missing), to_confirm)
+        open_ = () if st.session_state.get(key) == digest else (*guesses, *missing)
+        if open_ and not (missing and step == "columns"):
+            st.button(f"Confirm the {step}", type="primary", key=f"go_on {step}", on_click=go_on)
+        assumed = tuple(dict.fromkeys((*missing, *open_)))
+        return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_))
 
     def _time(self, missing: list[str]) -> tuple[TimeColumn, int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
@@ -207,9 +190,8 @@ class Entries:
                 if len(which) < len(joints):
                     label += f" of joint {enumerated([str(j + 1) for j in which])}"
                 of_base = [getattr(of, role).scale for of in self.base.joints]
-                values = self._numbers(
-                    place, label, f"scale of {role}", which, "8.2, 2.1", of_base, _SCALE_HELP, meaning
-                )
+                name = f"scale of {role}"
+                values = self._numbers(place, label, name, which, of_base, _SCALE, meaning)
                 found |= {(role, j): value for j, value in values.items()}
         return found
 
@@ -259,12 +241,12 @@ class Entries:
         label: str,
         what: str,
         joints: Iterable[int],
-        example: str,
         base: Sequence[float | None],
-        help_: str,
+        example_and_help: tuple[Sequence[str], str],
         meaning: str = "",
     ) -> dict[int, float]:
         """Ask for a number per joint; NaN where none is given."""
+        example, help_ = example_and_help
         joints = list(joints)
         known = [
             "?" if j >= len(base) or base[j] is None or f"{what} of joint {j + 1}" in self.base.assumed
@@ -275,7 +257,7 @@ class Entries:
             label + ", one per joint" * (len(joints) > 1),
             "" if set(known) == {"?"} else ", ".join(known),
             key=self._id(f"{what} {meaning} {len(joints)}"),
-            placeholder=", ".join(example.split(", ")[: len(joints)]),
+            placeholder=", ".join(example[: len(joints)]),
             help=help_,
             persist_state="session",
         )
@@ -331,11 +313,16 @@ class Entries:
         return f"import {name} {self.key}"
 
 
-_RATIO_HELP = (
+_RATIO = (
+    ("101", "-93.5", "120"),
     "Motor turns over joint turns, negative when they turn against each other. For positions and "
-    "torques at the joint, and to show K and D there. ? for an unknown one."
+    "torques at the joint, and to show K and D there. ? for an unknown one.",
 )
-_SCALE_HELP = "From the drive's data sheet or settings; no log states it. ? for an unknown one."
+_SCALE = (
+    ("8.2", "2.1", "1.3"),
+    "From the drive's data sheet or settings; no log states it. ? for an unknown one.",
+)
+"""Example and explanation of the numbers of joints."""
 
 
 def columns_in_words(asked: Asked) -> str:
