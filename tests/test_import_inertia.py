@@ -16,7 +16,7 @@ from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
 from jointid.ui.shared import workspace
-from jointid.ui.shared.deviations import deviation_in, deviation_text
+from jointid.ui.shared.entries import deviation_in, deviation_text
 
 TOML = """
 name = "Cell 7"

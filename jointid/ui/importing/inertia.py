@@ -17,7 +17,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.deviations import deviation_text
+from jointid.ui.shared.entries import deviation_text
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted

@@ -15,7 +15,7 @@ from jointid.importing.study import parse_date, study_name
 from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.ui.shared.charts import NO_POSE
-from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std, deviation_text
+from jointid.ui.shared.entries import ask_inertia_std, ask_torque_std, deviation_text
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in

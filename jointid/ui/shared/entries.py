@@ -1,15 +1,33 @@
-"""Entries that outlive a refresh: what differs from the default is kept in the address."""
+"""Entries of forms, kept in the address; questions for the uncertainty of what is given."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
+from jointid import JointIdError
+from jointid.rounding import plain
+from jointid.ui.shared.parse_numbers import numbers_in
+
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)
+
+_WORDS = {"exact": 0.0, "unknown": math.inf}
+_INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unknown")
+_NOT_STATED = "not stated"
+_TORQUES = (_NOT_STATED, "exact", "± 1 %", "± 2 %", "± 5 %", "± 10 %", "unknown")
+_INERTIA_HELP = (
+    "Relative standard deviation of M and M2. The fit corrects them within it; unknown: they only start "
+    "the fit. Choose, or type a percentage."
+)
+_TORQUE_HELP = (
+    "Relative standard deviation of the torque constant of each motor. K and D scale with it; without a "
+    "statement they hold for an exact torque scale. Choose, or type a percentage."
+)
 
 
 def _kept(key: str, ask: Callable[..., T], default: T, label: str, *args: Any, **settings: Any) -> T:
@@ -72,3 +90,79 @@ def applied(label: str, key: str, settings: T, *, at_first: bool = False) -> T |
         st.session_state[kept] = settings
     found: T | None = st.session_state.get(kept)
     return found
+
+
+def ask_inertia_std(place: DeltaGenerator, key: str, default: float) -> float:
+    """Ask how well the inertias are known.
+
+    Parameters
+    ----------
+    place : DeltaGenerator
+    key : str
+        Of the widget.
+    default : float
+        Relative standard deviation that is chosen first.
+
+    Raises
+    ------
+    JointIdError
+        When what was typed is no percentage.
+    """
+    label = "How well M and M2 are known"
+    text = _ask(place, label, _INERTIAS, _INERTIAS.index(deviation_text(default)), key, _INERTIA_HELP)
+    return deviation_in(label, text)
+
+
+def ask_torque_std(place: DeltaGenerator, key: str) -> float | None:
+    """Ask how well the torque constants are known; None when not stated.
+
+    Raises
+    ------
+    JointIdError
+        When what was typed is no percentage.
+    """
+    label = "How well the torque scale is known"
+    text = _ask(place, label, _TORQUES, 0, key, _TORQUE_HELP)
+    return None if text == _NOT_STATED else deviation_in(label, text)
+
+
+def deviation_in(name: str, text: str) -> float:
+    """Read "exact", "unknown" or a percentage such as "± 7 %" as a relative standard deviation.
+
+    Raises
+    ------
+    JointIdError
+        When it is none of these.
+    """
+    if text in _WORDS:
+        return _WORDS[text]
+    (percent,) = numbers_in(name, text.strip("±% ").replace(",", "."), count=1)
+    if not percent >= 0:
+        raise JointIdError(f"{name}, {text:.40}: give a percentage such as 5 %, exact or unknown.")
+    if 0 < percent < 1 and "%" not in text:
+        raise JointIdError(
+            f"{name}, {text:.40}: write {plain(100 * percent)} % or {plain(percent)} %, with the sign."
+        )
+    return percent / 100
+
+
+def deviation_text(std: float | None) -> str:
+    """Write a relative standard deviation as the questions do."""
+    words = {value: word for word, value in _WORDS.items()}
+    return _NOT_STATED if std is None else words.get(std) or f"± {plain(100 * std)} %"
+
+
+def _ask(
+    place: DeltaGenerator, label: str, options: tuple[str, ...], index: int, key: str, help_: str
+) -> str:
+    chosen = place.selectbox(
+        label,
+        options,
+        index=index,
+        accept_new_options=True,
+        key=key,
+        persist_state="session",
+        bind=None if key.startswith("import ") else "query-params",  # the import keeps its own
+        help=help_,
+    )
+    return str(chosen)

@@ -26,8 +26,13 @@ from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
-from jointid.ui.shared.entries import choose_from, enter_number, enter_text
+from jointid.ui.shared.entries import (
+    ask_inertia_std,
+    ask_torque_std,
+    choose_from,
+    enter_number,
+    enter_text,
+)
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
 _RECORDS = {
