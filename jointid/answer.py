@@ -61,6 +61,11 @@ class StiffnessUnit:
         return cls(angle, gear_ratio)
 
     @property
+    def is_default(self) -> bool:
+        """Whether K is in N·m/rad at the motor."""
+        return self.angle == "rad" and self.gear_ratio is None
+
+    @property
     def side(self) -> str:
         """Where K and D are seen from."""
         return "seen from the motor" if self.gear_ratio is None else "at the joint"

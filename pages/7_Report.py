@@ -27,7 +27,7 @@ except JointIdError as error:
 st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
 button, place = st.empty(), st.empty()
-shown_as = f"{page.digest} {page.unit}"
+shown_as = page.digest if analysis.unit.is_default else f"{page.digest} {page.unit}"
 made = report_panel.made_report(shown_as, page.method)
 asked = made is None and report_panel.asked_for_report()
 if made is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
-from jointid.answer import AT_MOTOR, ERROR_BARS, Quantity, change_from, without
+from jointid.answer import ERROR_BARS, Quantity, change_from, without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain
 from jointid.study import NOT_USABLE, USABLE, WITH_CARE
@@ -44,7 +44,7 @@ def show_headline(analysis: Analysis) -> None:
     st.subheader(analysis.headline, anchor=False)
     if analysis.caution:
         show_note(analysis.caution)
-    if analysis.unit is AT_MOTOR and str(st.session_state.get("unit")).endswith("joint"):
+    if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
         st.caption("The study has no gear ratios: K and D are shown at the motor.")
 
 
