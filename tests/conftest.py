@@ -90,13 +90,28 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def components() -> Iterator[None]:
-    """AppTest looks for components in every installed package; once a session is enough."""
+def quick_app_tests() -> Iterator[None]:
+    """Do once a session what AppTest does in every run.
+
+    It looks for components in every installed package, compiles every page, and asks a thousand times a
+    second whether the page is complete.
+    """
     from streamlit.components.v2 import manifest_scanner
+    from streamlit.runtime.scriptrunner.script_cache import ScriptCache
+    from streamlit.testing.v1 import local_script_runner
+
+    compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
+    ask = local_script_runner.require_widgets_deltas
+
+    def wait(runner: local_script_runner.LocalScriptRunner, timeout: float) -> None:
+        runner._script_thread.join(timeout)
+        ask(runner, 0.0 if runner._script_thread.is_alive() else 1.0)
 
     with pytest.MonkeyPatch.context() as patch:
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
+        patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
+        patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield
 
 
