@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
 from jointid.files.study_files import save_study
+from jointid.importing.read.reader_process import ReaderProcess
 
 if TYPE_CHECKING:
     from browsing import Server
@@ -113,6 +114,27 @@ def quick_app_tests() -> Iterator[None]:
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield
+
+
+@pytest.fixture(scope="session")
+def reader() -> Iterator[ReaderProcess]:
+    """A process that reads the logs of many tests; to begin one takes longer than to read a log."""
+
+    class Kept(ReaderProcess):
+        def close(self) -> None: ...
+
+    reader = Kept()
+    yield reader
+    ReaderProcess.close(reader)
+
+
+@pytest.fixture(autouse=True)
+def one_reader(
+    request: pytest.FixtureRequest, reader: ReaderProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read logs in the process of the session, except in tests of the process itself."""
+    if not request.node.get_closest_marker("own_reader"):
+        monkeypatch.setattr("jointid.importing.read.logs.ReaderProcess", lambda: reader)
 
 
 @pytest.fixture(autouse=True)

@@ -282,9 +282,9 @@ def test_a_joint_at_rest_breaks_no_figure(studies: dict[int, Study]) -> None:
     quiet = np.array([1.0, 0.0])
     records = [
         SineRecord(r.frequency_hz, r.time_s, r.theta_rad * quiet, r.tau_Nm * quiet)
-        for r in study.records
+        for r in study.records[:6]
     ]
-    analysis = analyse(Study((*study.records, *records), study.inertia), method="weighted")
+    analysis = analyse(Study((*study.records[:6], *records), study.inertia), method="weighted")
     for figure in every_figure(analysis, dark=False).values():
         assert figure.data
 

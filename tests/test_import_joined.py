@@ -228,11 +228,10 @@ def test_the_page_joins_them_and_can_leave_it(
     monkeypatch.setattr(workspace, "SAMPLES", here)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(here / "data"))
     made: list[Study] = []
-    keep = workspace.keep
 
     def noted(study: Study, name: str) -> None:
         made.append(study)
-        keep(study, name)
+        raise JointIdError("enough seen")
 
     monkeypatch.setattr("jointid.ui.importing.panels.keep", noted)
     at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
