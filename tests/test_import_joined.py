@@ -11,7 +11,7 @@ import pytest
 from streamlit.testing.v1 import AppTest
 from typer.testing import CliRunner
 
-from jointid import Study, load_study
+from jointid import JointIdError, Study, load_study
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping

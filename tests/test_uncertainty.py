@@ -165,8 +165,17 @@ def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
     assert result.failed == 0
 
 
-@pytest.mark.parametrize("std", [0.01, 0.3])
-@pytest.mark.parametrize("method", ["least-squares", "weighted", "maximum-likelihood"])
+@pytest.mark.parametrize(
+    ("method", "std"),
+    [
+        ("least-squares", 0.3),
+        ("weighted", 0.01),
+        ("maximum-likelihood", 0.3),
+        pytest.param("least-squares", 0.01, marks=pytest.mark.long),
+        pytest.param("weighted", 0.3, marks=pytest.mark.long),
+        pytest.param("maximum-likelihood", 0.01, marks=pytest.mark.long),
+    ],
+)
 def test_bootstrap_draws_the_given_inertias_as_well(method: str, std: float) -> None:
     """The prior makes most of the error here; the scatter of the draws is the whole one."""
     phasors = extract_phasors(
