@@ -40,7 +40,7 @@ KINDS = {
 }
 RUNS = 1
 """Of each kind of study; the benchmark makes fifty."""
-FREQUENCIES, LOWEST = 7, 0.7
+FREQUENCIES, LOWEST = 8, 0.5
 """At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on."""
 
 
