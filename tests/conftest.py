@@ -23,6 +23,7 @@ from jointid.importing.read.reader_process import ReaderProcess
 if TYPE_CHECKING:
     from browsing import Server
     from playwright.sync_api import Browser, BrowserContext, Page
+    from streamlit.testing.v1 import AppTest
 
 LONGEST_FILES = ("test_fleet.py", "test_verdict.py")
 """Beside those that need a browser."""
@@ -159,6 +160,15 @@ def sample_folder(studies: dict[int, Study], tmp_path_factory: pytest.TempPathFa
     save_study(studies[1], folder / "one_joint")
     save_study(studies[3], folder / "three_joints.zip", record_format="parquet")
     return folder
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    """The app beside the tests' samples, before its first run."""
+    from app_pages import opened_app
+
+    monkeypatch.setattr("jointid.ui.shared.workspace.SAMPLES", sample_folder)
+    return opened_app()
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import opened_app, shown
 from streamlit.testing.v1 import AppTest
 from typer.testing import CliRunner
 
@@ -234,7 +235,7 @@ def test_the_page_joins_them_and_can_leave_it(
         raise JointIdError("enough seen")
 
     monkeypatch.setattr("jointid.ui.importing.panels.keep", noted)
-    at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    at = opened_app()
     at = at.switch_page("pages/9_Import_a_log.py").run()
     files = [(f"axis{k}.csv", data, "text/csv") for k, data in enumerate(axes, start=1)]
     at.file_uploader(key="log_file").set_value(files)
@@ -259,8 +260,3 @@ def test_the_page_joins_them_and_can_leave_it(
 
 def joints(at: AppTest) -> int:
     return int(next(w for w in at.number_input if w.label == "Joints").value or 0)
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at

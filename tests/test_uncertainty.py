@@ -17,6 +17,7 @@ from plants import (
     noisy,
     plant_phasors,
     random_covariance,
+    rubbing,
     steady_records,
 )
 
@@ -24,14 +25,11 @@ from jointid import (
     ElasticityFit,
     Inertia,
     JointIdError,
-    MotorFriction,
     Phasors,
     extract_phasors,
     identify_elasticity,
-    simulate_records,
 )
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
@@ -47,22 +45,6 @@ def measured(n: int = 2, noise: float = 1.0) -> Phasors:
             periods=20.37, seed=5,
         )
     )  # fmt: skip
-
-
-@cache
-def rubbing() -> Phasors:
-    """A short campaign with Coulomb friction."""
-    return extract_phasors(
-        simulate_records(
-            PARALLELOGRAM,
-            PAPER,
-            BAND_HZ,
-            friction=MotorFriction(coulomb=[0.1, 0.02]),
-            controller=Controller(sample_rate_hz=2000),
-            excitation=Excitation(duration_s=2.0),
-            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-        )
-    )
 
 
 def fitted(phasors: Phasors, inertia: Inertia, method: str, **model: float) -> ElasticityFit:
@@ -223,7 +205,7 @@ def test_bootstrap_sees_the_bias_of_least_squares() -> None:
 
 
 def test_bootstrap_with_friction() -> None:
-    phasors = rubbing()
+    phasors = extract_phasors(rubbing())
     fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True)
     result = bootstrap(phasors, PARALLELOGRAM, fit, draws=25)
     ratio = result.standard_error / fit.noise_error

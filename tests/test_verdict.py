@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, steady_records
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, rubbing, steady_records
 
 from jointid import (
     Analysis,
@@ -339,19 +339,6 @@ def test_wrong_scale_comes_first_and_hides_what_follows_from_it(
 
 
 # --------------------------------------------------------------------------- friction, delay, estimator
-
-
-@cache
-def rubbing(coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal") -> tuple[Any, ...]:
-    return simulate_records(
-        PARALLELOGRAM,
-        PAPER,
-        BAND_HZ,
-        friction=MotorFriction(coulomb=list(coulomb)),
-        controller=Controller(sample_rate_hz=2000),
-        excitation=Excitation(duration_s=2.0, pattern=pattern),
-        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-    )
 
 
 def evidence(
