@@ -446,7 +446,10 @@ def env(tmp_path: Path) -> Iterator[dict[str, str]]:
 @posix
 @pytest.mark.parametrize(
     "how",
-    [pytest.param(signal.SIGKILL, id="kill -9", marks=pytest.mark.long), signal.SIGINT],
+    [
+        pytest.param(signal.SIGKILL, id="kill -9", marks=pytest.mark.long),
+        pytest.param(signal.SIGINT, id="Ctrl-C"),
+    ],
 )
 def test_what_is_interrupted_goes_on_where_it_stopped(
     paths: list[Path],
