@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
     from streamlit.testing.v1 import AppTest
 
-LONGEST_FILES = ("test_fleet.py", "test_verdict.py")
+LONGEST_FILES = ("test_whole_error.py", "test_verdict.py", "test_fleet.py")
 """Beside those that need a browser."""
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
