@@ -89,11 +89,11 @@ def trial(seed: int) -> Trial:
 
 def difference(first: Analysis, second: Analysis) -> str:
     """What differs between two analyses of the same study, or is not a number in the first."""
-    for name in ("K", "D", "standard_error", "covariance"):
+    for name in ("K", "D", "standard_error", "covariance", "residual"):
         one, other = getattr(first.fit, name), getattr(second.fit, name)
         if not np.array_equal(one, other, equal_nan=True):
             return f"{name} differs the second time"
-        if name != "covariance" and np.isnan(one).any():
+        if name in ("K", "D", "standard_error") and np.isnan(one).any():
             return f"{name} is not a number"
     return "" if first.findings == second.findings else "the findings differ the second time"
 

@@ -18,12 +18,14 @@ from threadpoolctl import threadpool_limits
 
 from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
 from jointid.files.study_files import save_study
+from jointid.importing.read.reader_process import ReaderProcess
 
 if TYPE_CHECKING:
     from browsing import Server
     from playwright.sync_api import Browser, BrowserContext, Page
+    from streamlit.testing.v1 import AppTest
 
-LONGEST_FILES = ("test_fleet.py", "test_verdict.py")
+LONGEST_FILES = ("test_whole_error.py", "test_verdict.py", "test_fleet.py")
 """Beside those that need a browser."""
 
 FREQUENCIES_HZ = [3.0, 7.0, 11.0, 17.0, 23.0, 29.0]
@@ -90,14 +92,50 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def components() -> Iterator[None]:
-    """AppTest looks for components in every installed package; once a session is enough."""
+def quick_app_tests() -> Iterator[None]:
+    """Do once a session what AppTest does in every run.
+
+    It looks for components in every installed package, compiles every page, and asks a thousand times a
+    second whether the page is complete.
+    """
     from streamlit.components.v2 import manifest_scanner
+    from streamlit.runtime.scriptrunner.script_cache import ScriptCache
+    from streamlit.testing.v1 import local_script_runner
+
+    compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
+    ask = local_script_runner.require_widgets_deltas
+
+    def wait(runner: local_script_runner.LocalScriptRunner, timeout: float) -> None:
+        runner._script_thread.join(timeout)
+        ask(runner, 0.0 if runner._script_thread.is_alive() else 1.0)
 
     with pytest.MonkeyPatch.context() as patch:
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
+        patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
+        patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield
+
+
+@pytest.fixture(scope="session")
+def reader() -> Iterator[ReaderProcess]:
+    """A process that reads the logs of many tests; to begin one takes longer than to read a log."""
+
+    class Kept(ReaderProcess):
+        def close(self) -> None: ...
+
+    reader = Kept()
+    yield reader
+    ReaderProcess.close(reader)
+
+
+@pytest.fixture(autouse=True)
+def one_reader(
+    request: pytest.FixtureRequest, reader: ReaderProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read logs in the process of the session, except in tests of the process itself."""
+    if not request.node.get_closest_marker("own_reader"):
+        monkeypatch.setattr("jointid.importing.read.logs.ReaderProcess", lambda: reader)
 
 
 @pytest.fixture(autouse=True)
@@ -122,6 +160,15 @@ def sample_folder(studies: dict[int, Study], tmp_path_factory: pytest.TempPathFa
     save_study(studies[1], folder / "one_joint")
     save_study(studies[3], folder / "three_joints.zip", record_format="parquet")
     return folder
+
+
+@pytest.fixture
+def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+    """The app beside the tests' samples, before its first run."""
+    from app_pages import opened_app
+
+    monkeypatch.setattr("jointid.ui.shared.workspace.SAMPLES", sample_folder)
+    return opened_app()
 
 
 @pytest.fixture

@@ -25,6 +25,11 @@ def share(count: int) -> int:
     return max(count * settings().max_examples // ALL, min(count, FEWEST))
 
 
+def tries(count: int, *, long: int) -> int:
+    """How many tries this run makes of costly cases."""
+    return long if settings().max_examples == ALL else count
+
+
 def examples(count: int, **more: Any) -> settings:
     """Settings of a test that tries so many examples in a long run."""
     return settings(max_examples=share(count), **more)

@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
-from jointid import Elasticity, Inertia, Phasors, SineRecord, motor_response
+from jointid import (
+    Controller,
+    Elasticity,
+    Excitation,
+    Inertia,
+    Measurement,
+    MotorFriction,
+    Phasors,
+    SineRecord,
+    motor_response,
+    simulate_records,
+)
 
 PARALLELOGRAM = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
 SERIAL = Inertia(M=[0.0025, 0.0010], M2=[[0.006345, 0.002095], [0.002095, 0.001889]])
@@ -121,6 +133,22 @@ def steady_records(
             )
         )
     return records
+
+
+@cache
+def rubbing(
+    coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal"
+) -> tuple[SineRecord, ...]:
+    """A short campaign in closed loop with Coulomb friction."""
+    return simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        BAND_HZ,
+        friction=MotorFriction(coulomb=list(coulomb)),
+        controller=Controller(sample_rate_hz=2000),
+        excitation=Excitation(duration_s=2.0, pattern=pattern),
+        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
+    )
 
 
 def exact_phasors(

@@ -171,9 +171,9 @@ def test_a_linear_estimator_keeps_the_given_inertias(study: Study) -> None:
 
 
 def test_inertias_of_several_poses_carry_the_name_of_theirs(study: Study) -> None:
-    other = Inertia(study.inertia.M, 1.5 * study.inertia.M2)
+    other = Inertia(study.inertia.M, 1.001 * study.inertia.M2)
     records = [
-        replace(record, pose="far" if k % 4 < 2 else None) for k, record in enumerate(study.records)
+        replace(record, pose="far" if k % 4 < 2 else None) for k, record in enumerate(study.records[:8])
     ]
     rows = analyse(replace(study, records=records, poses={"far": other}), method="weighted").priors
     assert [row.name for row in rows[:2]] == ["J_m1", "J_m2"]

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import shown
 from streamlit.testing.v1 import AppTest
 
 from jointid import Inertia, Study
 from jointid.files.study_files import pack_study
 from jointid.ui.shared import workspace
 
-APP = Path(__file__).parents[1] / "app.py"
 TITLES = {
     "pages/1_Records.py": "Records",
     "pages/2_Phasors.py": "Phasors",
@@ -32,18 +32,6 @@ FIGURES = {
     "pages/4_Elasticity.py": 10,
 }
 """How many figures each page shows of two joints."""
-
-
-@pytest.fixture
-def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    return AppTest.from_file(str(APP), default_timeout=60)
-
-
-def shown(at: AppTest) -> AppTest:
-    """The page, after making sure that nothing was raised."""
-    assert not at.exception, at.exception[0].stack_trace
-    return at
 
 
 def figures(at: AppTest) -> int:

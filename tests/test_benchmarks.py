@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,11 +11,8 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
-from benchmarks import __main__ as runner  # noqa: E402
-from benchmarks.harness import NOT_INSTALLED, Table, interleaved, written  # noqa: E402
+from benchmarks import __main__ as runner
+from benchmarks.harness import NOT_INSTALLED, Table, interleaved, written
 
 pytestmark = pytest.mark.filterwarnings("default")  # other people's libraries may warn
 

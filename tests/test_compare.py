@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, JointIdError, Study, analyse
-from jointid.ui.shared import workspace
 from jointid.uncertainty.comparison import compare
-
-APP = Path(__file__).parents[1] / "app.py"
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +45,9 @@ def test_other_joints_are_refused(studies: dict[int, Study], first: Analysis) ->
         compare(first.fit, analyse(studies[1]).fit)
 
 
-def test_the_page_compares_two_studies(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    at = AppTest.from_file(str(APP), default_timeout=60)
-    at.query_params["study"] = "paper"
-    at = at.switch_page("pages/11_Compare.py").run()
+def test_the_page_compares_two_studies(app: AppTest) -> None:
+    app.query_params["study"] = "paper"
+    at = app.switch_page("pages/11_Compare.py").run()
     assert not at.exception, at.exception[0].stack_trace
     at = at.selectbox(key="compare_study").set_value("paper").run()
     at = at.selectbox(key="compare_estimator").set_value("least-squares").run()

@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import streamlit as st
+from app_pages import shown
 from plants import PAPER
 from streamlit.testing.v1 import AppTest
 
@@ -34,29 +35,16 @@ from jointid.reporting.figures import cut_figure
 from jointid.ui.cut import cached_cuts as cut_cached
 from jointid.ui.cut.animation import animation_data, tracks
 from jointid.ui.cut.settings import CutSettings, usual
-from jointid.ui.shared import workspace
 from jointid.ui.shared.cached import DEFAULT_METHOD
 
-APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/5_Cut.py"
 COVARIANCE = np.diag([0.43, 0.075, 0.002, 0.0003]) ** 2
-
-
-@pytest.fixture
-def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    return AppTest.from_file(str(APP), default_timeout=60)
 
 
 @pytest.fixture(scope="module")
 def outcome() -> Outcome:
     robot = CutRobot("direct", PlanarArm.example(), PAPER, COVARIANCE, None, None)
     return cut_outcome(robot, rectangle(), assumed_elasticity(robot, "soft"), samples=20)
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at
 
 
 def words(at: AppTest) -> str:

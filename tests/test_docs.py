@@ -14,13 +14,21 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
+LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
+"""Pages whose analyses take more than a second."""
 
 
 def name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=name(page), marks=pytest.mark.long if name(page) in LONG else ())
+        for page in WITH_CODE
+    ],
+)
 def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In order, in one namespace, in a folder that holds nothing but the samples."""
     (tmp_path / "sample_data").symlink_to(ROOT / "sample_data")

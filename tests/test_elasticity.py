@@ -259,13 +259,13 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("n", "count", "freedom", "unlike"),
     [
-        (1, 1, None, 1.0),
-        (3, 3, None, 4.0),
         (2, 2, 7, 1.0),
         (1, 2, 7, 4.0),
         *(
             pytest.param(*case, marks=pytest.mark.long)
             for case in (
+                (1, 1, None, 1.0),
+                (3, 3, None, 4.0),
                 (1, 1, None, 4.0),
                 (3, 3, None, 1.0),
                 (2, 2, 15, 1.0),
@@ -351,43 +351,41 @@ def test_maximum_likelihood_finds_the_truth_without_noise(n: int) -> None:
     assert np.allclose(answer(fit), truth(n), rtol=1e-8)
 
 
-def test_correlations_are_as_stated() -> None:
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, list[ElasticityFit]]:
+    """Fits of 300 realisations of the noise by each method."""
     base = example()
     noise = mild_noise(base)
-    fits = [
-        identify_elasticity(noisy(base, noise, e), SERIAL, method="weighted")
-        for e in circular(np.random.default_rng(7), noise, 600)
-    ]
+    found: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
+    for error in circular(np.random.default_rng(8), noise, 300):
+        data = noisy(base, noise, error)
+        for method, of_method in found.items():
+            of_method.append(identify_elasticity(data, SERIAL, method=method))
+    return found
+
+
+def test_correlations_are_as_stated(drawn: dict[str, list[ElasticityFit]]) -> None:
+    fits = drawn["weighted"]
     seen = np.corrcoef(np.array([answer(fit) for fit in fits]).T)
     assert np.allclose(seen, np.mean([fit.correlation for fit in fits], axis=0), atol=0.15)
     assert np.allclose(np.diag(fits[0].correlation), 1)
 
 
-@pytest.mark.usefixtures("shared_equations")
-def test_weighted_is_the_most_accurate_of_the_linear_ones() -> None:
-    base = example()
-    noise = mild_noise(base)
-    found: dict[str, list[np.ndarray]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(8), noise, 300):
-        data = noisy(base, noise, error)
-        for method, answers in found.items():
-            answers.append(answer(identify_elasticity(data, SERIAL, method=method)))
-    spread = {method: np.std(answers, axis=0) for method, answers in found.items()}
+def test_weighted_is_the_most_accurate_of_the_linear_ones(drawn: dict[str, list[ElasticityFit]]) -> None:
+    spread = {m: np.std([answer(fit) for fit in fits], axis=0) for m, fits in drawn.items()}
     assert np.all(spread["weighted"] < 1.03 * spread["least-squares"])
     assert np.all(spread["weighted"] < 1.03 * spread["explicit"])
     assert np.any(spread["weighted"] < 0.7 * spread["least-squares"])
 
 
 @pytest.mark.parametrize("method", LINEAR)
-def test_residual_is_as_large_as_its_noise_says(method: str) -> None:
+def test_residual_is_as_large_as_its_noise_says(
+    method: str, drawn: dict[str, list[ElasticityFit]]
+) -> None:
     """Four of 28 real degrees of freedom per joint pair go into the fit."""
-    base = example()
-    noise = mild_noise(base)
-    ratio = []
-    for e in circular(np.random.default_rng(9), noise, 200):
-        fit = identify_elasticity(noisy(base, noise, e), SERIAL, method=method)
-        ratio.append(np.mean(np.abs(fit.residual) ** 2 / fit.residual_noise**2))
-    assert fit.residual.shape == fit.residual_noise.shape == base.q.shape
+    ratio = [np.mean(np.abs(fit.residual) ** 2 / fit.residual_noise**2) for fit in drawn[method]]
+    fit = drawn[method][0]
+    assert fit.residual.shape == fit.residual_noise.shape == example().q.shape
     assert 0.85 < np.mean(ratio) < 1.2
 
 

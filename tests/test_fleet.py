@@ -356,7 +356,7 @@ def test_every_row_is_exact_and_a_second_run_analyses_only_what_changed(
 ) -> None:
     out = tmp_path / "r.parquet"
     seen: list[int] = []
-    summary = analyse_fleet(paths, out, workers=2, progress=lambda p: seen.append(p.done))
+    summary = analyse_fleet(paths, out, workers=1, progress=lambda p: seen.append(p.done))
     require_exact(read_fleet(out), truth)
     assert (summary.studies, summary.good, summary.skipped, summary.kept) == (COUNT, COUNT, 0, 0)
     assert seen == list(range(COUNT + 1))
@@ -458,7 +458,13 @@ def env(tmp_path: Path) -> Iterator[dict[str, str]]:
 
 
 @posix
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param(signal.SIGKILL, id="kill -9", marks=pytest.mark.long),
+        pytest.param(signal.SIGINT, id="Ctrl-C"),
+    ],
+)
 def test_what_is_interrupted_goes_on_where_it_stopped(
     paths: list[Path],
     truth: dict[str, Row],

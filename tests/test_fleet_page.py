@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import opened_app, shown
 from fleet_studies import small_study
 from streamlit.testing.v1 import AppTest
 
@@ -21,9 +22,7 @@ from jointid.fleet.row import Row, failed_row
 from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.fleet import files as fleet_files
-from jointid.ui.shared import workspace
 
-APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/10_Fleet.py"
 YEAR_S = 365.25 * 86400
 
@@ -186,17 +185,11 @@ def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> N
 
 
 @pytest.fixture
-def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+def app(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     """The page; it reads tables in this process, which takes less time to begin than another."""
     monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    return AppTest.from_file(str(APP), default_timeout=60)
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at
+    return app
 
 
 def drop(at: AppTest, **files: bytes) -> AppTest:
@@ -277,7 +270,7 @@ def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> No
     at = shown(at.button(key="fleet_open_study").click().run())
     assert at.title[0].value == study.name
     # What is kept at the address is there in the next session.
-    again = AppTest.from_file(str(APP), default_timeout=60)
+    again = opened_app()
     value = at.query_params["w"]
     again.query_params["w"] = value if isinstance(value, str) else value[0]
     again = shown(shown(again.run()).switch_page(PAGE).run())

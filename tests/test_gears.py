@@ -216,7 +216,7 @@ def test_a_servo_that_knows_the_curve_cuts_better() -> None:
     assert known.max_contour_error_m < 0.1 * linear.max_contour_error_m
 
 
-@pytest.mark.parametrize("seed", [2, 5])
+@pytest.mark.parametrize("seed", [2, pytest.param(5, marks=pytest.mark.long)])
 def test_play_is_not_taken_for_slopes(seed: int) -> None:
     """Three slopes imitate a play of 3 % of the deflection, with a first slope that is no stiffness."""
     inertia = Inertia([0.0028, 0.0012], [[0.0050, 0.0011], [0.0011, 0.0023]])

@@ -23,18 +23,16 @@ from jointid import Study
 from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
 from jointid.ui.fleet import files as fleet_files
-from jointid.ui.shared import workspace
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["app.py", *sorted(f"pages/{file.name}" for file in (ROOT / "pages").glob("*.py"))]
 
 
 @pytest.fixture
-def app(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
+def app(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    return AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    return app
 
 
 def elements(block: object) -> Iterator[object]:

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import shown
 from hypothesis import given
 from hypothesis import strategies as some
 from streamlit.testing.v1 import AppTest
-from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
+from test_import_page import PAGE, drop, long_log, send, widget
 
 from jointid import Inertia, JointIdError, PlanarArm, Study
 from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
-from jointid.ui.shared import workspace
 from jointid.ui.shared.entries import deviation_in, deviation_text
 
 TOML = """
@@ -109,10 +109,8 @@ def test_ratios_that_do_not_fit_are_refused(ratio: list[float]) -> None:
 
 
 @pytest.fixture
-def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+def page(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    app = AppTest.from_file(str(APP), default_timeout=60)
     return shown(app.switch_page(PAGE).run())
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from app_pages import opened_app, shown
 from streamlit.testing.v1 import AppTest
 from typer.testing import CliRunner
 
-from jointid import Study, load_study
+from jointid import JointIdError, Study, load_study
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping
@@ -227,14 +228,13 @@ def test_the_page_joins_them_and_can_leave_it(
     monkeypatch.setattr(workspace, "SAMPLES", here)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(here / "data"))
     made: list[Study] = []
-    keep = workspace.keep
 
     def noted(study: Study, name: str) -> None:
         made.append(study)
-        keep(study, name)
+        raise JointIdError("enough seen")
 
     monkeypatch.setattr("jointid.ui.importing.panels.keep", noted)
-    at = AppTest.from_file(str(ROOT / "app.py"), default_timeout=60)
+    at = opened_app()
     at = at.switch_page("pages/9_Import_a_log.py").run()
     files = [(f"axis{k}.csv", data, "text/csv") for k, data in enumerate(axes, start=1)]
     at.file_uploader(key="log_file").set_value(files)
@@ -261,8 +261,3 @@ def test_the_page_joins_them_and_can_leave_it(
 
 def joints(at: AppTest) -> int:
     return int(next(w for w in at.number_input if w.label == "Joints").value or 0)
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at

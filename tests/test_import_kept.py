@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
+from app_pages import opened_app, shown
 from streamlit.testing.v1 import AppTest
-from test_import_page import APP, PAGE, drop, long_log, send, shown, widget
+from test_import_page import PAGE, drop, long_log, send, widget
 
 from jointid.files import store as store_module
 from jointid.files.store import Store, new_workspace, part_of
@@ -24,7 +25,7 @@ def kept(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 
 def begun(place: str | None = None) -> AppTest:
     """A session that begins on the import page, at a workspace's address."""
-    at = AppTest.from_file(str(APP), default_timeout=60)
+    at = opened_app()
     if place:
         at.query_params["w"] = place
     return shown(at.switch_page(PAGE).run())

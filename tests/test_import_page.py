@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+from app_pages import shown
 from log_makers import cell_log, comma_log, mat_scope
 from streamlit.testing.v1 import AppTest
 
@@ -23,11 +24,9 @@ from jointid.importing import (
     read_log,
 )
 from jointid.ui.importing.segments import Row, apply_edits, chosen_segments
-from jointid.ui.shared import workspace
 from jointid.ui.shared.method_steps import ACTIONS
 from jointid.verdict.evidence import Action
 
-APP = Path(__file__).parents[1] / "app.py"
 PAGE = "pages/9_Import_a_log.py"
 FREQUENCIES_HZ = (4.0, 6.5, 11.0)
 
@@ -53,16 +52,9 @@ def long_log(ratio: float = 1.0) -> bytes:
 
 
 @pytest.fixture
-def page(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+def page(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
-    app = AppTest.from_file(str(APP), default_timeout=60)
     return shown(app.switch_page(PAGE).run())
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at
 
 
 def drop(at: AppTest, *files: tuple[str, bytes]) -> AppTest:

@@ -311,6 +311,7 @@ def test_content_decides_not_the_name() -> None:
         assert read_log(content, "log.csv")[0].rows == ROWS
 
 
+@pytest.mark.own_reader
 def test_many_files_a_bad_one_among_them(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     path.write_bytes(mat_scope())

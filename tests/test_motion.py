@@ -146,7 +146,8 @@ def test_the_noise_of_the_sensors_is_found() -> None:
     angle, torque = np.split(sensor_variances(parts, 40.0, CELL.M)[0], 2)
     assert np.sqrt(12 * angle) * 4096 / (2 * np.pi) == pytest.approx(1.0, rel=0.1)
     del torque  # hidden by that of the angle, beyond the band
-    found = np.sqrt(fitted(motion).equations.noise.covariance[0, 0, 2, 2].real * 2500 / 4)
+    fit = identify_motion(records(motion), GIVEN, gear="linear")
+    found = np.sqrt(fit.equations.noise.covariance[0, 0, 2, 2].real * 2500 / 4)
     assert found == pytest.approx(0.02, rel=0.15)
 
 

@@ -7,20 +7,17 @@ from functools import cache
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, steady_records
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, rubbing, steady_records
 
 from jointid import (
     ElasticityFit,
     Inertia,
     JointIdError,
-    MotorFriction,
     Phasors,
     extract_phasors,
     identify_elasticity,
-    simulate_records,
 )
 from jointid.figures.plan import worst_error
-from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.plan import (
     PlannedRecords,
     planned_records,
@@ -52,17 +49,8 @@ def base(n: int = 2) -> tuple[Phasors, ElasticityFit]:
 
 
 @cache
-def rubbing() -> tuple[Phasors, ElasticityFit]:
-    records = simulate_records(
-        PARALLELOGRAM,
-        PAPER,
-        BAND_HZ,
-        friction=MotorFriction(coulomb=[0.1, 0.02]),
-        controller=Controller(sample_rate_hz=2000),
-        excitation=Excitation(duration_s=2.0),
-        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-    )
-    phasors = extract_phasors(records)
+def under_friction() -> tuple[Phasors, ElasticityFit]:
+    phasors = extract_phasors(rubbing())
     return phasors, identify_elasticity(
         phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True
     )
@@ -187,7 +175,7 @@ def test_another_pose_has_inertias_of_its_own() -> None:
 
 
 def test_friction_is_part_of_the_prediction() -> None:
-    phasors, fit = rubbing()
+    phasors, fit = under_friction()
     plan = planned_records(
         PARALLELOGRAM,
         fit.elasticity,
@@ -321,7 +309,7 @@ def test_suggestion_stays_within_the_limits(torque: float, velocity: float) -> N
 
 
 def test_suggestion_leaves_torque_for_friction() -> None:
-    phasors, fit = rubbing()
+    phasors, fit = under_friction()
     assert fit.friction is not None
     suggestion = suggest_records(phasors, PARALLELOGRAM, fit, torque_limit_Nm=[1.0, 0.5])
     left = np.array([1.0, 0.5]) - 4 / np.pi * fit.friction.coulomb

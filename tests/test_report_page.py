@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 from streamlit.testing.v1 import AppTest
@@ -11,18 +10,10 @@ from streamlit.testing.v1 import AppTest
 from jointid import Study, analyse
 from jointid.exporting import from_json, from_toml, identification, to_json
 from jointid.files.digest import study_digest
-from jointid.ui.shared import workspace
 from jointid.ui.shared.results import result_cache
 from jointid.ui.study import downloads, report_panel
 
-APP = Path(__file__).parents[1] / "app.py"
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
-
-
-@pytest.fixture
-def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    return AppTest.from_file(str(APP), default_timeout=60)
 
 
 def opened(app: AppTest, joints: int) -> AppTest:

@@ -19,6 +19,7 @@ from jointid.errors import JointIdError
 from jointid.joints import Elasticity
 
 DRIVES = ("parallelogram", "serial")
+ONE_DRIVE = [DRIVES[0], *(pytest.param(drive, marks=pytest.mark.long) for drive in DRIVES[1:])]
 ZONES = (0.001, 0.005, 0.010)
 TRUE = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 CONTROLLERS = {
@@ -85,13 +86,13 @@ def test_pymunk_agrees_with_an_independent_integration(drive, zone) -> None:
     assert deviation(drive, run) < 1e-6
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ONE_DRIVE)
 def test_and_so_it_does_with_the_default_servo(drive) -> None:
     run = track(PlanarArm.example(drive), rectangle(), TRUE)
     assert deviation(drive, run) < 3e-7
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ONE_DRIVE)
 def test_the_deviation_shrinks_with_the_square_of_the_step(drive) -> None:
     servo = Servo(sample_rate_hz=250.0)
     errors = [
@@ -114,7 +115,7 @@ def test_a_run_starts_at_rest_and_keeps_its_torque_between_samples() -> None:
     np.testing.assert_allclose(path.position(run.time_s), run.wanted_m, atol=1e-15)
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ONE_DRIVE)
 @pytest.mark.parametrize("zone", ZONES)
 def test_identified_parameters_cut_within_hundredths_of_a_millimetre(drive, zone) -> None:
     arm, path = PlanarArm.example(drive), rectangle(zone_m=zone)
@@ -124,7 +125,7 @@ def test_identified_parameters_cut_within_hundredths_of_a_millimetre(drive, zone
         assert track(arm, path, TRUE, near).max_contour_error_m < 6e-5
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ONE_DRIVE)
 def test_wrong_parameters_cost_millimetres_and_the_largest_zone_is_worst(drive) -> None:
     arm = PlanarArm.example(drive)
     for name, least in (("0.4 K", 2.5e-3), ("3 K", 1.2e-3), ("rigid", 2e-3)):
@@ -135,7 +136,7 @@ def test_wrong_parameters_cost_millimetres_and_the_largest_zone_is_worst(drive) 
         assert least < worst[-1] < 6e-3
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", ONE_DRIVE)
 def test_error_scales_with_the_error_of_the_compliance(drive) -> None:
     """With both stiffnesses scaled alike, the deflection left over is |K/K̂ − 1| of the rigid one."""
     arm, path = PlanarArm.example(drive), rectangle()

@@ -6,7 +6,6 @@ import csv
 import io
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from streamlit.testing.v1 import AppTest
 from jointid import Analysis, Study, analyse
 from jointid.figures.uncertainty import confidence_outlines, harmonic_bars, normalised_residuals
 from jointid.files.study_files import pack_study
-from jointid.ui.shared import workspace
 from jointid.ui.shared.charts import csv_bytes
 from jointid.ui.study.plan_form import largest_so_far, suggested_columns
 from jointid.ui.study.uncertainty_panels import difference
@@ -23,16 +21,9 @@ from jointid.uncertainty.plan import suggest_records
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.uncertainty.validation import harmonic_content, record_residuals
 
-APP = Path(__file__).parents[1] / "app.py"
 ELASTICITY, PLAN = "pages/4_Elasticity.py", "pages/6_Plan.py"
 POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
-
-
-@pytest.fixture
-def app(sample_folder: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
-    return AppTest.from_file(str(APP), default_timeout=60)
 
 
 @pytest.fixture(scope="module")

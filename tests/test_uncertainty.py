@@ -17,6 +17,7 @@ from plants import (
     noisy,
     plant_phasors,
     random_covariance,
+    rubbing,
     steady_records,
 )
 
@@ -24,14 +25,11 @@ from jointid import (
     ElasticityFit,
     Inertia,
     JointIdError,
-    MotorFriction,
     Phasors,
     extract_phasors,
     identify_elasticity,
-    simulate_records,
 )
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
@@ -47,22 +45,6 @@ def measured(n: int = 2, noise: float = 1.0) -> Phasors:
             periods=20.37, seed=5,
         )
     )  # fmt: skip
-
-
-@cache
-def rubbing() -> Phasors:
-    """A short campaign with Coulomb friction."""
-    return extract_phasors(
-        simulate_records(
-            PARALLELOGRAM,
-            PAPER,
-            BAND_HZ,
-            friction=MotorFriction(coulomb=[0.1, 0.02]),
-            controller=Controller(sample_rate_hz=2000),
-            excitation=Excitation(duration_s=2.0),
-            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-        )
-    )
 
 
 def fitted(phasors: Phasors, inertia: Inertia, method: str, **model: float) -> ElasticityFit:
@@ -165,8 +147,17 @@ def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
     assert result.failed == 0
 
 
-@pytest.mark.parametrize("std", [0.01, 0.3])
-@pytest.mark.parametrize("method", ["least-squares", "weighted", "maximum-likelihood"])
+@pytest.mark.parametrize(
+    ("method", "std"),
+    [
+        ("least-squares", 0.3),
+        ("weighted", 0.01),
+        ("maximum-likelihood", 0.3),
+        pytest.param("least-squares", 0.01, marks=pytest.mark.long),
+        pytest.param("weighted", 0.3, marks=pytest.mark.long),
+        pytest.param("maximum-likelihood", 0.01, marks=pytest.mark.long),
+    ],
+)
 def test_bootstrap_draws_the_given_inertias_as_well(method: str, std: float) -> None:
     """The prior makes most of the error here; the scatter of the draws is the whole one."""
     phasors = extract_phasors(
@@ -214,7 +205,7 @@ def test_bootstrap_sees_the_bias_of_least_squares() -> None:
 
 
 def test_bootstrap_with_friction() -> None:
-    phasors = rubbing()
+    phasors = extract_phasors(rubbing())
     fit = fitted(phasors, PARALLELOGRAM, "maximum-likelihood", friction=True)
     result = bootstrap(phasors, PARALLELOGRAM, fit, draws=25)
     ratio = result.standard_error / fit.noise_error

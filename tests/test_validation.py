@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from plants import (
     noisy,
     plant_phasors,
     random_covariance,
+    rubbing,
     steady_records,
 )
 
@@ -25,14 +25,11 @@ from jointid import (
     Elasticity,
     Inertia,
     JointIdError,
-    MotorFriction,
     Phasors,
     extract_phasors,
     identify_elasticity,
     motor_response,
-    simulate_records,
 )
-from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import (
     amplitude_dependence,
@@ -51,21 +48,6 @@ def drawn(n: int, seed: int, relative: float = 1e-3, elasticity: Elasticity | No
     rng = np.random.default_rng(seed)
     covariance = np.array([random_covariance(rng, relative * np.abs(z)) for z in clean.z])
     return noisy(clean, covariance, circular(rng, covariance, 1)[0])
-
-
-@cache
-def rubbing() -> Phasors:
-    return extract_phasors(
-        simulate_records(
-            PARALLELOGRAM,
-            PAPER,
-            BAND_HZ,
-            friction=MotorFriction(coulomb=[0.2, 0.04]),
-            controller=Controller(sample_rate_hz=2000),
-            excitation=Excitation(duration_s=2.0),
-            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-        )
-    )
 
 
 # ---------------------------------------------------------------------------------- left out, predicted
@@ -117,7 +99,7 @@ def test_prediction_fails_where_the_springs_change() -> None:
 
 
 def test_prediction_with_friction() -> None:
-    phasors = rubbing()
+    phasors = extract_phasors(rubbing((0.2, 0.04)))
     fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
     prediction = predict_left_out(phasors, PARALLELOGRAM, fit)
     assert np.all(prediction.relative_error < 0.01)
@@ -133,7 +115,7 @@ def test_prediction_needs_frequencies() -> None:
 
 
 def test_compensated_phasors_obey_the_springs() -> None:
-    phasors = rubbing()
+    phasors = extract_phasors(rubbing((0.2, 0.04)))
     fit = identify_elasticity(phasors, PARALLELOGRAM, method="maximum-likelihood", friction=True)
     free = compensated_phasors(phasors, fit)
     H = motor_response(free.omega, PARALLELOGRAM, PAPER)
@@ -173,7 +155,7 @@ def test_residuals_name_the_bad_record() -> None:
 
 
 def test_harmonics_are_those_of_friction() -> None:
-    content = harmonic_content(rubbing())
+    content = harmonic_content(extract_phasors(rubbing((0.2, 0.04))))
     assert content.odd.shape == content.even.shape == content.significance.shape == (14, 4)
     assert content.odd[:, 2:].max() > 0.02
     assert content.even[:, 2:].max() < 0.2 * content.odd[:, 2:].max()

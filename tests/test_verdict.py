@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, steady_records
+from plants import BAND_HZ, PAPER, PARALLELOGRAM, ROBOTS, SERIAL, campaign, rubbing, steady_records
 
 from jointid import (
     Analysis,
@@ -29,7 +29,8 @@ from jointid import (
 )
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
-from jointid.verdict.findings import Evidence, findings
+from jointid.verdict.findings import Evidence
+from jointid.verdict.findings import findings as all_findings
 from jointid.verdict.rules_causes import against_the_paper, torque_lags
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
@@ -44,7 +45,21 @@ def long(*values: Any) -> Any:
 
 
 def analysed(records: list[SineRecord], inertia: Inertia = SERIAL, **settings: Any) -> Analysis:
-    return analyse(Study(records, inertia), **settings)
+    analysis = analyse(Study(records, inertia), **settings)
+    assert written_for_people(analysis.findings)
+    return analysis
+
+
+def findings(case: Evidence) -> tuple[Finding, ...]:
+    found = all_findings(case)
+    assert written_for_people(found)
+    return found
+
+
+def written_for_people(found: Sequence[Finding]) -> bool:
+    """No computer's exponent in the texts, no plural in brackets."""
+    texts = [f"{finding.title} {finding.detail} {finding.remedy}" for finding in found]
+    return not any(re.search(r"\de[+-]\d|\(s\)", text) for text in texts)
 
 
 def sound(**changes: Any) -> list[SineRecord]:
@@ -61,12 +76,22 @@ def titles(analysis: Analysis) -> str:
     return " | ".join(finding.title for finding in analysis.findings)
 
 
+@cache
+def of_sound_data() -> Sequence[Finding]:
+    """Findings about data that are right, with which those of wrong data are compared."""
+    return analysed(sound(), method="weighted").findings
+
+
 def unsound(analysis: Analysis) -> list[Finding]:
     return [finding for finding in analysis.findings if finding.level in ("problem", "warning")]
 
 
-@pytest.mark.parametrize("periods", [3.3, 8.6, 20.37])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("periods", "seed"),
+    [(3.3, 0), (3.3, 1), (8.6, 2), (20.37, 3)]
+    + [long(3.3, 2), long(3.3, 3), long(8.6, 0), long(8.6, 1), long(8.6, 3)]
+    + [long(20.37, seed) for seed in range(3)],
+)
 def test_sound_data_raise_no_alarm(periods: float, seed: int) -> None:
     """Short records measure their own frequency badly; that is no contradiction."""
     analysis = analysed(sound(periods=periods, seed=seed, noise=(1e-4, 1e-2)), method="weighted")
@@ -179,16 +204,10 @@ def test_wrong_inertia_is_found() -> None:
 
 
 def test_untold_delay_is_found() -> None:
-    records = sound(delay_s=0.004, told=False)
-    analysis = analysed(records, method="weighted")
-    assert any("delay" in (f.remedy + f.title + f.detail).lower() for f in unsound(analysis))
-
-
-def test_reversed_torque_is_a_problem() -> None:
-    records = [remade(record, tau_Nm=-record.tau_Nm) for record in sound()]
-    analysis = analysed(records, method="least-squares")
-    assert unsound(analysis)
-    assert analysis.findings[0].level in ("problem", "warning")
+    for records in (sound(delay_s=0.004, told=False), six(delay_s=0.004, told=False)):
+        analysis = analysed(records, method="weighted")
+        assert any("delay" in (f.remedy + f.title + f.detail).lower() for f in unsound(analysis))
+        assert not said(analysis.findings, "record")  # accuses none
 
 
 def test_frequency_without_transfer_matrix_is_mentioned() -> None:
@@ -300,26 +319,26 @@ def test_scales_of_wrong_inertia_or_friction_are_left_alone() -> None:
     assert scales(list(rubbing()), PARALLELOGRAM) is None
 
 
-def test_wrong_scale_comes_first_and_hides_what_follows_from_it() -> None:
-    analysis = analysed(scaled(torque=-1.0))
-    assert "sign of the torque" in analysis.findings[0].title
+@pytest.mark.parametrize(
+    ("angle", "torque", "title", "method"),
+    [
+        (1.0, -1.0, "sign of the torque", "auto"),
+        (180 / np.pi, 1.0, "given in degrees", "weighted"),
+        long(1.0, -1.0, "sign of the torque", "weighted"),
+        long(1.0, -1.0, "sign of the torque", "least-squares"),
+    ],
+)
+def test_wrong_scale_comes_first_and_hides_what_follows_from_it(
+    angle: float, torque: float, title: str, method: str
+) -> None:
+    analysis = analysed(scaled(angle, torque), method=method)
+    assert title in analysis.findings[0].title
+    assert analysis.findings[0].level == "problem"
     assert len(unsound(analysis)) == 1
+    assert not said(analysis.findings, "record")  # accuses none
 
 
 # --------------------------------------------------------------------------- friction, delay, estimator
-
-
-@cache
-def rubbing(coulomb: tuple[float, float] = (0.1, 0.02), pattern: str = "orthogonal") -> tuple[Any, ...]:
-    return simulate_records(
-        PARALLELOGRAM,
-        PAPER,
-        BAND_HZ,
-        friction=MotorFriction(coulomb=list(coulomb)),
-        controller=Controller(sample_rate_hz=2000),
-        excitation=Excitation(duration_s=2.0, pattern=pattern),
-        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=3e-3),
-    )
 
 
 def evidence(
@@ -347,12 +366,17 @@ def evidence(
     )
 
 
+@cache
+def of_rubbing(**model: Any) -> Evidence:
+    return evidence(rubbing(), PARALLELOGRAM, **model)
+
+
 def said(found: Sequence[Finding] | Iterator[Finding], words: str) -> list[Finding]:
     return [finding for finding in found if words in finding.title]
 
 
 def test_friction_is_weighed_against_the_paper() -> None:
-    case = evidence(rubbing(), PARALLELOGRAM, friction=True)
+    case = of_rubbing(friction=True)
     found = findings(case)
     (friction,) = said(found, "Friction matters")
     assert friction.level == "note"
@@ -364,10 +388,12 @@ def test_friction_is_weighed_against_the_paper() -> None:
 
 
 def test_friction_that_is_ignored_is_a_warning() -> None:
-    case = evidence(rubbing(), PARALLELOGRAM, method="weighted")
-    (limits,) = said(findings(case), "model, not the noise")
+    found = findings(of_rubbing(method="weighted"))
+    (limits,) = said(found, "model, not the noise")
     assert "odd harmonics" in limits.remedy
     assert "automatic" in limits.remedy
+    assert not said(found, "record")
+    assert not said(found, "inertias")
 
 
 def test_without_friction_nothing_is_said_of_it() -> None:
@@ -385,7 +411,10 @@ def test_noise_that_biases_least_squares_is_told() -> None:
     assert not list(against_the_paper(evidence(sound(), SERIAL, method="least-squares")))
 
 
-@pytest.mark.parametrize(("delay_s", "verb"), [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 0.4 ms")])
+@pytest.mark.parametrize(
+    ("delay_s", "verb"),
+    [(0.0015, "lags by 1.5 ms"), (-0.0004, "leads by 0.4 ms"), (5.4e-5, "lags by 0.05")],
+)
 def test_lag_of_the_torque_is_told(delay_s: float, verb: str) -> None:
     case = evidence(sound(delay_s=delay_s, told=False), SERIAL, delay=True)
     (lag,) = said(findings(case), verb)
@@ -405,13 +434,13 @@ def test_joint_that_stands_is_named() -> None:
     case = evidence(rubbing((0.4, 0.08), "one-at-a-time"), PARALLELOGRAM, friction=True)
     (standing,) = said(findings(case), "Joint 1 stands still")
     assert "7 of 14 records" in standing.detail
-    assert not said(findings(evidence(rubbing(), PARALLELOGRAM, friction=True)), "stands")
+    assert not said(findings(of_rubbing(friction=True)), "stands")
 
 
 # --------------------------------------------------------------------------------- inertias, poses, gear
 
 
-@pytest.mark.parametrize("factor", [0.97, 1.03])
+@pytest.mark.parametrize("factor", [0.97, long(1.03)])
 def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
     found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor)))
     (wrong,) = said(found, "inertias look wrong")
@@ -429,17 +458,16 @@ def test_wrong_inertias_do_not_hide_behind_friction() -> None:
     assert len(said(found, "inertias look wrong")) == 1
 
 
-def test_inertias_of_another_drive_are_a_finding() -> None:
-    for truth, given in ((SERIAL, PARALLELOGRAM), (PARALLELOGRAM, SERIAL)):
-        records = steady_records(truth, PAPER, FREQUENCIES, TORQUES, noise=(1e-5, 3e-3))
-        assert said(findings(evidence(records, given, method="weighted")), "inertias look wrong")
+@pytest.mark.parametrize(("truth", "given"), [(SERIAL, PARALLELOGRAM), long(PARALLELOGRAM, SERIAL)])
+def test_inertias_of_another_drive_are_a_finding(truth: Inertia, given: Inertia) -> None:
+    records = steady_records(truth, PAPER, FREQUENCIES, TORQUES, noise=(1e-5, 3e-3))
+    assert said(findings(evidence(records, given, method="weighted")), "inertias look wrong")
 
 
 def test_right_inertias_are_not_blamed() -> None:
     for case in (
         evidence(sound(), SERIAL),
-        evidence(rubbing(), PARALLELOGRAM, friction=True),
-        evidence(rubbing(), PARALLELOGRAM, method="weighted"),
+        of_rubbing(friction=True),
         evidence(sound(delay_s=0.0015, told=False), SERIAL, method="weighted"),
     ):
         assert not said(findings(case), "inertias")
@@ -455,7 +483,9 @@ def in_two_poses(second: Elasticity) -> list[SineRecord]:
 def test_poses_that_disagree_are_a_finding() -> None:
     stiffer = Elasticity(K=[43.0, 7.8], D=PAPER.D)
     case = evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
-    (apart,) = said(findings(case), "poses disagree on K2")
+    found = findings(case)
+    assert not said(found, "record")
+    (apart,) = said(found, "poses disagree on K2")
     assert "there" in apart.detail
     assert apart.weight == pytest.approx(10 + 0.3 / 7.65, abs=0.005)
     case = evidence(in_two_poses(PAPER), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted")
@@ -472,7 +502,9 @@ def test_gear_that_hardens_is_a_finding(harder: float) -> None:
     assert len(found) == (harder > 0)
 
 
-@pytest.mark.parametrize(("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), (BAND_HZ[4:], [0.03, 0.006])])
+@pytest.mark.parametrize(
+    ("band", "coulomb"), [(BAND_HZ[:3], [0.1, 0.02]), long(BAND_HZ[4:], [0.03, 0.006])]
+)
 def test_friction_that_is_ignored_does_not_pass_for_other_causes(
     band: np.ndarray, coulomb: list[float]
 ) -> None:
@@ -517,7 +549,7 @@ def test_two_records_of_one_experiment_are_named() -> None:
     (same,) = said(found, "same experiment")
     assert "28.9 Hz" in same.detail
     assert not said(found, "transfer matrix")  # once is enough
-    assert not said(analysed(sound(), method="weighted").findings, "same experiment")
+    assert not said(of_sound_data(), "same experiment")
 
 
 @pytest.mark.parametrize(("periods", "told"), [(2.2, True), (5.0, False)])
@@ -533,7 +565,7 @@ def test_frequencies_that_miss_the_resonances() -> None:
     (missed,) = said(analysed(low, method="weighted").findings, "miss a resonance")
     assert "1 to 3.5 Hz" in missed.detail
     assert "8.8" in missed.remedy
-    assert not said(analysed(sound(), method="weighted").findings, "resonance")
+    assert not said(of_sound_data(), "resonance")
 
 
 @pytest.mark.parametrize(("count", "level"), [(1, "problem"), (2, "warning")])
@@ -552,7 +584,7 @@ def test_value_that_is_hardly_known_is_a_warning() -> None:
     wild = steady_records(SERIAL, PAPER, FREQUENCIES, torques, noise=(0.02, 0.4), periods=9.3)
     (vague,) = said(analysed(wild, method="weighted").findings, "hardly known")
     assert vague.level == "warning"
-    assert not said(analysed(sound(), method="weighted").findings, "hardly known")
+    assert not said(of_sound_data(), "hardly known")
 
 
 def test_noise_is_no_contradiction_to_the_frequency() -> None:
@@ -621,36 +653,41 @@ def one_scaled(
     return changed
 
 
-@pytest.mark.parametrize("k", [0, *map(long, (1, 2, 3, 4)), 5])
-def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int) -> None:
-    for method in ("auto", "weighted", "least-squares"):
-        analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
-        first = analysis.findings[0]
-        assert first.level == "problem"
-        assert "odd.csv looks logged in degrees" in first.title, titles(analysis)
-        assert "57.3" in first.detail
-        assert "π/180" in first.remedy
-        assert "nertia" not in titles(analysis)
-        assert len(unsound(analysis)) == 1, titles(analysis)
+@pytest.mark.parametrize(
+    ("k", "method"),
+    [(0, "auto"), (5, "weighted"), (3, "least-squares")]
+    + [long(k, "auto") for k in range(1, 6)]
+    + [long(k, "weighted") for k in range(5)]
+    + [long(k, "least-squares") for k in (0, 1, 2, 4, 5)],
+)
+def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int, method: str) -> None:
+    analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
+    first = analysis.findings[0]
+    assert first.level == "problem"
+    assert "odd.csv looks logged in degrees" in first.title, titles(analysis)
+    assert "57.3" in first.detail
+    assert "π/180" in first.remedy
+    assert "nertia" not in titles(analysis)
+    assert len(unsound(analysis)) == 1, titles(analysis)
 
 
+@pytest.mark.parametrize("records", ["six", long("sound")])
 @pytest.mark.parametrize(
     ("angle", "torque", "title"),
     [
         (-1, 1, "torque in odd.csv looks reversed"),
         ([1, -1], 1, "angle of joint 2 in odd.csv looks reversed"),
-        (1, [1, -1], "torque of joint 2 in odd.csv looks reversed"),
+        long(1, [1, -1], "torque of joint 2 in odd.csv looks reversed"),
         (1, 1e3, "torque in odd.csv looks logged in mN·m"),
-        (1e3, 1, "angle in odd.csv looks logged in mrad"),
-        ([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv looks logged in degrees"),
+        long(1e3, 1, "angle in odd.csv looks logged in mrad"),
+        long([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv looks logged in degrees"),
         (1, 87.0, "in odd.csv has another scale"),
     ],
 )
-def test_factor_of_one_record_is_named(angle: Any, torque: Any, title: str) -> None:
-    for records in (six(), sound()):
-        analysis = analysed(one_scaled(records, 2, angle, torque))
-        assert title in analysis.findings[0].title, titles(analysis)
-        assert analysis.findings[0].level == "problem"
+def test_factor_of_one_record_is_named(angle: Any, torque: Any, title: str, records: str) -> None:
+    analysis = analysed(one_scaled(six() if records == "six" else sound(), 2, angle, torque))
+    assert title in analysis.findings[0].title, titles(analysis)
+    assert analysis.findings[0].level == "problem"
 
 
 def test_record_of_another_robot_is_named_without_a_factor() -> None:
@@ -666,8 +703,8 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
 
 @pytest.mark.parametrize(
     ("records", "factor"),
-    [(sound, factor) for factor in (0.5, 0.8, 0.97, 1.1, 1.5)]
-    + [(six, 0.8)]
+    [(sound, 0.97), (six, 0.8)]
+    + [long(sound, factor) for factor in (0.5, 0.8, 1.1, 1.5)]
     + [long(six, factor) for factor in (0.5, 0.97, 1.1, 1.5)],
 )
 def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float) -> None:
@@ -678,18 +715,6 @@ def test_what_is_wrong_in_every_record_accuses_none(records: Any, factor: float)
     ):
         found = findings(case)
         assert not said(found, "record"), [f.title for f in found]
-
-
-def test_friction_lag_and_poses_accuse_no_record() -> None:
-    stiffer = Elasticity(K=[43.0, 7.8], D=PAPER.D)
-    for case in (
-        evidence(rubbing(), PARALLELOGRAM, method="weighted"),
-        evidence(six(delay_s=0.004, told=False), SERIAL, method="weighted"),
-        evidence(scaled(torque=-1.0), SERIAL, method="weighted"),
-        evidence(scaled(angle=180 / np.pi), SERIAL, method="weighted"),
-        evidence(in_two_poses(stiffer), SERIAL, poses={"there": PARALLELOGRAM}, method="weighted"),
-    ):
-        assert not said(findings(case), "record")  # nor " in record"
 
 
 def test_wrong_frequency_is_told_alone() -> None:
@@ -708,7 +733,7 @@ def test_numbers_agree_with_their_nouns() -> None:
 
 
 def test_friction_and_lag_together_are_both_named() -> None:
-    case = evidence(rubbing(), PARALLELOGRAM, friction=True)
+    case = of_rubbing(friction=True)
     late = replace(case, fit=replace(case.fit, delay=4e-4, delay_error=2e-6))
     (both,) = said(against_the_paper(late), "Friction and torque lag matter")
     assert "lags by 0.4 ms" in both.detail
@@ -731,20 +756,6 @@ def test_friction_and_lag_together_are_both_named() -> None:
 )
 def test_numbers_in_findings_are_for_people(value: float, digits: int, text: str) -> None:
     assert number(value, digits) == text
-
-
-def test_no_finding_shows_a_computers_exponent() -> None:
-    cases = [
-        evidence(sound(delay_s=5.4e-5, told=False), SERIAL, delay=True),
-        evidence(one_scaled(sound(), 2, 180 / np.pi), SERIAL, method="weighted"),
-        evidence(scaled(torque=-1.0), SERIAL, method="weighted"),
-        evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * 1.5), method="weighted"),
-    ]
-    for case in cases:
-        for finding in findings(case):
-            text = f"{finding.title} {finding.detail} {finding.remedy}"
-            assert not re.search(r"\de[+-]\d", text), text
-            assert "(s)" not in text
 
 
 # --- which side of the gear
@@ -817,7 +828,7 @@ def of_arm(found: Sequence[Finding]) -> list[Finding]:
     return said(found, "positions look like the arm's") + said(found, "measured behind the gears")
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [long(1), 2, long(3)])
 def test_angles_of_the_motors_are_not_called_the_arms(n: int) -> None:
     """Nor with inertias that are wrong, friction, or another scale."""
     inertia, elasticity = ROBOTS[n]
@@ -849,7 +860,7 @@ def exchanged(*order: int) -> list[SineRecord]:
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
         (lambda: scaled(torque=0.5**0.5), SERIAL, "looks like an rms value where the peak is meant"),
         (lambda: scaled(angle=1e6), SERIAL, "looks given in µrad, or time is probably in seconds"),
-        (
+        long(
             lambda: scaled(torque=2.0),
             SERIAL,
             "gear ratio, or the unit of the torque, looks wrong in all",

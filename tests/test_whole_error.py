@@ -5,18 +5,14 @@ The benchmark itself makes fifty of each.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
-from examples import share
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
-from benchmarks import random_studies
 from benchmarks.independent_robot import simulate
 from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case
 from benchmarks.whole_error import (
@@ -54,10 +50,12 @@ def shorter(case: Case) -> Case:
 
 
 @cache
-def logs(kind: str) -> dict[str, list[tuple[Campaign, list[SineRecord]]]]:
-    """Campaigns and records of all studies of a kind, which are simulated together."""
+def logs() -> dict[tuple[str, str], list[tuple[Campaign, list[SineRecord]]]]:
+    """Campaigns and records of all studies by kind and name, which are simulated together."""
     campaigns = {
-        name: [shorter(case).campaign(run) for run in range(RUNS)] for name, case in KINDS[kind].items()
+        (kind, name): [shorter(case).campaign(run) for run in range(RUNS)]
+        for kind, cases in KINDS.items()
+        for name, case in cases.items()
     }
     records = iter(simulate([(c.robot, c.experiment) for some in campaigns.values() for c in some]))
     return {name: [(c, next(records)) for c in some] for name, some in campaigns.items()}
@@ -65,7 +63,7 @@ def logs(kind: str) -> dict[str, list[tuple[Campaign, list[SineRecord]]]]:
 
 @cache
 def analysed(kind: str, name: str) -> list[Outcome]:
-    return [outcome(c.study(records), c.robot.answer) for c, records in logs(kind)[name]]
+    return [outcome(c.study(records), c.robot.answer) for c, records in logs()[kind, name]]
 
 
 def told(found: list[Outcome]) -> str:
@@ -89,7 +87,7 @@ def test_no_further_deviation_is_silently_wrong(name: str) -> None:
 @pytest.mark.parametrize("name", PERFECT)
 def test_studies_that_fit_the_model_raise_no_alarm(name: str) -> None:
     found = analysed("perfect", name)
-    bounds = [least(campaign) for campaign, _ in logs("perfect")[name]]
+    bounds = [least(campaign) for campaign, _ in logs()["perfect", name]]
     assert not any(e.false_alarm(b) for e, b in zip(found, bounds, strict=True)), told(found)
     assert all(np.all(e.standard_error < 3 * b) for e, b in zip(found, bounds, strict=True)), told(found)
     assert max(np.abs(each.z).max() for each in found) < 5, told(found)
@@ -107,8 +105,19 @@ def test_intervals_hold_under_sticking_friction() -> None:
     assert held(every).mean() >= 0.88, [f"{name}: {told(some)}" for name, some in found.items()]
 
 
-@pytest.mark.parametrize("inertias", ["up to 5 %", "up to 30 %", "up to 50 %, unknown"])
-@pytest.mark.parametrize("robot", ["paper", "Manutec", "random"])
+def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
+    """Every robot and every kind of inertias once in a normal run, all combinations in a long one."""
+    quick = set(zip(robots, inertias, strict=True))
+    return [
+        pytest.param(*pair, marks=[] if pair in quick else pytest.mark.long)
+        for pair in product(robots, inertias)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("robot", "inertias"),
+    combined(("paper", "Manutec", "random"), ("up to 5 %", "up to 50 %, unknown", "up to 30 %")),
+)
 def test_wrong_inertias_cost_little(robot: str, inertias: str) -> None:
     """K and D as exact as the noise allows, and a stated error that is no wider than it must be."""
     campaigns, bounds = inertia_campaigns(robot, inertias, 4 * RUNS)
@@ -131,11 +140,3 @@ def test_tables_have_their_columns() -> None:
     row, holds = inertia_row("paper", "up to 5 %", 2)
     assert set(row) == set(INERTIA_COLUMNS)
     assert holds.shape == (2, 4)
-    for table in random_studies.tables([random_studies.trial(seed) for seed in (1, 2, 3)]):
-        assert table.markdown()
-
-
-def test_random_studies_are_answered_alike_twice_or_refused() -> None:
-    """With inertias known to any degree; the benchmark tries 10,000."""
-    seeds = [seed for seed in range(100, 100 + share(20) // 2) if seed % random_studies.LARGE != 0]
-    assert {seed: found.fault for seed in seeds if (found := random_studies.trial(seed)).fault} == {}

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from app_pages import APP, opened_app, shown
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study
 from jointid.files.store import Store
 from jointid.files.study_files import pack_study
 from jointid.ui.shared import workspace
-
-APP = Path(__file__).parents[1] / "app.py"
 
 
 @pytest.fixture(autouse=True)
@@ -24,15 +23,10 @@ def folder(sample_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 def begun(**address: str) -> AppTest:
     """A session that begins at an address."""
-    at = AppTest.from_file(str(APP), default_timeout=60)
+    at = opened_app()
     for name, value in address.items():
         at.query_params[name] = value
     return shown(at.run())
-
-
-def shown(at: AppTest) -> AppTest:
-    assert not at.exception, at.exception[0].stack_trace
-    return at
 
 
 def upload(at: AppTest, study: Study, name: str = "mine.zip") -> AppTest:

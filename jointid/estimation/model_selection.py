@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -372,7 +372,7 @@ class _Search:
         clear = [
             part
             for part in order
-            if 2 * scored[part].gain / max(1.0, found.misfit) > chi2.isf(chance, scored[part].count)
+            if 2 * scored[part].gain / max(1.0, found.misfit) > chdtri(scored[part].count, chance)
             and scored[part].gain > _SIMILAR * scored[order[0]].gain
         ]
         tried_laws = 1 if self._is_explained(model) else _TRIED_LAWS
@@ -418,7 +418,7 @@ class _Search:
         if isinstance(found, JointIdError) or found.misfit > _EXPLAINED:
             return False
         misfit, freedom = found.fundamental
-        return bool(chi2.sf(misfit * freedom, freedom) > _USUAL)
+        return bool(chdtrc(freedom, misfit * freedom) > _USUAL)
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
@@ -583,7 +583,7 @@ class _Search:
 
         def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
             doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
-            return bool(2 * gain > chi2.isf(doubt / max(len(self.optional), 1), count))
+            return bool(2 * gain > chdtri(count, doubt / max(len(self.optional), 1)))
 
         for model, estimate in self.tried.items():
             if model == best or not isinstance(estimate, LikelihoodEstimate):

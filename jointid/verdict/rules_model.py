@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from jointid.estimation.linear_fit import LINEAR
 from jointid.estimation.parameters import elasticity_labels
@@ -90,7 +90,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     misfit, freedom = fit.fundamental
     noise_freedom = 2 * float(fit.equations.noise.degrees_of_freedom.sum())
-    beyond = freedom > 0 and f_distribution.sf(misfit, freedom, noise_freedom) < _CHANCE
+    beyond = freedom > 0 and fdtrc(freedom, noise_freedom, misfit) < _CHANCE
     if fit.misfit <= _EXPLAINED and not beyond:
         return
     action: Action = ""
