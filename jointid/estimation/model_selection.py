@@ -20,11 +20,10 @@ from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
-from jointid.estimation.linear_fit import friction_start
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
 from jointid.estimation.residual import make_problem
-from jointid.estimation.start_values import at_resonances, without_inertias
+from jointid.estimation.start_values import at_resonances, friction_start, without_inertias
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.motion.end_terms import motor_motion

@@ -27,7 +27,7 @@ def study_row(
     study : str
         Its name in the table.
     method : str
-        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
+        Estimator, one of ``jointid.estimation.identify_elasticity.METHODS``.
     known : str
         Digest of the files of an existing row.
     content : str
