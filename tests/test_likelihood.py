@@ -27,7 +27,7 @@ from jointid import (
 )
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.effects import LAWS as NONLINEAR
-from jointid.estimation.friction import friction_waveforms
+from jointid.motion.friction import friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import (

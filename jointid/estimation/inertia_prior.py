@@ -9,10 +9,11 @@ from numbers import Real
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia
+from jointid.small_matrices import Numbers
 from jointid.wording import counted
 
 _LEAST_COUPLING = 0.1
@@ -179,13 +180,13 @@ class InertiaPrior:
         matrices[:, columns, rows] = lower
         return matrices
 
-    def by_elements(self, share: Complexes, vector: Complexes) -> Complexes:
+    def by_elements(self, share: Numbers, vector: Numbers) -> Numbers:
         """share · ∂M2 · vector for each distinct element, (..., n, t), of (..., n, n) and (..., n)."""
         rows, columns = self.elements
         found = share[..., rows] * vector[..., None, columns]
         coupling = rows != columns
         found[..., coupling] += share[..., columns[coupling]] * vector[..., None, rows[coupling]]
-        return np.asarray(found)
+        return found
 
     def totals(self, lower: Floats) -> Floats:
         """M2 of each pose, shape (p, n, n), of lower triangles of its uncertain part, shape (u, t)."""

@@ -157,8 +157,8 @@ def _solution(method: str, equations: SpringEquations) -> Floats:
         R = (W @ _regressors(equations)).reshape(len(a), -1, p.shape[-1])
         right = (W @ b[..., None]).reshape(len(a), -1, 1)
         adjoint = R.conj().swapaxes(1, 2)
-        p = np.linalg.solve((adjoint @ R).real, (adjoint @ right).real)[..., 0]
-    return np.asarray(p)
+        p = np.asarray(np.linalg.solve((adjoint @ R).real, (adjoint @ right).real)[..., 0], float)
+    return p
 
 
 def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:

@@ -19,7 +19,6 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.effects import ARM_EFFECTS, LAWS
-from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
@@ -28,6 +27,7 @@ from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
 from jointid.motion.free_friction import FreeFriction
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 

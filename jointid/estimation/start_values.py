@@ -14,17 +14,20 @@ import numpy as np
 from scipy.optimize import least_squares as nonlinear_least_squares
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.friction import friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import inertia_arrays
 from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
+from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
 
 _LEAST_SHARE = 1e-3
 """Least eigenvalue of M2 with unit diagonal."""
 _DAMPED = 0.05
 """D ω over K of a start."""
+_ROUGH = 0.1
+"""At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
+deflection."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -50,6 +53,29 @@ def at_resonances(phasors: Phasors, prior: InertiaPrior) -> list[Parameters]:
         K = own * omega**2
         starts.append(layout.named(layout.pack(K=K, D=_DAMPED * K / omega)))
     return starts
+
+
+def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+
+    The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    """
+    s = 1j * phasors.omega[:, None]
+    torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
+    arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
+    arm = np.where(torque == 0, 1.0, arm)
+    delta = phasors.q - arm
+    product = torque * delta.conj() / np.abs(arm) ** 2
+    K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
+    layout = ParameterLayout.of(phasors.n, effects=["hysteresis"])
+    return layout.named(
+        layout.pack(
+            K=np.abs(K),
+            D=_ROUGH * np.abs(K / phasors.omega.max()),
+            hysteresis=_ROUGH * np.abs(torque).max(axis=0),
+            presliding=_ROUGH * np.abs(delta).max(axis=0),
+        )
+    )
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

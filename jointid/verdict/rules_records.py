@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.phasors.extract import Phasors
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
@@ -25,6 +26,10 @@ from jointid.verdict.evidence import (
 from jointid.verdict.steady_state import decimals, steady_from
 from jointid.wording import counted
 
+_CHANCE = 1e-3
+"""Probability that any signal of steady records looks as if it were settling."""
+_HELD = 0.05
+"""Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _EXAMINED = 4096
@@ -65,7 +70,12 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
     phasors = evidence.phasors
     with np.errstate(invalid="ignore", divide="ignore"):
         significance = phasors.settling / phasors.settling_noise
-    moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
+    blocks = phasors.degrees_of_freedom[:, None] + 1
+    left = np.maximum(np.ceil(blocks / 2) - 1, 1)  # degrees of freedom of the second half's scatter
+    chance = (1 + significance**2 / left) ** -left * significance.size
+    clear = (significance > 5) & (chance < _CHANCE)
+    # The remnant of a joint that is held in this record, and moves in others, says nothing.
+    moving = np.nan_to_num(np.where(clear, phasors.settling * _share(phasors), 0.0)).max(axis=1)
     worst = int(np.argmax(moving))
     if moving[worst] > 0.01:
         concerned = np.argsort(-moving, kind="stable")[: int((moving > 0.01).sum())]
@@ -82,6 +92,14 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
             float(moving[worst]),
             "edit runs" if "start_s" in remedy else "",
         )
+
+
+def _share(phasors: Phasors) -> Floats:
+    """Amplitudes over the joint's largest at the same frequency, shape (r, 2n)."""
+    size, largest = np.abs(phasors.z), np.zeros(phasors.z.shape)
+    for _, group in phasors.by_frequency():
+        largest[group] = size[group].max(axis=0)
+    return np.divide(size, largest, out=np.zeros_like(size), where=largest > 0)
 
 
 def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
@@ -216,8 +234,9 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     step = np.array([_encoder_steps(record) for record in evidence.sines])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
+    moved = _share(phasors)[:, :n] > _HELD
     for j in range(n):
-        stepped = (rounding[:, j] > 0) & (variance[:, j] > 0)
+        stepped = (rounding[:, j] > 0) & (variance[:, j] > 0) & moved[:, j]
         if not stepped.any():
             continue
         counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]
