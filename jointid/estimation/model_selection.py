@@ -56,6 +56,8 @@ _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 _DECISIVE = 0.3
 """Score over the cost from which a part is fitted before richer friction."""
+_NEARLY_ALL = 0.9
+"""Score over the cost from which a part is fitted in place of a law."""
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _HOPELESS = 3e4
@@ -371,6 +373,10 @@ class _Search:
         )
         tried = _TRIED if self.fits.rows < _MANY_ROWS or found.misfit > EXPLAINED else 1
         wider = [model.with_part(part) for part in promising][:tried]
+        if model.is_slow and found.misfit >= _LOST:  # another part may explain the data without the law
+            bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
+            instead = (part for part in clear if scored[part].gain > _NEARLY_ALL * found.cost)
+            wider += [bare.with_part(part) for part in instead if part not in LAWS]
         if model.reversal is not None and found.misfit > EXPLAINED:
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
