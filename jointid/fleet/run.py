@@ -91,7 +91,7 @@ def analyse_fleet(
     out : path
         The table, in the order of the studies. Earlier rows of other studies follow.
     method : str, default "auto"
-        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
+        Estimator, one of ``jointid.estimation.identify_elasticity.METHODS``.
     workers : int, optional
         Processes on this computer; by default one per core.
     scheduler : str, optional
