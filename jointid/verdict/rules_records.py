@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.phasors.extract import Phasors
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
@@ -23,11 +22,9 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.steady_state import decimals, steady_from
+from jointid.verdict.steady_state import decimals, joint_share, steady_from, unsettled
 from jointid.wording import counted
 
-_CHANCE = 1e-3
-"""Probability that any signal of steady records looks as if it were settling."""
 _HELD = 0.05
 """Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
 _STARTS = 3
@@ -68,17 +65,10 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
     """The beginning of a record differs from its end significantly."""
     phasors = evidence.phasors
-    with np.errstate(invalid="ignore", divide="ignore"):
-        significance = phasors.settling / phasors.settling_noise
-    blocks = phasors.degrees_of_freedom[:, None] + 1
-    left = np.maximum(np.ceil(blocks / 2) - 1, 1)  # degrees of freedom of the second half's scatter
-    chance = (1 + significance**2 / left) ** -left * significance.size
-    clear = (significance > 5) & (chance < _CHANCE)
-    # The remnant of a joint that is held in this record, and moves in others, says nothing.
-    moving = np.nan_to_num(np.where(clear, phasors.settling * _share(phasors), 0.0)).max(axis=1)
+    moving = unsettled(phasors)
     worst = int(np.argmax(moving))
-    if moving[worst] > 0.01:
-        concerned = np.argsort(-moving, kind="stable")[: int((moving > 0.01).sum())]
+    if moving[worst] > 0:
+        concerned = np.argsort(-moving, kind="stable")[: np.count_nonzero(moving)]
         names = [phasors.labels[i] for i in concerned]
         which = f"In {names[0]}"
         if len(names) > 1:
@@ -92,14 +82,6 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
             float(moving[worst]),
             "edit runs" if "start_s" in remedy else "",
         )
-
-
-def _share(phasors: Phasors) -> Floats:
-    """Amplitudes over the joint's largest at the same frequency, shape (r, 2n)."""
-    size, largest = np.abs(phasors.z), np.zeros(phasors.z.shape)
-    for _, group in phasors.by_frequency():
-        largest[group] = size[group].max(axis=0)
-    return np.divide(size, largest, out=np.zeros_like(size), where=largest > 0)
 
 
 def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
@@ -234,7 +216,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     step = np.array([_encoder_steps(record) for record in evidence.sines])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
-    moved = _share(phasors)[:, :n] > _HELD
+    moved = joint_share(phasors)[:, :n] > _HELD
     for j in range(n):
         stepped = (rounding[:, j] > 0) & (variance[:, j] > 0) & moved[:, j]
         if not stepped.any():
