@@ -7,7 +7,7 @@ from .cut.tracking import track as track
 from .errors import JointIdError as JointIdError
 from .estimation.elasticity import ElasticityFit as ElasticityFit
 from .estimation.elasticity import Friction as Friction
-from .estimation.elasticity import identify_elasticity as identify_elasticity
+from .estimation.identify_elasticity import identify_elasticity as identify_elasticity
 from .estimation.identify_motion import identify_motion as identify_motion
 from .estimation.joint_equations import spring_equations as spring_equations
 from .files.study_files import load_study as load_study

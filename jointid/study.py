@@ -13,7 +13,8 @@ import numpy as np
 from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_each, require_method
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_elasticity import identify_each, require_method
 from jointid.estimation.identify_motion import identify_motion
 from jointid.estimation.inertia_prior import InertiaPrior, checked_std
 from jointid.estimation.linear_fit import LINEAR
@@ -355,7 +356,7 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     ----------
     study : Study
     method : str, default "auto"
-        Estimator of ``Analysis.fit``; see ``jointid.estimation.elasticity.METHODS``.
+        Estimator of ``Analysis.fit``; see ``jointid.estimation.identify_elasticity.METHODS``.
 
     Raises
     ------

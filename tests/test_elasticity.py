@@ -252,7 +252,7 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
             last[:] = [(phasors, spring_equations(phasors, inertia))]
         return last[0][1]
 
-    monkeypatch.setattr("jointid.estimation.elasticity.spring_equations", kept)
+    monkeypatch.setattr("jointid.estimation.identify_elasticity.spring_equations", kept)
 
 
 @pytest.mark.usefixtures("shared_equations")

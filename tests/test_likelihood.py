@@ -27,7 +27,6 @@ from jointid import (
 )
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.effects import LAWS as NONLINEAR
-from jointid.estimation.friction import friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import (
@@ -40,6 +39,7 @@ from jointid.estimation.linear_fit import weighted
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.parameters import ParameterLayout
 from jointid.estimation.residual import Residual, fitted_layout, make_problem
+from jointid.motion.friction import friction_waveforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)
 Law = Callable[[np.ndarray], np.ndarray]

@@ -17,8 +17,8 @@ from jointid import (
     simulate_records,
 )
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.linear_fit import friction_start
 from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.start_values import friction_start
 from tests.robots import SIX_AXES
 
 ROBOT = RobotModel.parse("six.toml", SIX_AXES.encode())

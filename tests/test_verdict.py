@@ -100,6 +100,20 @@ def test_sound_data_raise_no_alarm(periods: float, seed: int) -> None:
     assert analysis.findings[0].level == "good"
 
 
+def test_joints_that_are_held_raise_no_alarm() -> None:
+    """Their remnants are below an encoder step; the joints move far in other records."""
+    records = simulate_records(
+        PARALLELOGRAM,
+        PAPER,
+        np.geomspace(3, 30, 8).round(2),
+        excitation=Excitation(velocity_rad_s=4.0, periods=8.5, pattern="one-at-a-time"),
+        measurement=Measurement(encoder_counts=1 << 16, torque_noise_Nm=0.005),
+        seed=1,
+    )
+    analysis = analyse(Study(records, PARALLELOGRAM))
+    assert not unsound(analysis), titles(analysis)
+
+
 def test_data_without_noise_raise_no_alarm() -> None:
     analysis = analysed(sound(noise=(0.0, 0.0)), method="weighted")
     assert not unsound(analysis), titles(analysis)

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from jointid.answer import STIFFNESS_UNITS
-from jointid.estimation.elasticity import METHODS
+from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import sample_studies
 from jointid.joints import Elasticity
 

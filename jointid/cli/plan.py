@@ -14,7 +14,8 @@ from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.study import Study
 
 if TYPE_CHECKING:

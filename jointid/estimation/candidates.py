@@ -1,13 +1,46 @@
-"""Candidate models and the result of the model selection."""
+"""Candidate models, and the comparison of their fits to the same data.
+
+Models are compared by an information criterion with the cost over the best model's misfit, so that a
+misfitting model does not buy spurious parts; a part must also be significant and physical.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import chdtrc, chdtri
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS
-from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.estimation.likelihood import LikelihoodEstimate, Score
+
+EXPLAINED = 1.1
+"""Misfit below which richer friction cannot improve the fit noticeably."""
+NEEDED = 3.0
+"""Ratio of misfits from which a part is needed, whatever its standard error."""
+_SIGNIFICANT = 5.0
+"""Standard errors by which an optional part must differ from zero."""
+_FREE_PENALTY = 2.0
+"""Factor on its square beside free friction, whose approximations other parts absorb."""
+WORTH = 0.2
+"""Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
+wrong part explains something."""
+_DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
+"""Probability that the score of any part widens the error bars on an ideal robot, and the same if it
+moves K or D far, which few parts do."""
+_FAR_OFF = 4.0
+"""Standard errors that are far."""
+_OCCAM = 1 / 20
+"""Weight of a model, over the best, from which it explains the data as well."""
+_USUAL = 0.05
+"""Probability of a misfit of the fundamentals that calls for no slow fit."""
+_BEND = 4.0
+"""Largest ratio of two slopes of a gear; catalogues have up to 2."""
+_CERTAIN = 200.0
+"""Squared parameter over its variance from which a model without it need not be fitted."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +60,11 @@ class Model:
         """What the model has beside K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
+
+    @property
+    def is_slow(self) -> bool:
+        """Whether the model has a law of the gears."""
+        return not set(GEAR_LAWS).isdisjoint(self.effects)
 
     def with_part(self, part: str) -> Model:
         """The model with one more part."""
@@ -91,3 +129,163 @@ class Choice:
     """Best first."""
     spread: Floats
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
+
+
+@dataclass
+class Fits:
+    """Models that were fitted to the same data of n joints, with their estimates."""
+
+    optional: tuple[str, ...]
+    """Parts that a model may lack: "friction", "delay" and keys of ``EFFECTS``."""
+    joints: int
+    rows: int
+    """Real equations of all records, joints and harmonics."""
+    tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
+
+    def misfit(self, model: Model) -> float:
+        """Misfit of a model that was tried; infinite where it could not be fitted."""
+        estimate = self.tried.get(model)
+        return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
+
+    def least(self, models: Sequence[Model]) -> Model:
+        """Model with the smallest criterion."""
+        criterion = self.criterion()
+        return min(models, key=lambda model: criterion[model])
+
+    def criterion(self) -> dict[Model, float]:
+        """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
+
+        Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
+        friction.
+        """
+        fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
+        misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
+        criterion = dict.fromkeys(self.tried, np.inf)
+        for model, estimate in fitted.items():
+            if not self._is_significant(model, estimate):
+                continue
+            free = estimate.parameter_count - estimate.p.size
+            penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
+            criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
+        return criterion
+
+    def is_explained(self, model: Model) -> bool:
+        """Whether noise explains what a model leaves, at the fundamentals as well."""
+        found = self.tried[model]
+        if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
+            return False
+        misfit, freedom = found.fundamental
+        return bool(chdtrc(freedom, misfit * freedom) > _USUAL)
+
+    def is_certain(self, model: Model, part: str) -> bool:
+        """Whether the cost without a part would be far higher, by its size in standard errors."""
+        estimate = self.tried[model]
+        if isinstance(estimate, JointIdError):
+            return False
+        place = estimate.layout.of_part(part)
+        variance = np.diag(estimate.covariance)[place] * max(1.0, estimate.misfit)
+        squared = estimate.p[place] ** 2
+        return bool(np.any((squared > _CERTAIN * variance) & (variance > 0)))
+
+    def _is_significant(self, model: Model, estimate: LikelihoodEstimate) -> bool:
+        """Whether every optional part is needed, or significant and physical."""
+        return all(
+            self.part_is_significant(model, estimate, part)
+            for part in model.parts
+            if part in (*self.optional, "piecewise")
+        )
+
+    def part_is_significant(self, model: Model, estimate: LikelihoodEstimate, part: str) -> bool:
+        """By its standard error and, for effects, by the likelihood ratio.
+
+        Free friction absorbs many small effects that are not friction; this rejects them.
+        """
+        own = max(1.0, estimate.misfit)
+        place = estimate.layout.of_part(part)
+        size = estimate.p[place]
+        sigma = np.sqrt(np.diag(estimate.covariance)[place] * own)
+        clear = np.abs(size) > _SIGNIFICANT * sigma
+        other = self.tried.get(model.without(part))
+        simpler = other if isinstance(other, LikelihoodEstimate) else None
+        beyond_noise = own > EXPLAINED and simpler is not None and part != "friction"
+        if beyond_noise and simpler and simpler.misfit - own < WORTH * (simpler.misfit - 1):
+            return False
+        if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
+            least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
+        if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
+            p = estimate.named
+            stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
+            if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
+                return False
+        if part in EFFECTS and EFFECTS[part].positive:
+            if np.any(size < -_SIGNIFICANT * sigma):
+                return False
+            clear &= size > 0
+        elif part == "friction" and not model.curve:
+            clear &= size > 0  # it dissipates energy
+        return bool(clear.any()) or (simpler is not None and simpler.misfit > NEEDED * own)
+
+    def candidates(self, best: Model) -> tuple[Candidate, ...]:
+        """All models, best first."""
+        criterion = self.criterion()
+        order = sorted(self.tried, key=lambda model: criterion[model])
+        return tuple(self._candidate(model, criterion[model], model == best) for model in order)
+
+    def _candidate(self, model: Model, criterion: float, chosen: bool) -> Candidate:
+        estimate = self.tried[model]
+        fitted = estimate if isinstance(estimate, LikelihoodEstimate) else None
+        return Candidate(
+            name=model.name,
+            friction=model.reversal is not None,
+            delay=model.delay,
+            reversal=model.reversal or 0.0,
+            curve=model.curve,
+            problem="" if fitted else str(estimate),
+            cost=fitted.cost if fitted else np.inf,
+            expected_cost=fitted.expected_cost if fitted else 0.0,
+            parameters=fitted.parameter_count if fitted else 0,
+            criterion=criterion,
+            chosen=chosen and fitted is not None,
+            parts=model.parts,
+        )
+
+    def spread(self, best: Model, scores: Mapping[str, Score]) -> Floats:
+        """Covariance of K and D by the choice between models, shape (2n, 2n).
+
+        The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
+        out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
+        1994). A part that was not fitted counts in full where its score is nearly significant, sooner
+        where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
+        """
+        found = self.tried[best]
+        size = 2 * self.joints
+        if isinstance(found, JointIdError):
+            return np.zeros((size, size))
+        criterion, shifts, misfit = self.criterion(), [], max(1.0, found.misfit)
+        sigma = np.sqrt(np.diag(found.elasticity_covariance))
+
+        def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
+            doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
+            return bool(2 * gain > chdtri(count, doubt / max(len(self.optional), 1)))
+
+        for model, estimate in self.tried.items():
+            if model == best or not isinstance(estimate, LikelihoodEstimate):
+                continue
+            weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
+            added = set(model.parts).difference(best.parts)
+            if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
+                gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
+                shift = estimate.elasticity - found.elasticity
+                weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
+            shifts.append((weight, estimate.elasticity - found.elasticity))
+        for part, score in scores.items():
+            doubtful = is_doubtful(score.gain / misfit, score.count, score.shift)
+            if doubtful and best.with_part(part) not in self.tried:
+                shifts.append((1.0, score.shift))
+        equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
+        total = 1 + sum(weight for weight, _ in equals)
+        spread = np.zeros((size, size))
+        for weight, shift in equals:
+            spread += weight / total * np.outer(shift, shift)
+        return spread

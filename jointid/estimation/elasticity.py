@@ -1,8 +1,7 @@
-"""Identification of stiffness and damping from phasors, equations (8)-(15), by several estimators."""
+"""Result of an identification: stiffness and damping with their whole error."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,26 +10,15 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import SpringEquations, spring_equations
+from jointid.estimation.joint_equations import SpringEquations
 from jointid.estimation.joint_laws import fitted_gears
 from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.linear_fit import LINEAR, Estimate, prior_covariance, weighted
-from jointid.estimation.model_selection import choose_model, evaluated
+from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.parameters import Parameters
 from jointid.gears.gear import Gear
-from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
+from jointid.gears.torsion_curve import TorsionCurve
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import Phasors
-from jointid.small_matrices import inverse, one_thread
-
-METHODS = {
-    "auto": "maximum likelihood, with the simplest model that the noise allows",
-    "maximum-likelihood": "errors in variables; friction and delay on demand",
-    "weighted": "weighted least squares, weights from the noise of each record",
-    "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
-    "explicit": "the paper's explicit solution, equation (15) as printed",
-}
-"""Estimators by name, with a one-line description."""
 
 _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
@@ -186,140 +174,6 @@ class ElasticityFit:
         return Elasticity(K=self.K, D=np.maximum(self.D, 0.0))
 
 
-def identify_elasticity(
-    phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia],
-    *,
-    method: str = "auto",
-    friction: bool = False,
-    delay: bool = False,
-    inertia_std: float | None = None,
-    torque_std: float | None = None,
-    gear: str = "auto",
-) -> ElasticityFit:
-    """Identify K and D of every joint; one record suffices in principle.
-
-    Parameters
-    ----------
-    phasors : Phasors
-        r records of n joints.
-    inertia : Inertia or sequence of Inertia
-        Known rigid-body inertia, motor side; one per record for records of several poses.
-    method : {"auto", "maximum-likelihood", "weighted", "least-squares", "explicit"}
-        See ``METHODS``. "auto" compares models with and without friction and delay by an information
-        criterion; if no model can be fitted, it falls back to "weighted".
-    friction : bool, default False
-        Fit Coulomb and viscous friction at the motors together with K and D (with "auto": in every
-        model compared).
-    delay : bool, default False
-        Fit a delay of the torque likewise.
-    inertia_std : float, optional
-        Relative standard deviation of the given inertias M and M2: 0.05 for 5 %, ``math.inf`` for start
-        values only. "auto" and "maximum-likelihood" fit them along; the others keep them and widen
-        their errors. By default they are exact, as in the paper.
-    torque_std : float, optional
-        The same for the torque constant of each joint.
-    gear : {"auto", "linear"}
-        Whether "auto" fits nonlinear gears where the data ask for them.
-
-    Raises
-    ------
-    JointIdError
-        When a joint is not excited in any record, the method is unknown, or the records do not separate
-        the parameters.
-    """
-    prior = InertiaPrior.of(inertia, *phasors.q.shape, inertia_std=inertia_std, torque_std=torque_std)
-    return identify_each(phasors, prior, [method], friction=friction, delay=delay, gear=gear)[method]
-
-
-def require_method(method: str) -> None:
-    """Refuse an estimator that is not one of ``METHODS``."""
-    if method not in METHODS:
-        raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
-
-
-def require_gear(gear: str) -> None:
-    """Refuse a choice of gear laws that is neither "auto" nor "linear"."""
-    if gear not in ("auto", "linear"):
-        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
-
-
-def identify_each(
-    phasors: Phasors,
-    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
-    methods: Iterable[str],
-    *,
-    friction: bool = False,
-    delay: bool = False,
-    gear: str = "auto",
-) -> dict[str, ElasticityFit]:
-    """Identify K and D by several estimators from the same equations.
-
-    Parameters, errors and each fit as in :func:`identify_elasticity`.
-    """
-    names = list(dict.fromkeys(methods))
-    for method in names:
-        require_method(method)
-    require_gear(gear)
-    prior = InertiaPrior.of(inertia, *phasors.q.shape)
-    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    return {name: _identified(name, phasors, prior, equations, friction, delay, gear) for name in names}
-
-
-def _identified(
-    method: str,
-    phasors: Phasors,
-    prior: InertiaPrior,
-    equations: SpringEquations,
-    friction: bool,
-    delay: bool,
-    gear: str,
-) -> ElasticityFit:
-    if method in LINEAR:
-        if friction or delay:
-            raise JointIdError(
-                f'method = "{method}" fits K and D only; friction and delay need "maximum-likelihood".'
-            )
-        return _linear_fit(method, LINEAR[method](equations), equations, phasors, prior)
-    linear = weighted(equations)
-    with one_thread():
-        choice = choose_model(
-            phasors,
-            prior,
-            linear.p,
-            equations.noise,
-            friction=friction,
-            delay=delay,
-            exactly=method != "auto",
-            gear=gear,
-        )
-    if isinstance(estimate := choice.estimate, LikelihoodEstimate):
-        with one_thread():
-            fitted = evaluated(phasors, prior, choice.model, estimate, equations.noise, estimate.scale)
-        equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=equations.noise)
-        return likelihood_fit(method, choice, estimate, equations, prior, fitted.torsion_curves())
-    if method == "auto":  # a fit with a large misfit lets the verdict name the cause
-        fit = _linear_fit("weighted", linear, equations, phasors, prior)
-        return replace(fit, candidates=choice.candidates)
-    raise estimate
-
-
-def _linear_fit(
-    method: str,
-    estimate: Estimate,
-    equations: SpringEquations,
-    phasors: Phasors,
-    prior: InertiaPrior,
-) -> ElasticityFit:
-    fit = _fit(method, estimate, equations, phasors, prior, _linear_curves(phasors, prior))
-    if not prior.blocks():
-        return fit
-    by_prior = prior_covariance(method, phasors, prior, equations.noise)
-    whole = fit.covariance + by_prior
-    by_prior_error = np.sqrt(np.diag(by_prior))
-    return replace(fit, covariance=whole, parameter_covariance=whole, prior_error=by_prior_error)
-
-
 def likelihood_fit(
     method: str,
     choice: Choice,
@@ -332,7 +186,7 @@ def likelihood_fit(
     layout, p = estimate.layout, estimate.named
     error = np.sqrt(np.diag(estimate.covariance))
     fit = replace(
-        _fit(method, estimate, equations, estimate.phasors, prior, curves),
+        made_fit(method, estimate, equations, estimate.phasors, prior, curves),
         candidates=choice.candidates,
         inertias=estimate.inertias,
         fundamental=estimate.fundamental,
@@ -358,7 +212,7 @@ def likelihood_fit(
     return fit
 
 
-def _fit(
+def made_fit(
     method: str,
     estimate: Estimate,
     equations: SpringEquations,
@@ -366,6 +220,7 @@ def _fit(
     prior: InertiaPrior,
     curves: tuple[TorsionCurve, ...],
 ) -> ElasticityFit:
+    """Result of any estimator, without the parts of the error beyond its own."""
     K, D = estimate.named.K, estimate.named.D
     squared = equations.omega[:, None] ** 2
     noise = np.sqrt(np.abs(np.einsum("rjj->rj", equations.residual_covariance(K, D))))
@@ -394,12 +249,3 @@ def _fit(
         torsion_curves=curves,
         gears=fitted_gears(estimate.named, every, curves),
     )
-
-
-def _linear_curves(phasors: Phasors, prior: InertiaPrior) -> tuple[TorsionCurve, ...]:
-    """Torsion curves with the inertias as given, and without friction."""
-    s: Complexes = np.asarray(1j * phasors.omega[:, None] * np.arange(1, phasors.harmonics.shape[1] + 1))
-    squared: Complexes = s[..., None] * s[..., None]
-    arm = inverse(prior.M2)[prior.pose, None] / squared[..., None]
-    own: Complexes = np.asarray(squared * prior.M[prior.rotor, None])
-    return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)

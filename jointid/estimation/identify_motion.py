@@ -12,7 +12,8 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Choice, Model
-from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, require_gear
+from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
+from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from numbers import Real
 
 import numpy as np
@@ -12,6 +13,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia
+from jointid.small_matrices import Numbers
 from jointid.wording import counted
 
 _LEAST_COUPLING = 0.1
@@ -129,18 +131,18 @@ class InertiaPrior:
         """Number of joints."""
         return int(self.M.shape[1])
 
-    @property
+    @cached_property
     def elements(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of a matrix's distinct elements, the lower triangle, each shape (t,)."""
         return np.tril_indices(self.n)
 
-    @property
+    @cached_property
     def lower(self) -> Floats:
         """Distinct elements of each uncertain part of M2, shape (u, t), kg·m²."""
         rows, columns = self.elements
         return np.asarray(self.rest[:, rows, columns])
 
-    @property
+    @cached_property
     def units(self) -> dict[str, Floats]:
         """Standard deviation of each block for a relative one of 1, shaped like the block."""
         rows, columns = self.elements
@@ -177,6 +179,14 @@ class InertiaPrior:
         matrices[:, rows, columns] = lower
         matrices[:, columns, rows] = lower
         return matrices
+
+    def by_elements(self, share: Numbers, vector: Numbers) -> Numbers:
+        """share · ∂M2 · vector for each distinct element, (..., n, t), of (..., n, n) and (..., n)."""
+        rows, columns = self.elements
+        found = share[..., rows] * vector[..., None, columns]
+        coupling = rows != columns
+        found[..., coupling] += share[..., columns[coupling]] * vector[..., None, rows[coupling]]
+        return found
 
     def totals(self, lower: Floats) -> Floats:
         """M2 of each pose, shape (p, n, n), of lower triangles of its uncertain part, shape (u, t)."""

@@ -11,7 +11,7 @@ separates into one complex equation per joint and record, (K_j + iωD_j) a_j = b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,14 +68,19 @@ class SpringEquations:
 
     def residual_gain(self, K: Floats, D: Floats) -> Complexes:
         """Matrix E of the equation error E z, shape (r, n, 2n)."""
-        spring = K + 1j * self.omega[:, None] * D
-        return np.asarray(self.of_b - spring[:, :, None] * self.of_a)
+        spring = K[..., None, :] + 1j * self.omega[:, None] * D[..., None, :]
+        return np.asarray(self.of_b - spring[..., None] * self.of_a)
 
     def residual_covariance(self, K: Floats, D: Floats) -> Complexes:
         """Covariance of the equation error from the noise of both a and b, shape (r, n, n)."""
         E = self.residual_gain(K, D)
         C = self.noise.covariance[:, 0] + self.leakage
-        return lifted(E @ C @ E.conj().swapaxes(1, 2), E, C)
+        return lifted(E @ C @ E.conj().swapaxes(-2, -1), E, C)
+
+    def changed(self, z: Complexes, of_a: Floats, of_b: Floats) -> SpringEquations:
+        """Equations of z after E changes of ``of_a`` and ``of_b``, each shape (E, r, n, 2n), at once."""
+        a, b = (each + (of @ z[..., None])[..., 0] for each, of in ((self.a, of_a), (self.b, of_b)))
+        return replace(self, a=a, b=b, of_a=self.of_a + of_a, of_b=self.of_b + of_b)
 
     @property
     def excitation(self) -> Floats:

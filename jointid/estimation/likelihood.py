@@ -17,7 +17,6 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.effects import EFFECTS, GEAR_LAWS
-from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.linear_fit import Estimate
@@ -26,6 +25,7 @@ from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
     INSEPARABLE,
@@ -37,7 +37,7 @@ from jointid.small_matrices import (
 
 _ITERATIONS = 40
 """Upper limit of Levenberg-Marquardt; small friction with a long delay has taken thirty."""
-_EVALUATIONS, _LAW_EVALUATIONS = 150, 40
+_EVALUATIONS, _LAW_EVALUATIONS = 150, 24
 """Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes ten."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
@@ -48,6 +48,10 @@ _IDLE, _MOST_IDLE = 0.02, 3
 iteration."""
 _POOR, _STUCK = 10.0, 3e-3
 """Misfit of a model that does not explain the data, and decrease over the cost that will not help it."""
+_LAW_STUCK = 2e-2
+"""The same of a model with a law of the gears, whose evaluations are slow."""
+_LOST = 100.0
+"""Misfit of such a model that is not fitted again with weights by harmonic."""
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
 """The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
 _TOLERANCE = 1e-2
@@ -132,7 +136,9 @@ def maximum_likelihood(
     p, normal = _minimise(problem, p, scale)
     first = Misfit.at(problem, p, normal)
     scale = first.scale
-    p, normal = _minimise(problem, p, scale, roughly=first.cost > _POOR * first.expected_cost > 0)
+    slow = not set(GEAR_LAWS).isdisjoint(effects)
+    if not (slow and first.cost > _LOST * first.expected_cost > 0):
+        p, normal = _minimise(problem, p, scale, roughly=first.cost > _POOR * first.expected_cost > 0)
     fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
     harmonics = phasors.harmonics
@@ -297,7 +303,7 @@ def _minimise(
     least = _ROUGH_IDLE if roughly else _IDLE
     cost, gradient, normal = quadratic(problem, p, scale)
     slow = any(name in problem.layout for name in GEAR_LAWS)
-    left = _LAW_EVALUATIONS if slow else _EVALUATIONS
+    left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
@@ -314,13 +320,13 @@ def _minimise(
                 if new is not None:
                     break
             expected = float(step @ (2 * gradient + normal @ step))  # of the cost, negative
-            hopeless = roughly and -expected < least * misfit
-            hopeless |= misfit > _POOR and -expected < _STUCK * cost
+            hopeless = (roughly or slow) and -expected < least * misfit
+            hopeless |= misfit > _POOR and -expected < stuck * cost
             if damping > 1e8 or left <= 0 or hopeless:
                 return p, normal
             damping = max(10 * damping, 1e-6)
         fall = cost - new[0]
-        idle = idle + 1 if fall < least * misfit or (misfit > _POOR and fall < _STUCK * cost) else 0
+        idle = idle + 1 if fall < least * misfit or (misfit > _POOR and fall < stuck * cost) else 0
         p, (cost, gradient, normal) = trial, new
         if idle == _MOST_IDLE:
             break

@@ -3,27 +3,25 @@
 Erratum. The pseudo-inverse (13)-(14) gives K = Σ Re(a*b) / Σ|a|² and D = Σ ω Im(a*b) / Σ ω²|a|². The
 paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: equal for one frequency,
 weighted differently for several, and exact without noise as well. Both are provided.
-
-Friction spoils them: with half of the torque, K may come out at a tenth. ``friction_start`` compares the
-torque of the model, Z(K, D) q, with the measured one at the fundamental, in relative terms and with a
-loss that forgives outliers; friction is linear in it and is eliminated (variable projection; Golub and
-Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares as nonlinear_least_squares
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.friction import friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import SpringEquations, inertia_arrays, spring_equations
+from jointid.estimation.joint_equations import (
+    SpringEquations,
+    inertia_arrays,
+    pseudo_inverse,
+    spring_equations,
+)
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
-from jointid.joints import motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, root, whitener
 
@@ -108,18 +106,59 @@ def prior_slopes(
         By central differences, in the order of ``prior.blocks()``.
     std : ndarray, shape (E,)
     """
-    slopes, stds = [np.zeros((0, 2 * prior.n))], [np.zeros(0)]
-    for name, (mean, std) in prior.blocks().items():
-        step = _STEP * prior.units[name]
-        for place in np.ndindex(mean.shape):
-            change = np.zeros(mean.shape)
-            change[place] = step[place]
-            plus, minus = (
-                LINEAR[method](_changed(phasors, prior, noise, name, by)).p for by in (change, -change)
-            )
-            slopes.append((plus - minus)[None] / (2 * step[place]))
+    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2), noise=noise)
+    changes, slopes, stds = _by_given(phasors, prior), [np.zeros((0, 2 * prior.n))], [np.zeros(0)]
+    for name, (_, std) in prior.blocks().items():
+        step = _STEP * prior.units[name].reshape(-1, 1)
+        of_a, of_b = (step[..., None, None] * change for change in changes[name])
+        plus, minus = (
+            _solution(method, equations.changed(phasors.z, sign * of_a, sign * of_b)) for sign in (1, -1)
+        )
+        slopes.append((plus - minus) / (2 * step))
         stds.append(std.ravel())
     return np.concatenate(slopes).T, np.concatenate(stds)
+
+
+def _by_given(phasors: Phasors, prior: InertiaPrior) -> dict[str, tuple[Floats, Floats]]:
+    """Derivatives of ``of_a`` and ``of_b`` by the values of each block, each (E, r, n, 2n)."""
+    M, arm = inertia_arrays(phasors, prior.inertias(prior.M, prior.M2))
+    s2, n = -(phasors.omega[:, None, None] ** 2), prior.n
+    own = np.eye(n)[:, None, :, None] * np.eye(n)[:, None, None, :]  # (n, 1, n, n), 1 at (k, :, k, k)
+    column = (
+        arm.transpose(2, 0, 1)[..., None] * np.eye(n)[:, None, None]
+    )  # (n, r, n, n), column k of arm
+    by_M2 = -prior.by_elements(arm[:, None], arm).transpose(3, 0, 2, 1)
+    none = np.zeros_like(column)
+    found = {
+        "M": (column * s2, none, -own * s2**2, none, prior.rotor, len(prior.M)),
+        "M2": (by_M2 * M[:, None] * s2, -by_M2, *[np.zeros_like(by_M2)] * 2, prior.part[prior.pose],
+               len(prior.rest)),
+        "torque_scale": (none, -column, none, own * s2, np.zeros_like(prior.pose), 1),
+    }  # fmt: skip
+    return {
+        name: (_of_each([a_q, a_tau], *of), _of_each([b_q, b_tau], *of))
+        for name, (a_q, a_tau, b_q, b_tau, *of) in found.items()
+    }
+
+
+def _of_each(halves: Sequence[Floats], of: np.ndarray, count: int) -> Floats:
+    """Matrices (count e, r, n, 2n) from halves (e, r, n, n): zero in records ``of`` another value."""
+    whole = np.concatenate(halves, axis=3)
+    own = (of == np.arange(count)[:, None])[:, None, :, None, None]
+    return np.asarray(np.where(own, whole, 0).reshape(-1, *whole.shape[1:]))
+
+
+def _solution(method: str, equations: SpringEquations) -> Floats:
+    """K and D of an estimator, shape (E, 2n), for equations of shape (E, r, n)."""
+    a, b, omega = equations.a, equations.b, equations.omega
+    p = np.concatenate(pseudo_inverse(omega, a, b, explicit=method == "explicit"), axis=-1)
+    for _ in range(_WEIGHT_ITERATIONS if method == "weighted" else 0):
+        W = whitener(equations.residual_covariance(*np.split(p, 2, axis=-1)))
+        R = (W @ _regressors(equations)).reshape(len(a), -1, p.shape[-1])
+        right = (W @ b[..., None]).reshape(len(a), -1, 1)
+        adjoint = R.conj().swapaxes(1, 2)
+        p = np.asarray(np.linalg.solve((adjoint @ R).real, (adjoint @ right).real)[..., 0], float)
+    return p
 
 
 def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: Noise) -> Floats:
@@ -140,20 +179,6 @@ def carried_covariance(slope: Floats, std: Floats) -> Floats:
     return covariance
 
 
-def _changed(
-    phasors: Phasors, prior: InertiaPrior, noise: Noise, name: str, change: Floats
-) -> SpringEquations:
-    """Joint equations after a change of one block of the prior."""
-    M, M2 = prior.M, prior.M2
-    if name == "M":
-        M = M + change
-    elif name == "M2":
-        M2 = M2 + prior.symmetric(change)[prior.part]
-    else:
-        phasors = phasors.scaled(np.concatenate([np.ones(prior.n), 1 + change]))
-    return spring_equations(phasors, prior.inertias(M, M2), noise=noise)
-
-
 def _least_squares_gain(equations: SpringEquations) -> Complexes:
     """Every linear estimator is p = Σ_r Re(G_r b_r) with a gain G of shape (r, 2n, n)."""
     a, omega = equations.a, equations.omega[:, None]
@@ -172,14 +197,14 @@ def _weighted_gain(equations: SpringEquations, V: Complexes) -> tuple[Complexes,
 
 
 def _regressors(equations: SpringEquations) -> Complexes:
-    """R with b = R p, shape (r, n, 2n)."""
-    return _diagonals(equations.a, 1j * equations.omega[:, None] * equations.a).swapaxes(1, 2)
+    """R with b = R p, shape (..., r, n, 2n)."""
+    return _diagonals(equations.a, 1j * equations.omega[:, None] * equations.a).swapaxes(-2, -1)
 
 
 def _diagonals(first: Complexes, second: Complexes) -> Complexes:
-    """Rows (r, n) and (r, n) as two stacked diagonal matrices, (r, 2n, n)."""
-    eye = np.eye(first.shape[1])
-    return np.concatenate([first[:, :, None] * eye, second[:, :, None] * eye], axis=1)
+    """Rows (..., n) and (..., n) as two stacked diagonal matrices, (..., 2n, n)."""
+    eye = np.eye(first.shape[-1])
+    return np.concatenate([first[..., None] * eye, second[..., None] * eye], axis=-2)
 
 
 def _apply(gain: Complexes, b: Complexes) -> Floats:
@@ -209,115 +234,3 @@ def _estimate(equations: SpringEquations, gain: Complexes, *, weighted: bool) ->
     _, normal = _weighted_gain(equations, V)
     expected = float((n - leverage).sum() + np.trace(normal @ covariance)) if r > 1 else 0.0
     return Estimate(ParameterLayout.of(n), p, covariance, cost, expected, parameter_count=2 * n)
-
-
-_UNEXPLAINED = 0.1
-"""Relative residual of the linear estimate from which friction is looked for."""
-_OUTLIER = 0.1
-"""Relative residual from which a record counts less."""
-_BETTER = 0.5
-"""Residual over that of the linear estimate below which the new start is taken."""
-_STARTS = 0.75, 0.5, 1.0
-"""Quantiles of the frequencies at which the arm resonates with the motors held."""
-_EVALUATIONS = 30
-"""Most Jacobians from each of them."""
-_RANGE = 30.0
-"""Largest factor on a start value: the arm resonates within a factor of 5 of the frequencies."""
-
-
-_HUGE = 1e50
-"""Largest relative residual; its square and sums of squares stay finite."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Fundamentals:
-    """Torques at the fundamental, and the friction phasors of each joint."""
-
-    phasors: Phasors
-    M: Floats
-    arm: Floats
-    friction: Complexes
-    """Of Coulomb and viscous friction, shape (r, n, 2)."""
-    moving: np.ndarray
-    """Whether a joint moves in a record, shape (r, n)."""
-
-    def residual(self, p: Floats) -> tuple[Floats, Floats]:
-        """Relative residual, shape (rows,), at the logarithms of K and D, and the friction, (2, n)."""
-        n, ph = self.phasors.n, self.phasors
-        s = np.asarray(1j * ph.omega, np.complex128)
-        Z, _ = motor_impedance(s, self.M, self.arm, *np.exp(p.reshape(2, n)))
-        rest = ph.tau - (Z @ ph.q[..., None])[..., 0]
-        residual, found = [], np.zeros((2, n))
-        for j in range(n):
-            used = self.moving[:, j] & (np.abs(ph.tau[:, j]) > 0)
-            weight = 1 / np.abs(ph.tau[used, j])
-            A, b = (_real(x * w) for x, w in (
-                (self.friction[used, j], weight[:, None]), (rest[used, j], weight)
-            ))  # fmt: skip
-            found[:, j] = np.maximum(np.linalg.lstsq(A, b, rcond=None)[0], 0.0)
-            residual.append(b - A @ found[:, j])
-        return np.concatenate(residual), found
-
-    def relative(self, p: Floats) -> Floats:
-        """The residual alone, finite at any K and D."""
-        with np.errstate(all="ignore"):
-            return np.clip(np.nan_to_num(self.residual(p)[0], nan=_HUGE), -_HUGE, _HUGE)
-
-
-def friction_start(phasors: Phasors, prior: InertiaPrior, linear: Parameters) -> Parameters | None:
-    """Return K, D and the friction of all joints; None where the linear estimate is as good.
-
-    Parameters
-    ----------
-    phasors : Phasors
-        r records of n joints.
-    prior : InertiaPrior
-    linear : Parameters
-        K and D by least squares.
-    """
-    n = phasors.n
-    waveforms = friction_waveforms(phasors, 0.0)
-    viscous = 1j * phasors.omega[:, None] * phasors.q
-    data = _Fundamentals(
-        phasors,
-        *inertia_arrays(phasors, prior.inertias(prior.M, prior.M2)),
-        np.stack([waveforms.coulomb[:, 0], viscous], axis=2),
-        ~waveforms.stationary,
-    )
-    least = np.inf
-    if np.all(linear.K > 0) and np.all(linear.D > 0):
-        least = _size(data.residual(np.log(np.concatenate([linear.K, linear.D])))[0])
-    if least < _UNEXPLAINED:
-        return None
-    own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
-    best, start = _BETTER * least, None
-    for share in _STARTS:
-        omega = float(np.quantile(phasors.omega, share))
-        first = np.log(np.concatenate([own * omega**2, 0.05 * own * omega]))
-        found = nonlinear_least_squares(
-            data.relative,
-            first,
-            bounds=(first - np.log(_RANGE), first + np.log(_RANGE)),
-            loss="soft_l1",
-            f_scale=_OUTLIER,
-            ftol=1e-3,
-            max_nfev=_EVALUATIONS,
-        )
-        residual, friction = data.residual(found.x)
-        if _size(residual) < best:
-            best, (K, D) = _size(residual), np.exp(found.x.reshape(2, n))
-            layout = ParameterLayout.of(n, friction=True)
-            values = layout.pack(K=K, D=D, coulomb=friction[0], viscous=friction[1])
-            start = layout.named(values)
-        if best < _UNEXPLAINED:
-            break
-    return start
-
-
-def _size(residual: Floats) -> float:
-    """Typical size: outliers do not count."""
-    return float(np.median(np.abs(residual))) if residual.size else np.inf
-
-
-def _real(values: Complexes) -> Floats:
-    return np.concatenate([values.real, values.imag])

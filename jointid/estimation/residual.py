@@ -19,7 +19,6 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.effects import ARM_EFFECTS, LAWS
-from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
@@ -28,6 +27,7 @@ from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
 from jointid.motion.free_friction import FreeFriction
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import inverse, lifted
 
@@ -319,7 +319,7 @@ class Residual:
         Of the fundamental alone, h = 1, or with segments of motions of all bins.
         """
         problem, p, s = self.problem, self.p, self.problem.s[:, : self.fundamentals]
-        arm = s[..., None, None] ** 2 * _ideal_compliance(problem, p, s)
+        arm = s[..., None, None] ** 2 * ideal_compliance(problem.prior, problem.arm_inertia(p), s)
         rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
         Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
         return np.asarray((Z @ self.position[..., None])[..., 0])
@@ -452,16 +452,16 @@ class Residual:
                     turned = -self.arm * (moved * factor[..., None])[..., None, :]
                     J[..., layout[name]] += self._by_turns(turns, turned)
         if "M2" in layout:
-            rows, columns = problem.prior.elements
-            square = (s * s)[..., None]
-            by_element = _by_elements(share, angle * square, rows, columns)
+            square, of_elements = (s * s)[..., None], problem.prior.by_elements
+            by_element = of_elements(share, angle * square)
             if turns is not None:
-                turned = -_by_elements(self.arm, moved * square, rows, columns)
+                turned = -of_elements(self.arm, moved * square)
                 by_element += self._by_turns(turns, turned)
             for part in range(len(problem.prior.rest)):
-                first = layout["M2"].start + part * rows.size
+                size = by_element.shape[-1]
+                first = layout["M2"].start + part * size
                 uses = problem.prior.part[problem.prior.pose] == part
-                J[uses, :, :, first : first + rows.size] = by_element[uses]
+                J[uses, :, :, first : first + size] = by_element[uses]
 
 
 def _images(problem: Problem, p: Parameters) -> Complexes | float:
@@ -470,14 +470,6 @@ def _images(problem: Problem, p: Parameters) -> Complexes | float:
         return 0.0
     torque = problem.z[..., problem.n :] * p.torque_scale
     return np.asarray(problem.images * torque / problem.rotor_inertia(p)[problem.prior.rotor, None])
-
-
-def _by_elements(share: Complexes, angle: Complexes, rows: np.ndarray, columns: np.ndarray) -> Complexes:
-    """share · ∂M2 · angle for each distinct element of a symmetric matrix, shape (r, H, n, t)."""
-    found = share[..., rows] * angle[..., None, columns]
-    coupling = rows != columns
-    found[..., coupling] += share[..., columns[coupling]] * angle[..., None, rows[coupling]]
-    return np.asarray(found)
 
 
 def _loss(problem: Problem) -> Complexes:
@@ -530,7 +522,7 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
 def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
     if not any(name in problem.layout for name in ARM_EFFECTS):
-        return _ideal_compliance(problem, p, problem.s)
+        return ideal_compliance(problem.prior, problem.arm_inertia(p), problem.s)
     s, pose = problem.s[..., None, None], problem.prior.pose
     A = s * s * problem.arm_inertia(p)[pose, None] + problem.prior.gravity[pose, None]
     own = s[..., 0] * p.effect("arm_viscous") - s[..., 0] ** 4 * p.effect("link") + p.effect("gravity")
@@ -539,9 +531,9 @@ def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     return inverse(np.asarray(A))
 
 
-def _ideal_compliance(problem: Problem, p: Parameters, s: Complexes) -> Complexes:
-    """The same without effects, at s of shape (r, H)."""
-    squared, M2, prior = (s * s)[..., None, None], problem.arm_inertia(p), problem.prior
+def ideal_compliance(prior: InertiaPrior, M2: Floats, s: Complexes) -> Complexes:
+    """The same without effects, of distinct M2 (p, n, n) at s of shape (r, H)."""
+    squared = (s * s)[..., None, None]
     if not prior.gravity.any():
         return np.asarray(inverse(M2)[prior.pose, None] / squared)
     return inverse(np.asarray(squared * M2[prior.pose, None] + prior.gravity[prior.pose, None]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri
@@ -80,9 +81,10 @@ class WhitenedResidual:
 
     def information(self) -> Floats:
         """Normal matrix Σ JᵀJ without harmonics that are within their noise, shape (P, P)."""
-        rows = self.heard_columns().reshape(-1, self.at.problem.layout.size)
+        rows = self.heard_columns.reshape(-1, self.at.problem.layout.size)
         return np.asarray(rows.T @ rows)
 
+    @cached_property
     def heard_columns(self) -> Floats:
         """Jacobian of the rows without harmonics that are within their noise, shape (r, 2Hn, P).
 
@@ -192,7 +194,7 @@ def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Flo
     size = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(2 * np.maximum(values, 0.0))  # of the inverse normal matrix
-    columns = residual.heard_columns() @ root
+    columns = residual.heard_columns @ root
     leverage, directions = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
     gradient = (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
     left = np.sqrt(1 - np.clip(leverage, 0.0, _MOST_LEVERAGE))

@@ -9,7 +9,8 @@ import numpy as np
 from jointid.answer import AT_MOTOR, effect_values, model_name
 from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import Friction, require_method
+from jointid.estimation.elasticity import Friction
+from jointid.estimation.identify_elasticity import require_method
 from jointid.files.digest import study_digest
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
@@ -33,7 +34,7 @@ class Obtained:
     origin: str
     """"simulated", "measured", or empty when not stated."""
     method: str
-    """Requested estimator, one of ``jointid.estimation.elasticity.METHODS``."""
+    """Requested estimator, one of ``jointid.estimation.identify_elasticity.METHODS``."""
     model: str
     """Fitted model, see ``model_name``."""
     free_reversal: float

@@ -35,7 +35,7 @@ class Row:
     content: str
     """Digest of its files; empty when they could not be read."""
     method: str
-    """Estimator asked for, one of ``jointid.estimation.elasticity.METHODS``."""
+    """Estimator asked for, one of ``jointid.estimation.identify_elasticity.METHODS``."""
     version: str
     """Version of this software."""
     time_s: float

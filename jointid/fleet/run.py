@@ -9,7 +9,7 @@ from pathlib import Path
 
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import require_method
+from jointid.estimation.identify_elasticity import require_method
 from jointid.fleet.jobs import Executor, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
@@ -91,7 +91,7 @@ def analyse_fleet(
     out : path
         The table, in the order of the studies. Earlier rows of other studies follow.
     method : str, default "auto"
-        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
+        Estimator, one of ``jointid.estimation.identify_elasticity.METHODS``.
     workers : int, optional
         Processes on this computer; by default one per core.
     scheduler : str, optional

@@ -171,14 +171,13 @@ def _moves(delta: Floats) -> Floats:
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:
     """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time."""
-    z, last = np.zeros_like(drive), np.zeros(drive.shape[1:])
+    z = np.zeros((len(drive) + 1, *drive.shape[1:]))  # from zero
     for k in range(len(drive)):
-        last = drive[k] + decay[k] * last
-    last /= np.maximum(1 - np.prod(decay, axis=0), 1e-9)
-    for k in range(len(drive)):
-        z[k] = last
-        last = drive[k] + decay[k] * last
-    return z
+        np.multiply(decay[k], z[k], out=z[k + 1])
+        z[k + 1] += drive[k]
+    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
+    first = z[-1] / np.maximum(1 - left[-1], 1e-9)
+    return np.asarray(z[:-1] + left[:-1] * first)
 
 
 def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:

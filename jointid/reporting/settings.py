@@ -8,7 +8,8 @@ from math import isfinite
 import numpy as np
 
 from jointid.answer import elasticity_quantities, further_quantities, model_name
-from jointid.estimation.elasticity import METHODS, ElasticityFit
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_elasticity import METHODS
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord

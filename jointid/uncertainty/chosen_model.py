@@ -9,7 +9,6 @@ import numpy as np
 
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.friction import FrictionWaveforms, friction_waveforms
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import maximum_likelihood
@@ -17,6 +16,7 @@ from jointid.estimation.linear_fit import LINEAR, Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.residual import Problem, make_problem
 from jointid.joints import Inertia
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
 
 

@@ -16,13 +16,13 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.friction import FrictionWaveforms
 from jointid.estimation.likelihood import Misfit, quadratic
 from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.noise import Noise
 from jointid.estimation.residual import Problem, Residual, fitted_layout
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import determined_covariance
 from jointid.uncertainty.chosen_model import chosen_friction, fitted_problem, inertia_of_each

@@ -8,7 +8,8 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors

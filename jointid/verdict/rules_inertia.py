@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit, identify_elasticity
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.rounding import plain, significant, with_error

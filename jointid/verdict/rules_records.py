@@ -22,9 +22,11 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.steady_state import decimals, steady_from, unsettled
+from jointid.verdict.steady_state import decimals, joint_share, steady_from, unsettled
 from jointid.wording import counted
 
+_HELD = 0.05
+"""Amplitude over the joint's largest at the same frequency below which a record holds the joint."""
 _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _EXAMINED = 4096
@@ -214,8 +216,9 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
     step = np.array([_encoder_steps(record) for record in evidence.sines])
     samples = np.array([record.samples for record in evidence.records])
     rounding = step**2 / 12 * 4 / samples[:, None]
+    moved = joint_share(phasors)[:, :n] > _HELD
     for j in range(n):
-        stepped = (rounding[:, j] > 0) & (variance[:, j] > 0)
+        stepped = (rounding[:, j] > 0) & (variance[:, j] > 0) & moved[:, j]
         if not stepped.any():
             continue
         counts = np.abs(phasors.q[stepped, j]) / step[stepped, j]

@@ -20,17 +20,33 @@ _SIGNIFICANT = 3.0
 """Standard errors of a significant change."""
 _NEGLIGIBLE = 2e-3
 """Relative change of the phasor that is no settling, whatever the noise."""
+_CHANCE = 1e-3
+"""Probability that any signal of steady records looks as if it were settling."""
 
 
 def unsettled(phasors: Phasors) -> Floats:
     """Relative change from the first quarter to the second half, shape (r,); 0 where it is no settling.
 
-    A change counts if it is above five standard errors and one per cent.
+    A change counts if it is above five standard errors, and more where there are many tests, and one
+    per cent of the joint's largest amplitude at the same frequency: the remnant of a joint that a record
+    holds says nothing.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         significance = phasors.settling / phasors.settling_noise
-    moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
+    blocks = phasors.degrees_of_freedom[:, None] + 1
+    left = np.maximum(np.ceil(blocks / 2) - 1, 1)  # degrees of freedom of the second half's scatter
+    chance = (1 + significance**2 / left) ** -left * significance.size
+    clear = (significance > 5) & (chance < _CHANCE)
+    moving = np.nan_to_num(np.where(clear, phasors.settling * joint_share(phasors), 0.0)).max(axis=1)
     return np.asarray(np.where(moving > 0.01, moving, 0.0))
+
+
+def joint_share(phasors: Phasors) -> Floats:
+    """Amplitudes over the joint's largest at the same frequency, shape (r, 2n)."""
+    size, largest = np.abs(phasors.z), np.zeros(phasors.z.shape)
+    for _, group in phasors.by_frequency():
+        largest[group] = size[group].max(axis=0)
+    return np.divide(size, largest, out=np.zeros_like(size), where=largest > 0)
 
 
 def steady_from(record: SineRecord) -> float | None:

@@ -8,7 +8,7 @@ import streamlit as st
 
 from jointid import Analysis, Phasors, SineRecord, Study, analyse, extract_phasors
 from jointid.arrays import Floats
-from jointid.estimation.elasticity import METHODS
+from jointid.estimation.identify_elasticity import METHODS
 from jointid.phasors.sine_fit import fit_sines
 from jointid.ui.shared.background import run_in_background
 

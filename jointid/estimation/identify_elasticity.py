@@ -1,0 +1,177 @@
+"""Identification of stiffness and damping from phasors, equations (8)-(15), by several estimators."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from jointid.arrays import Complexes
+from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, made_fit
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.joint_equations import SpringEquations, spring_equations
+from jointid.estimation.likelihood import LikelihoodEstimate
+from jointid.estimation.linear_fit import LINEAR, Estimate, prior_covariance, weighted
+from jointid.estimation.model_selection import choose_model, evaluated
+from jointid.estimation.residual import ideal_compliance
+from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
+from jointid.joints import Inertia
+from jointid.phasors.extract import Phasors
+from jointid.small_matrices import one_thread
+
+METHODS = {
+    "auto": "maximum likelihood, with the simplest model that the noise allows",
+    "maximum-likelihood": "errors in variables; friction and delay on demand",
+    "weighted": "weighted least squares, weights from the noise of each record",
+    "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
+    "explicit": "the paper's explicit solution, equation (15) as printed",
+}
+"""Estimators by name, with a one-line description."""
+
+
+def identify_elasticity(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia],
+    *,
+    method: str = "auto",
+    friction: bool = False,
+    delay: bool = False,
+    inertia_std: float | None = None,
+    torque_std: float | None = None,
+    gear: str = "auto",
+) -> ElasticityFit:
+    """Identify K and D of every joint; one record suffices in principle.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
+    inertia : Inertia or sequence of Inertia
+        Known rigid-body inertia, motor side; one per record for records of several poses.
+    method : {"auto", "maximum-likelihood", "weighted", "least-squares", "explicit"}
+        See ``METHODS``. "auto" compares models with and without friction and delay by an information
+        criterion; if no model can be fitted, it falls back to "weighted".
+    friction : bool, default False
+        Fit Coulomb and viscous friction at the motors together with K and D (with "auto": in every
+        model compared).
+    delay : bool, default False
+        Fit a delay of the torque likewise.
+    inertia_std : float, optional
+        Relative standard deviation of the given inertias M and M2: 0.05 for 5 %, ``math.inf`` for start
+        values only. "auto" and "maximum-likelihood" fit them along; the others keep them and widen
+        their errors. By default they are exact, as in the paper.
+    torque_std : float, optional
+        The same for the torque constant of each joint.
+    gear : {"auto", "linear"}
+        Whether "auto" fits nonlinear gears where the data ask for them.
+
+    Raises
+    ------
+    JointIdError
+        When a joint is not excited in any record, the method is unknown, or the records do not separate
+        the parameters.
+    """
+    prior = InertiaPrior.of(inertia, *phasors.q.shape, inertia_std=inertia_std, torque_std=torque_std)
+    return identify_each(phasors, prior, [method], friction=friction, delay=delay, gear=gear)[method]
+
+
+def require_method(method: str) -> None:
+    """Refuse an estimator that is not one of ``METHODS``."""
+    if method not in METHODS:
+        raise JointIdError(f'method = "{method:.60}" is not known. Methods: {", ".join(METHODS)}.')
+
+
+def require_gear(gear: str) -> None:
+    """Refuse a choice of gear laws that is neither "auto" nor "linear"."""
+    if gear not in ("auto", "linear"):
+        raise JointIdError(f'gear = {gear!r:.60} is not known: "auto" or "linear".')
+
+
+def identify_each(
+    phasors: Phasors,
+    inertia: Inertia | Sequence[Inertia] | InertiaPrior,
+    methods: Iterable[str],
+    *,
+    friction: bool = False,
+    delay: bool = False,
+    gear: str = "auto",
+) -> dict[str, ElasticityFit]:
+    """Identify K and D by several estimators from the same equations.
+
+    Parameters, errors and each fit as in :func:`identify_elasticity`.
+    """
+    names = list(dict.fromkeys(methods))
+    for method in names:
+        require_method(method)
+    require_gear(gear)
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
+    data = _Data(phasors, prior, equations, friction, delay, gear)
+    return {name: data.fit(name) for name in names}
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Equations and settings of several fits."""
+
+    phasors: Phasors
+    prior: InertiaPrior
+    equations: SpringEquations
+    friction: bool
+    delay: bool
+    gear: str
+
+    def fit(self, method: str) -> ElasticityFit:
+        """Fit by one estimator."""
+        if method in LINEAR:
+            if self.friction or self.delay:
+                raise JointIdError(
+                    f'method = "{method}" fits K and D only; friction and delay need '
+                    '"maximum-likelihood".'
+                )
+            return self._linear(method, LINEAR[method](self.equations))
+        linear, noise = weighted(self.equations), self.equations.noise
+        with one_thread():
+            choice = choose_model(
+                self.phasors,
+                self.prior,
+                linear.p,
+                noise,
+                friction=self.friction,
+                delay=self.delay,
+                exactly=method != "auto",
+                gear=self.gear,
+            )
+            if isinstance(estimate := choice.estimate, LikelihoodEstimate):
+                fitted = evaluated(
+                    self.phasors, self.prior, choice.model, estimate, noise, estimate.scale
+                )
+                equations = spring_equations(estimate.phasors, list(estimate.inertias), noise=noise)
+                curves = fitted.torsion_curves()
+                return likelihood_fit(method, choice, estimate, equations, self.prior, curves)
+        if method == "auto":  # a fit with a large misfit lets the verdict name the cause
+            return replace(self._linear("weighted", linear), candidates=choice.candidates)
+        raise estimate
+
+    def _linear(self, method: str, estimate: Estimate) -> ElasticityFit:
+        phasors, prior = self.phasors, self.prior
+        fit = made_fit(method, estimate, self.equations, phasors, prior, self.linear_curves)
+        if not prior.blocks():
+            return fit
+        by_prior = prior_covariance(method, phasors, prior, self.equations.noise)
+        whole = fit.covariance + by_prior
+        by_prior_error = np.sqrt(np.diag(by_prior))
+        return replace(fit, covariance=whole, parameter_covariance=whole, prior_error=by_prior_error)
+
+    @cached_property
+    def linear_curves(self) -> tuple[TorsionCurve, ...]:
+        """Torsion curves with the inertias as given, and without friction."""
+        phasors, prior = self.phasors, self.prior
+        orders = np.arange(1, phasors.harmonics.shape[1] + 1)
+        s: Complexes = np.asarray(1j * phasors.omega[:, None] * orders)
+        own: Complexes = np.asarray((s * s)[..., None] * prior.M[prior.rotor, None])
+        arm = ideal_compliance(prior, prior.M2, s)
+        return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)
