@@ -33,9 +33,11 @@ def test_stiffness_and_skew_come_back_with_the_payload_unknown() -> None:
 
 
 def test_with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent() -> None:
-    quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
+    clocks = np.array([1e-3, 3e-3, 4.5e-3])
+    quiet = Truth(TRUTH.K, clocks, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
     found = identify_arm_side(motion_record(quiet, 2), KNOWN)
     np.testing.assert_allclose(found.K[:SENSORS], TRUTH.K, rtol=0.01)
+    np.testing.assert_allclose(found.skew_s[:SENSORS], clocks, atol=2e-5)
 
 
 def test_joints_without_a_sensor_are_refused_with_the_reason() -> None:
@@ -139,6 +141,7 @@ def test_parts_of_a_record_agree_with_the_whole_within_their_errors_or_are_refus
         )
         kept = np.isfinite(part.K)
         assert np.all(np.abs(part.K - fit().K)[kept] < 3 * part.standard_error[kept])
+        np.testing.assert_allclose(part.skew_s[:SENSORS], TRUTH.skew_s, atol=5e-5)
         assert all(part.reasons[j] for j in np.flatnonzero(~kept))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
-from jointid.arm_side.candidates import Average, average, noise_of
+from jointid.arm_side.candidates import Average, Scale, average, noise_of
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
@@ -34,6 +34,10 @@ _FIRST_COMPLIANCE = 2e-7
 _ALIKE = 2.0
 """Largest ratio of the motions on both sides of a gear."""
 _ROUNDS = 3
+_SKEW_STD_S = 5e-5
+"""Difference between the skews of joints that one clock samples."""
+_OTHER_CLOCKS_S = 1e-4
+"""Difference beyond which the joints are sampled by clocks of their own."""
 TORQUE_STD = 0.03
 """Usual relative standard deviation of a rigid model's torque: link masses, centres, counterbalance."""
 
@@ -133,6 +137,7 @@ def _identified(
     elastic = [np.zeros_like(m.q) for m in motions]
     motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]
     joints: list[JointDeflection | None] = [None] * robot.n
+    skew_std = np.inf
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
@@ -141,11 +146,11 @@ def _identified(
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, _magnitude(joint), last)
+            _joint(j, given, motions, torque, payload, Scale(_magnitude(joint), skew_std), last)
             for j, joint in enumerate(joints)
         ]
         if not last:
-            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+            skew, skew_std = _skews(joints)
             motions = [m.aligned(skew) for m in motions]
             elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
     joints = [
@@ -156,6 +161,28 @@ def _identified(
         for joint in joints
     ]
     return _summary(joints, given, robot, band_hz, mean, root)
+
+
+def _skews(joints: list[JointDeflection | None]) -> tuple[Floats, float]:
+    """Skew of each joint, (n,), and the standard deviation of what remains, s.
+
+    Joints that agree are sampled by one clock: a joint whose own motion tells little of its skew, or
+    only together with its stiffness, takes that of the others. The spread beyond the errors is
+    estimated by moments (DerSimonian and Laird 1986).
+    """
+    own = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+    known = np.array([joint is not None for joint in joints])
+    if known.sum() < 2:
+        return own, np.inf
+    value, error = own[known], np.array([joint.skew_std_s for joint in joints if joint])
+    weight = error**-2.0
+    excess = weight @ (value - weight @ value / weight.sum()) ** 2 - (value.size - 1)
+    between = max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))
+    if between > _OTHER_CLOCKS_S**2 and excess > 3 * np.sqrt(2 * (value.size - 1)):
+        return own, np.inf
+    weight = 1 / (error**2 + _SKEW_STD_S**2)
+    shared = np.where(known, weight @ value / weight.sum(), 0.0)
+    return shared, float(np.hypot(_SKEW_STD_S, weight.sum() ** -0.5))
 
 
 def _magnitude(joint: JointDeflection | None) -> float:
@@ -177,7 +204,7 @@ def _joint(
     motions: list[BandLimited],
     torque: list[Floats],
     payload: list[Floats],
-    compliance: float,
+    scale: Scale,
     last: bool,
 ) -> JointDeflection | None:
     seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
@@ -211,8 +238,8 @@ def _joint(
         part = Regression(data.y[rows], data.columns[rows])
         if noise is None:
             spans = (np.flatnonzero(np.diff(record[rows])) + 1).tolist()
-            noise = noise_of(part, groups, spans, interval, compliance)
-        return average(part, groups, noise, compliance)
+            noise = noise_of(part, groups, spans, interval, scale)
+        return average(part, groups, noise, scale)
 
     whole = fitted(used)
     beta, free = whole.beta, [0, groups["skew"].start]
@@ -220,15 +247,13 @@ def _joint(
     if last:
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
-        jackknife = np.zeros(2)
-        for count in _PARTS:
-            part = (part_of * count).astype(int)
-            without = np.array(
-                [fitted(used & (part != k), whole.noise).beta[free] for k in range(count)]
-            )
-            jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
-        variance = np.maximum(variance, jackknife)
         left = _left_over([motions[k] for k in seen], every, beta, j)
+    jackknife = np.zeros(2)
+    for count in _PARTS:
+        part = (part_of * count).astype(int)
+        without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
+        jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
+    variance = np.maximum(variance, jackknife)
     residual = (data.y - data.columns @ beta)[used]
     error = np.sqrt(variance)
     return JointDeflection(
