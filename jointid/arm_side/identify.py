@@ -146,7 +146,7 @@ def _identified(
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, Scale(_magnitude(joint), skew_std), last)
+            _joint(j, given, motions, torque, payload, Scale(_magnitude(joint), skew_std), round_)
             for j, joint in enumerate(joints)
         ]
         if not last:
@@ -205,7 +205,7 @@ def _joint(
     torque: list[Floats],
     payload: list[Floats],
     scale: Scale,
-    last: bool,
+    round_: int,
 ) -> JointDeflection | None:
     seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
     fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
@@ -244,12 +244,12 @@ def _joint(
     whole = fitted(used)
     beta, free = whole.beta, [0, groups["skew"].start]
     variance, left = np.diag(whole.covariance)[free], None
-    if last:
+    if round_ == _ROUNDS - 1:
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
         left = _left_over([motions[k] for k in seen], every, beta, j)
     jackknife = np.zeros(2)
-    for count in _PARTS:
+    for count in () if round_ == 1 else _PARTS:  # the middle round's error is not used
         part = (part_of * count).astype(int)
         without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
         jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
