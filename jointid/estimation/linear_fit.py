@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.optimize import least_squares as nonlinear_least_squares
 
 from jointid.arrays import Complexes, Floats
@@ -127,7 +128,10 @@ def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: 
 
     A linear estimator takes them as given.
     """
-    return carried_covariance(*prior_slopes(method, phasors, prior, noise))
+    slope, std = prior_slopes(method, phasors, prior, noise)
+    if not prior.shared.any() or not np.isfinite(std).all():
+        return carried_covariance(slope, std)
+    return np.asarray(slope @ block_diag(*map(prior.covariance, prior.blocks())) @ slope.T)
 
 
 def carried_covariance(slope: Floats, std: Floats) -> Floats:
