@@ -33,9 +33,7 @@ def main() -> None:
     robot = RobotModel.load(ROBOT)
     K = JOINT_K / robot.gear_ratio**2
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
-    print(
-        "pattern          std   payload   K off %   D off %   K sigma %   D sigma %   CPU s   findings"
-    )
+    print("pattern          std   payload   K off %   D off %   K std %   D std %   CPU s   findings")
     for pattern in ("orthogonal", "one-at-a-time"):
         records = simulate_records(
             inertia,
