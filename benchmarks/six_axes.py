@@ -33,7 +33,7 @@ def main() -> None:
     robot = RobotModel.load(ROBOT)
     K = JOINT_K / robot.gear_ratio**2
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
-    print("pattern          std   K off %   D off %   K sigma %   D sigma %   CPU s   findings")
+    print("pattern          std   payload   K off %   D off %   K std %   D std %   CPU s   findings")
     for pattern in ("orthogonal", "one-at-a-time"):
         records = simulate_records(
             inertia,
@@ -44,9 +44,14 @@ def main() -> None:
             friction=FRICTION,
             measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
         )
-        for std in (0.0, 0.05):
+        for std, mass_std in ((0.0, 0.0), (0.05, 0.0), (0.0, 40.0)):
+            carrying = robot.with_payload(mass_std=mass_std)
             study = Study(
-                records, inertia, robot_model=robot, pose_angles_rad={"": POSE}, inertia_std=std
+                records,
+                carrying.inertia(POSE),
+                robot_model=carrying,
+                pose_angles_rad={"": POSE},
+                inertia_std=std,
             )
             with threadpool_limits(1):
                 begin = time.process_time()
@@ -57,7 +62,10 @@ def main() -> None:
             sigma = 100 * (fit.standard_error / true).reshape(2, 6).max(axis=1)
             levels = [f"{f.level}: {f.title}" for f in found.findings if f.level != "good"]
             numbers = f"{off[0]:7.3f}   {off[1]:7.3f}   {sigma[0]:9.3f}   {sigma[1]:9.3f}   {spent:5.1f}"
-            print(f"{pattern:15}  {std:.2f}   {numbers}   {'; '.join(levels)}", flush=True)
+            print(
+                f"{pattern:15}  {std:.2f}   {mass_std:4.0f} kg   {numbers}   {'; '.join(levels)}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-from .arm_side.identify import ArmSideFit as ArmSideFit
+from .arm_side.fit import ArmSideFit as ArmSideFit
 from .arm_side.identify import identify_arm_side as identify_arm_side
 from .cut.arm import PlanarArm as PlanarArm
 from .cut.rectangle import rectangle as rectangle

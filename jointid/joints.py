@@ -38,6 +38,9 @@ class Inertia:
     gravity : array_like, shape (n, n), optional
         Stiffness of gravity, the derivative of the static torque by the joint angles, motor side,
         N·m/rad; exact. By default zero: a horizontal arm.
+    shared : array_like, shape (n, n), optional
+        Change of M2 by one standard deviation of what all poses have in common and nobody knows, such as
+        the mass of the payload, kg·m². By default zero.
 
     Raises
     ------
@@ -53,6 +56,8 @@ class Inertia:
     """Exactly known part of M2, shape (n, n), kg·m²; zero without one."""
     gravity: Floats
     """Stiffness of gravity, shape (n, n), N·m/rad; zero without it."""
+    shared: Floats
+    """Change of M2 by one standard deviation of the common unknown, shape (n, n), kg·m²."""
 
     def __init__(
         self,
@@ -60,6 +65,7 @@ class Inertia:
         M2: ArrayLike,
         added: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
+        shared: ArrayLike | None = None,
     ) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
         n = rotor.size
@@ -75,6 +81,8 @@ class Inertia:
         object.__setattr__(self, "M2", arm)
         object.__setattr__(self, "added", frozen(known))
         object.__setattr__(self, "gravity", _gravity(gravity, n))
+        common = np.zeros((n, n)) if shared is None else _symmetric("shared", "change of M2", shared, n)
+        object.__setattr__(self, "shared", frozen(common))
 
     @property
     def n(self) -> int:
@@ -95,7 +103,7 @@ class Inertia:
             When it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
-        return Inertia(self.M, self.M2 + more, self.added + more, self.gravity)
+        return Inertia(self.M, self.M2 + more, self.added + more, self.gravity, self.shared)
 
 
 def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) -> Floats:

@@ -33,9 +33,11 @@ def test_stiffness_and_skew_come_back_with_the_payload_unknown() -> None:
 
 
 def test_with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent() -> None:
-    quiet = Truth(TRUTH.K, TRUTH.skew_s, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
+    clocks = np.array([1e-3, 3e-3, 4.5e-3])
+    quiet = Truth(TRUTH.K, clocks, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
     found = identify_arm_side(motion_record(quiet, 2), KNOWN)
     np.testing.assert_allclose(found.K[:SENSORS], TRUTH.K, rtol=0.01)
+    np.testing.assert_allclose(found.skew_s[:SENSORS], clocks, atol=2e-5)
 
 
 def test_joints_without_a_sensor_are_refused_with_the_reason() -> None:
@@ -122,3 +124,31 @@ def test_records_without_any_sensor_or_with_other_joints_are_refused() -> None:
     )
     with pytest.raises(JointIdError, match="too short"):
         identify_arm_side(short, ROBOT)
+
+
+def test_parts_of_a_record_agree_with_the_whole_within_their_errors_or_are_refused() -> None:
+    r = record()
+    assert r.arm_rad is not None
+    for rows in (slice(0, 2000), slice(3000, None)):
+        part = identify_arm_side(
+            MotionRecord(
+                time_s=r.time_s[rows],
+                theta_rad=r.theta_rad[rows],
+                tau_Nm=r.tau_Nm[rows],
+                arm_rad=r.arm_rad[rows],
+            ),
+            ROBOT,
+        )
+        kept = np.isfinite(part.K)
+        assert np.all(np.abs(part.K - fit().K)[kept] < 3 * part.standard_error[kept])
+        np.testing.assert_allclose(part.skew_s[:SENSORS], TRUTH.skew_s, atol=5e-5)
+        assert all(part.reasons[j] for j in np.flatnonzero(~kept))
+
+
+def test_the_rigid_model_has_a_part_in_the_error_and_a_repeated_record_none() -> None:
+    exact = identify_arm_side([record(), record()], ROBOT, torque_std=0.0)
+    np.testing.assert_array_equal(exact.K, fit().K)
+    added = np.sqrt(fit().standard_error ** 2 - exact.standard_error**2)[:SENSORS]
+    np.testing.assert_allclose(added, 0.03 * exact.K[:SENSORS])
+    with pytest.raises(JointIdError, match="torque_std"):
+        identify_arm_side(record(), ROBOT, torque_std=-0.1)

@@ -28,6 +28,16 @@ _ROUNDS = 4
 
 
 @dataclass(frozen=True)
+class Scale:
+    """What is known of a joint before its fit."""
+
+    compliance: float
+    """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
+    skew_std_s: float = np.inf
+    """Standard deviation of what remains of the skew, s."""
+
+
+@dataclass(frozen=True)
 class TermSet:
     """One choice of terms."""
 
@@ -35,11 +45,13 @@ class TermSet:
     ripple_rad: float
     friction: int | None
 
-    def std(self, groups: dict[str, slice], size: int, compliance: float) -> Floats:
+    def std(self, groups: dict[str, slice], size: int, scale: Scale) -> Floats:
         """Prior standard deviations of all coefficients, shape (size,); offsets come last, free."""
+        compliance = scale.compliance
         std = np.zeros(size)
         std[max(group.stop for group in groups.values()) :] = np.inf
-        std[groups["compliance"]] = std[groups["skew"]] = np.inf
+        std[groups["compliance"]] = np.inf
+        std[groups["skew"]] = scale.skew_std_s
         std[groups["payload"]] = compliance
         std[groups["damping"]] = compliance * _DAMPING_S
         std[groups["slow"]] = self.slow_rad / np.tile(SLOW_HARMONICS, 2)
@@ -69,10 +81,10 @@ class Average:
 
 
 def noise_of(
-    data: Regression, groups: dict[str, slice], spans: list[int], interval_s: float, compliance: float
+    data: Regression, groups: dict[str, slice], spans: list[int], interval_s: float, scale: Scale
 ) -> float:
     """Noise of the data, rad, from the residual of a rich set of terms."""
-    std = _REFERENCE.std(groups, data.columns.shape[1], compliance)
+    std = _REFERENCE.std(groups, data.columns.shape[1], scale)
     noise, lags = _ARC_SECOND, int(_MEMORY_S / interval_s)
     for _ in range(_ROUNDS):
         fitted = data.estimate(noise, std)
@@ -81,13 +93,13 @@ def noise_of(
     return noise
 
 
-def average(data: Regression, groups: dict[str, slice], noise: float, compliance: float) -> Average:
+def average(data: Regression, groups: dict[str, slice], noise: float, scale: Scale) -> Average:
     """Fit every candidate and average."""
     size = data.columns.shape[1]
     fits: list[Estimate] = []
     cost = []
     for candidate in CANDIDATES:
-        std = candidate.std(groups, size, compliance)
+        std = candidate.std(groups, size, scale)
         fits.append(data.estimate(noise, std))
         cost.append(fits[-1].cost)
     weights = np.exp(-0.5 * (np.array(cost) - min(cost)))

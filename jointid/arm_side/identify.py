@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jointid.arm_side.band_limited import BandLimited, band_limited, joint_angles
-from jointid.arm_side.candidates import Average, average, noise_of
+from jointid.arm_side.candidates import Average, Scale, average, noise_of
+from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import PositionMap, position_map
@@ -26,120 +27,52 @@ _SLIP = 0.02
 """Lowest velocity, in parts of the joint's largest: below it friction in the gear has no direction."""
 _OTHER_SLIPS = (0.0, 0.1)
 """Other choices of that limit; what they change enters the error."""
+_PARTS = (6, 10)
+"""Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
 _ALIKE = 2.0
 """Largest ratio of the motions on both sides of a gear."""
 _ROUNDS = 3
-
-
-@dataclass(frozen=True, eq=False)
-class _Joint:
-    """Fitted deflection of one joint."""
-
-    ripple: Ripple
-    beta: Floats
-    compliance: float
-    compliance_std: float
-    skew_s: float
-    aligned_s: float
-    """The part of the skew that was taken out before the fit."""
-    skew_std_s: float
-    residual_rad: float
-    position_map: PositionMap | None
-
-
-@dataclass(frozen=True, eq=False)
-class ArmSideFit:
-    """Joint stiffness from sensors behind the gears; joint side, n joints.
-
-    The deflection motor/N − arm of a joint is torque/K + skew · velocity + offset, plus transmission
-    error, friction and damping in the gear.
-    """
-
-    K: Floats
-    """Stiffness, shape (n,), N·m/rad; NaN where refused."""
-    standard_error: Floats
-    """Of K, shape (n,), N·m/rad: noise, payload and choice of terms; NaN where refused."""
-    skew_s: Floats
-    """Age of the arm's sample against the motor's, shape (n,), s; NaN without a sensor."""
-    skew_error_s: Floats
-    """Standard error of ``skew_s``, shape (n,), s."""
-    reasons: tuple[str, ...]
-    """Why K is refused, (n,); empty where it is not."""
-    residual_rad: Floats
-    """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
-    robot: RobotModel
-    band_hz: float | None
-    joints: tuple[_Joint | None, ...]
-    payload_mean: Floats
-    payload_root: Floats
-
-    def predict(self, record: MotionRecord) -> Floats:
-        """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
-
-        In the band of the fit, with the tooth orders above it. Only the motor's motion is used;
-        where the record has a sensor, the constant offset is the median of its own difference.
-        Positions beyond those of the fit are extrapolated.
-        """
-        with one_thread():
-            return self._predict(record)
-
-    def _predict(self, record: MotionRecord) -> Floats:
-        skew = np.array([joint.aligned_s if joint else 0.0 for joint in self.joints])
-        motion = replace(band_limited(record, self.robot, self.band_hz), skew_s=skew)
-        elastic = np.zeros_like(motion.q)
-        found = np.full(motion.q.shape, np.nan)
-        for _ in range(2):
-            torque, payload = joint_torque(motion, self.robot, elastic)
-            torque, payload = torque + payload @ self.payload_mean, payload @ self.payload_root
-            for j, joint in enumerate(self.joints):
-                if joint is not None:
-                    motor = record.theta_rad[record.start :, j]
-                    terms = joint_terms(j, motion, torque, payload, motor, joint.ripple)
-                    for name, group in terms.groups.items():
-                        if name.startswith("start"):
-                            terms.columns[:, group] = 0
-                    found[:, j] = terms.columns @ joint.beta[: terms.columns.shape[1]]
-                    elastic[:, j] = found[:, j]
-                    found[:, j] += motion.by_skew(j, elastic[:, j])
-            elastic -= elastic.mean(axis=0)
-        result = np.full(record.theta_rad.shape, np.nan)
-        for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
-            joint = self.joints[j]
-            if joint is not None and joint.position_map is not None:
-                found[:, j] += joint.position_map(motion.raw[:, j])
-            result[:, j] = np.interp(record.time_s, motion.time_s, found[:, j])
-        if record.arm_rad is not None:
-            measured = joint_angles(record, self.robot) - record.arm_rad
-            seen = np.isfinite(measured).all(axis=0) & np.isfinite(result).all(axis=0)
-            difference = (measured - result)[record.start :][motion.inner]
-            result[:, seen] += np.median(difference[:, seen], axis=0)
-        return result
+_SKEW_STD_S = 5e-5
+"""Difference between the skews of joints that one clock samples."""
+_OTHER_CLOCKS_S = 1e-4
+"""Difference beyond which the joints are sampled by clocks of their own."""
+TORQUE_STD = 0.03
+"""Usual relative standard deviation of a rigid model's torque: link masses, centres, counterbalance."""
 
 
 def identify_arm_side(
-    records: MotionRecord | Sequence[MotionRecord], robot: RobotModel, *, band_hz: float | None = None
+    records: MotionRecord | Sequence[MotionRecord],
+    robot: RobotModel,
+    *,
+    band_hz: float | None = None,
+    torque_std: float = TORQUE_STD,
 ) -> ArmSideFit:
     """Identify the stiffness of every joint with a sensor behind its gear.
 
     Torques come from the rigid model at the measured motion. Skew between the encoders, transmission
     error, friction and damping in the gear, offsets and the payload are fitted along. Their choice
-    enters the error: all sensible sets of terms are averaged by their evidence.
+    enters the error: all sensible sets of terms are averaged by their evidence. So does what any part
+    of the records changes: each is left out in turn (jackknife), since one bump of torque or one bad
+    stretch may decide the whole, which noise does not show.
 
     Parameters
     ----------
     records : MotionRecord or sequence of MotionRecord
-        Any motion, all joints, with ``arm_rad`` of at least one.
+        Any motion, all joints, with ``arm_rad`` of at least one. A record given twice counts once.
     robot : RobotModel
         With gear ratios; ``robot.payload.mass_std`` is the prior of the payload.
     band_hz : float, optional
         Upper edge of the band, Hz; otherwise that of each record, or 6 Hz.
+    torque_std : float, default 0.03
+        Relative standard deviation of the robot model's torque; it scales K. 0 for an exact model.
 
     Raises
     ------
     JointIdError
-        When no record has a sensor, a record is too short, or the robot does not fit.
+        When no record has a sensor, a record is too short, the robot does not fit, or ``torque_std`` is
+        negative or not finite.
 
     Notes
     -----
@@ -156,12 +89,26 @@ def identify_arm_side(
         raise JointIdError(f"robot = {robot!r:.60}: expected a RobotModel, see RobotModel.load.")
     if band_hz is not None:
         band_hz = bounded_number("band_hz", "Hz", band_hz)
+    torque_std = bounded_number("torque_std", "relative", torque_std, zero=True)
     if all(record.arm_rad is None for record in given):
         raise JointIdError(
             "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."
         )
     with one_thread():
-        return _identified(list(given), robot, band_hz)
+        return _identified(_distinct(given), robot, band_hz, torque_std)
+
+
+def _distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
+    """Drop repeated records: the same noise twice is no evidence."""
+    found: list[MotionRecord] = []
+    for record in given:
+        if not any(
+            np.array_equal(record.theta_rad, other.theta_rad)
+            and np.array_equal(record.tau_Nm, other.tau_Nm)
+            for other in found
+        ):
+            found.append(record)
+    return found
 
 
 def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
@@ -181,13 +128,16 @@ def _require_alike(record: MotionRecord, robot: RobotModel) -> None:
             )
 
 
-def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | None) -> ArmSideFit:
+def _identified(
+    given: list[MotionRecord], robot: RobotModel, band_hz: float | None, torque_std: float
+) -> ArmSideFit:
     for record in given:
         _require_alike(record, robot)
     motions = [band_limited(record, robot, band_hz) for record in given]
     elastic = [np.zeros_like(m.q) for m in motions]
     motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]
-    joints: list[_Joint | None] = [None] * robot.n
+    joints: list[JointDeflection | None] = [None] * robot.n
+    skew_std = np.inf
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
@@ -196,17 +146,46 @@ def _identified(given: list[MotionRecord], robot: RobotModel, band_hz: float | N
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, _magnitude(joint), last)
+            _joint(j, given, motions, torque, payload, Scale(_magnitude(joint), skew_std), round_)
             for j, joint in enumerate(joints)
         ]
         if not last:
-            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+            skew, skew_std = _skews(joints)
             motions = [m.aligned(skew) for m in motions]
             elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
+    joints = [
+        joint
+        and replace(
+            joint, compliance_std=float(np.hypot(joint.compliance_std, torque_std * joint.compliance))
+        )
+        for joint in joints
+    ]
     return _summary(joints, given, robot, band_hz, mean, root)
 
 
-def _magnitude(joint: _Joint | None) -> float:
+def _skews(joints: list[JointDeflection | None]) -> tuple[Floats, float]:
+    """Skew of each joint, (n,), and the standard deviation of what remains, s.
+
+    Joints that agree are sampled by one clock: a joint whose own motion tells little of its skew, or
+    only together with its stiffness, takes that of the others. The spread beyond the errors is
+    estimated by moments (DerSimonian and Laird 1986).
+    """
+    own = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+    known = np.array([joint is not None for joint in joints])
+    if known.sum() < 2:
+        return own, np.inf
+    value, error = own[known], np.array([joint.skew_std_s for joint in joints if joint])
+    weight = error**-2.0
+    excess = weight @ (value - weight @ value / weight.sum()) ** 2 - (value.size - 1)
+    between = max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))
+    if between > _OTHER_CLOCKS_S**2 and excess > 3 * np.sqrt(2 * (value.size - 1)):
+        return own, np.inf
+    weight = 1 / (error**2 + _SKEW_STD_S**2)
+    shared = np.where(known, weight @ value / weight.sum(), 0.0)
+    return shared, float(np.hypot(_SKEW_STD_S, weight.sum() ** -0.5))
+
+
+def _magnitude(joint: JointDeflection | None) -> float:
     """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
     return max(joint.compliance, 1e-9) if joint else _FIRST_COMPLIANCE
 
@@ -225,15 +204,15 @@ def _joint(
     motions: list[BandLimited],
     torque: list[Floats],
     payload: list[Floats],
-    compliance: float,
-    last: bool,
-) -> _Joint | None:
+    scale: Scale,
+    round_: int,
+) -> JointDeflection | None:
     seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
     fastest = max((np.abs(motions[k].dq[:, j]).max() for k in seen), default=0.0)
     if fastest == 0.0:
         return None
     ripple = Ripple.over(np.concatenate([motions[k].raw[:, j] for k in seen]))
-    y, columns, speed, source, halves, every = [], [], [], [], [], []
+    y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
         terms = joint_terms(j, m, torque[k], payload[k], motor, ripple)
@@ -247,9 +226,9 @@ def _joint(
         speed.append(np.abs(m.dq[rows, j]) / fastest)
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
-        halves.append(moving < moving[-1] / 2)
+        progress.append((moving - 1) / max(1, moving[-1]))
     data = Regression(np.concatenate(y), np.concatenate(columns))
-    record, ratio, first = np.concatenate(source), np.concatenate(speed), np.concatenate(halves)
+    record, ratio, part_of = np.concatenate(source), np.concatenate(speed), np.concatenate(progress)
     interval, groups = step * m.lowpass.interval_s, terms.groups
     used = ratio > _SLIP
     if used.sum() < _FEWEST:
@@ -259,22 +238,25 @@ def _joint(
         part = Regression(data.y[rows], data.columns[rows])
         if noise is None:
             spans = (np.flatnonzero(np.diff(record[rows])) + 1).tolist()
-            noise = noise_of(part, groups, spans, interval, compliance)
-        return average(part, groups, noise, compliance)
+            noise = noise_of(part, groups, spans, interval, scale)
+        return average(part, groups, noise, scale)
 
     whole = fitted(used)
     beta, free = whole.beta, [0, groups["skew"].start]
-    covariance, left = whole.covariance[np.ix_(free, free)], None
-    if last:
+    variance, left = np.diag(whole.covariance)[free], None
+    if round_ == _ROUNDS - 1:
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
-        covariance = covariance + spread.T @ spread / (1 + len(_OTHER_SLIPS))
-        a, b = (fitted(used & half, whole.noise) for half in (first, ~first))
-        between = (a.beta[0] - b.beta[0]) ** 2 - a.covariance[0, 0] - b.covariance[0, 0]
-        covariance[0, 0] += max(0.0, between) / 4
+        variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
         left = _left_over([motions[k] for k in seen], every, beta, j)
+    jackknife = np.zeros(2)
+    for count in () if round_ == 1 else _PARTS:  # the middle round's error is not used
+        part = (part_of * count).astype(int)
+        without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
+        jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
+    variance = np.maximum(variance, jackknife)
     residual = (data.y - data.columns @ beta)[used]
-    error = np.sqrt(np.diag(covariance))
-    return _Joint(
+    error = np.sqrt(variance)
+    return JointDeflection(
         ripple,
         beta,
         float(beta[0]),
@@ -297,7 +279,7 @@ def _left_over(motions: list[BandLimited], terms: list[Floats], beta: Floats, j:
     return position_map([m.raw[m.inner, j] for m in motions], slow, fast)
 
 
-def _reason(joint: _Joint | None, sensor: bool) -> str:
+def _reason(joint: JointDeflection | None, sensor: bool) -> str:
     if not sensor:
         return "No sensor behind the gear in these records."
     if joint is None:
@@ -313,7 +295,7 @@ def _reason(joint: _Joint | None, sensor: bool) -> str:
 
 
 def _summary(
-    joints: list[_Joint | None],
+    joints: list[JointDeflection | None],
     given: list[MotionRecord],
     robot: RobotModel,
     band_hz: float | None,

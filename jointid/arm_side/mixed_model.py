@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -36,17 +37,25 @@ class Regression:
             Prior standard deviations; infinite without a prior, 0 leaves a column out.
         """
         used = std > 0
-        X, prior = self.columns[:, used] / noise, std[used]
-        scale = np.where(np.isfinite(prior), prior, 1 / np.linalg.norm(X, axis=0).clip(1e-300))
-        X, y = X * scale, self.y / noise
-        A = X.T @ X + np.diag(np.isfinite(prior) * 1.0)
+        prior = std[used]
+        gram, moment, energy = self._moments
+        gram, moment = gram[np.ix_(used, used)] / noise**2, moment[used] / noise**2
+        scale = np.where(np.isfinite(prior), prior, np.diag(gram).clip(1e-300) ** -0.5)
+        gram, moment = gram * np.outer(scale, scale), moment * scale
+        A = gram + np.diag(np.isfinite(prior) * 1.0)
         factor = cho_factor(A + 1e-12 * np.trace(A) / len(A) * np.eye(len(A)))
-        mean = cho_solve(factor, X.T @ y)
+        mean = cho_solve(factor, moment)
         beta, covariance = np.zeros(std.size), np.zeros((std.size, std.size))
         beta[used] = mean * scale
         covariance[np.ix_(used, used)] = cho_solve(factor, np.eye(len(A))) * np.outer(scale, scale)
-        misfit = float(np.sum((y - X @ mean) ** 2) + np.sum((mean**2)[np.isfinite(prior)]))
+        misfit = energy / noise**2 - 2 * float(mean @ moment) + float(mean @ A @ mean)
         return Estimate(beta, covariance, misfit + 2 * float(np.log(np.diag(factor[0])).sum()))
+
+    @cached_property
+    def _moments(self) -> tuple[Floats, Floats, float]:
+        """Sums of products of columns with columns, of columns with data, and of the data."""
+        X, y = self.columns, self.y
+        return np.asarray(X.T @ X, float), np.asarray(X.T @ y, float), float(y @ y)
 
     def residual(self, estimate: Estimate) -> Floats:
         """Data minus model, shape (N,)."""

@@ -125,7 +125,7 @@ class ElasticityFit:
     @property
     def inertia(self) -> Inertia | tuple[Inertia, ...]:
         """Fitted inertia, one or one per record as given; the given one where it was exact."""
-        if not self.prior.inertia_std:
+        if not {"M", "M2"} & self.prior.blocks().keys():
             return self.prior.given
         return self.inertias[0] if isinstance(self.prior.given, Inertia) else self.inertias
 

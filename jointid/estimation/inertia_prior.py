@@ -23,6 +23,9 @@ stay free."""
 _EXACT, _UNKNOWN = 1e-12, 1e6
 """Relative standard deviations below and above which a value counts as exact and as unknown."""
 
+_MODEL_STD = 1e-4
+"""Least relative standard deviation of M2 beside that of a common unknown."""
+
 _ROUNDING = 1e-9
 """Difference between inertias, over the largest element, that counts as rounding."""
 
@@ -45,6 +48,8 @@ class InertiaPrior:
     """Exactly known part of each M2, shape (p, n, n), kg·m²."""
     gravity: Floats
     """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
+    shared: Floats
+    """Change of each uncertain part by 1 σ of the common unknown, shape (u, n, n), kg·m²."""
     rest: Floats
     """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray
@@ -102,7 +107,7 @@ class InertiaPrior:
                     f"The records have {counted(joints, 'joint')}, the inertia has {one.n}."
                 )
         M, rotor = _distinct([one.M for one in each])
-        parts, pose = _distinct([np.stack([one.M2 - one.added, one.added, one.gravity]) for one in each])
+        parts, pose = _distinct([_parts(one) for one in each])
         rest, part = _distinct(list(parts[:, 0]))
         return cls(
             given=inertia if isinstance(inertia, Inertia) else tuple(each),
@@ -110,6 +115,7 @@ class InertiaPrior:
             M2=parts[:, 0] + parts[:, 1],
             added=parts[:, 1],
             gravity=parts[:, 2],
+            shared=np.array([parts[pose][part[pose] == k][0, 3] for k in range(len(rest))]),
             rest=rest,
             rotor=rotor,
             pose=pose,
@@ -155,10 +161,38 @@ class InertiaPrior:
         blocks = {}
         if self.inertia_std > 0:
             blocks["M"] = self.M, self.inertia_std * self.units["M"]
-            blocks["M2"] = self.lower, self.inertia_std * self.units["M2"]
+        if self.inertia_std > 0 or self.shared.any():
+            blocks["M2"] = self.lower, np.hypot(self._own, self.common)
         if self.torque_std > 0:
             blocks["torque_scale"] = np.ones(self.n), self.torque_std * self.units["torque_scale"]
         return {name: (mean + self.offsets.get(name, 0.0), std) for name, (mean, std) in blocks.items()}
+
+    @property
+    def common(self) -> Floats:
+        """Distinct elements of ``shared``, shape (u, t), kg·m²."""
+        rows, columns = self.elements
+        return np.asarray(self.shared[:, rows, columns])
+
+    @property
+    def _own(self) -> Floats:
+        """Standard deviation of each element of M2 beside the common unknown's, shape (u, t), kg·m²."""
+        least = _MODEL_STD if self.shared.any() else 0.0
+        return np.asarray(max(self.inertia_std, least) * self.units["M2"])
+
+    def covariance(self, name: str) -> Floats:
+        """Covariance of the values of one block, shape (E, E); infinite where they are unknown."""
+        if name != "M2":
+            return np.diag(self.blocks()[name][1].ravel() ** 2)
+        common = self.common.ravel()
+        return np.asarray(np.diag(self._own.ravel() ** 2) + np.outer(common, common))
+
+    def information(self, name: str) -> Floats:
+        """Inverse of ``covariance``, shape (E, E); zero where the values are unknown."""
+        if name != "M2":
+            return np.diag(self.blocks()[name][1].ravel() ** -2.0)
+        weight, common = self._own.ravel() ** -2.0, self.common.ravel()
+        seen = weight * common
+        return np.asarray(np.diag(weight) - np.outer(seen, seen) / (1 + seen @ common))
 
     def redrawn(self, rng: np.random.Generator, true: Parameters) -> InertiaPrior:
         """Prior with given values drawn around the true ones; unknown ones stay.
@@ -168,7 +202,10 @@ class InertiaPrior:
         offsets = {}
         for name, (mean, std) in self.blocks().items():
             known = np.isfinite(std)
-            error = np.where(known, std, 0.0) * rng.standard_normal(std.shape)
+            own = self._own if name == "M2" else std
+            error = np.where(known, own, 0.0) * rng.standard_normal(std.shape)
+            if name == "M2" and self.shared.any():
+                error += self.common * rng.standard_normal()
             offsets[name] = np.where(known, true[name] + error - mean, 0.0)
         return replace(self, offsets=offsets)
 
@@ -197,6 +234,10 @@ class InertiaPrior:
         pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
         distinct = {(m, p): Inertia(M[m], M2[p], self.added[p], self.gravity[p]) for m, p in set(pairs)}
         return [distinct[pair] for pair in pairs]
+
+
+def _parts(inertia: Inertia) -> Floats:
+    return np.stack([inertia.M2 - inertia.added, inertia.added, inertia.gravity, inertia.shared])
 
 
 def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:

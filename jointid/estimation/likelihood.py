@@ -155,7 +155,7 @@ def maximum_likelihood(
     named = problem.layout.named(p)
     if not prior.blocks():
         _require_separable(problem, normal)
-    normal = fitted.information() + 0.5 * np.diag(problem.pull(p)[1])
+    normal = fitted.information() + 0.5 * problem.pull(p)[1]
     covariance = 0.5 * determined_covariance(normal)
     for name in ("coulomb", "curve"):
         if name in problem.layout:  # a motor that never reverses shows none
@@ -222,8 +222,9 @@ class Misfit:
 
 def _determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
     """Number of parameters that the data determine: P − tr(C B), with the prior's information B."""
-    weight, variance = problem.pull(p)[1], np.diag(positive_inverse(normal)) / 2
-    by_prior = weight * np.where(weight > 0, variance, 0.0)
+    variance = positive_inverse(normal) / 2
+    known = np.where(np.isfinite(variance), variance, 0.0)
+    by_prior = np.einsum("ij,ji->i", problem.pull(p)[1], known)
     return float(p.size - np.minimum(by_prior, 1.0).sum())
 
 
@@ -359,14 +360,14 @@ def _quadratic_at(residual: WhitenedResidual, p: Floats) -> tuple[float, Floats,
     rows, columns = residual.rows.reshape(-1), residual.columns().reshape(-1, p.size)
     deviation, weight = problem.pull(p)
     cost = float(rows @ rows) + _penalty(problem, p)
-    gradient = columns.T @ rows + 0.5 * weight * deviation
-    return cost, gradient, columns.T @ columns + 0.5 * np.diag(weight)
+    gradient = columns.T @ rows + 0.5 * weight @ deviation
+    return cost, gradient, columns.T @ columns + 0.5 * weight
 
 
 def _penalty(problem: Problem, p: Floats) -> float:
     """Cost of the prior: a negative log likelihood like the data's."""
     deviation, weight = problem.pull(p)
-    return float(0.5 * (weight * deviation**2).sum())
+    return float(0.5 * deviation @ weight @ deviation)
 
 
 def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
@@ -376,7 +377,7 @@ def _prior_part(problem: Problem, p: Floats, covariance: Floats) -> Floats:
     """
     finite = np.isfinite(np.diag(covariance))
     C = np.where(np.outer(finite, finite), covariance, 0.0)
-    return np.asarray((C * problem.pull(p)[1]) @ C)
+    return np.asarray(C @ problem.pull(p)[1] @ C)
 
 
 def _require_separable(problem: Problem, normal: Floats) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.inertia_prior import InertiaPrior
@@ -166,7 +167,10 @@ def prior_covariance(method: str, phasors: Phasors, prior: InertiaPrior, noise: 
 
     A linear estimator takes them as given.
     """
-    return carried_covariance(*prior_slopes(method, phasors, prior, noise))
+    slope, std = prior_slopes(method, phasors, prior, noise)
+    if not prior.shared.any() or not np.isfinite(std).all():
+        return carried_covariance(slope, std)
+    return np.asarray(slope @ block_diag(*map(prior.covariance, prior.blocks())) @ slope.T)
 
 
 def carried_covariance(slope: Floats, std: Floats) -> Floats:

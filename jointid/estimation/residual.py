@@ -139,13 +139,13 @@ class Problem:
         return self.layout.pack(**(means | same))
 
     def pull(self, vector: Floats) -> tuple[Floats, Floats]:
-        """Deviation from the prior's mean, shape (P,), and the prior's inverse variance, shape (P,)."""
-        deviation, weight = np.zeros(vector.size), np.zeros(vector.size)
-        for name, (mean, std) in self.prior.blocks().items():
+        """Deviation from the prior's mean, shape (P,), and the prior's information, shape (P, P)."""
+        deviation, weight = np.zeros(vector.size), np.zeros((vector.size, vector.size))
+        for name, (mean, _) in self.prior.blocks().items():
             if name in self.layout:
                 place = self.layout[name]
                 deviation[place] = vector[place] - mean.ravel()
-                weight[place] = std.ravel() ** -2.0
+                weight[place, place] = self.prior.information(name)
         return deviation, weight
 
 

@@ -35,8 +35,10 @@ def study_digest(study: Study) -> str:
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
     if any(inertia.added.any() for inertia in inertias):
         _arrays(state, [inertia.added for inertia in inertias])
-    if any(inertia.gravity.any() for inertia in inertias):
-        _arrays(state, [inertia.gravity for inertia in inertias])
+    for name in ("gravity", "shared"):
+        parts = [getattr(inertia, name) for inertia in inertias]
+        if any(part.any() for part in parts):
+            _arrays(state, parts)
     if study.robot_model is not None:
         robot, angles = study.robot_model, study.pose_angles_rad
         state.update(robot.source[1])

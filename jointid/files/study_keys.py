@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ INERTIA_KEYS = {
     "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
     "added": "added = [[0.0012, 0.0005], [0.0005, 0.0009]]  # exactly known part of M2, kg·m²",
     "gravity": "gravity = [[0.06, 0.01], [0.01, 0.02]]  # gravity stiffness, motor side, N·m/rad",
+    "shared": "shared = [[0.0004, 0.0001], [0.0001, 0.0003]]  # change by 1 σ of the payload, kg·m²",
     "angles_deg": "angles_deg = [0.0, -60.0, 100.0, 0.0, 40.0, 0.0]  # joint angles, in place of M2",
     "angles_rad": "angles_rad = [0.0, -1.05, 1.75, 0.0, 0.7, 0.0]  # joint angles, in place of M2",
     "std": "std = 0.03  # M and M2 are known to 3 %",
@@ -83,7 +85,7 @@ def read_inertia(
     """
     angles = read_angles(table)
     if angles is not None:
-        both = [key for key in ("M", "M2", "added", "gravity", "base") if key in table]
+        both = [key for key in ("M", "M2", "added", "gravity", "shared", "base") if key in table]
         if both:
             raise table.error(f"joint angles and {both[0]} are both given: leave one of them out.")
         if robot is None:
@@ -92,10 +94,9 @@ def read_inertia(
             return robot.inertia(angles)
     M = default.M if default is not None and "M" not in table else table.numbers("M")
     M2 = table.matrix("M2")
-    added = table.matrix("added") if "added" in table else None
-    gravity = table.matrix("gravity") if "gravity" in table else None
+    parts = {key: table.matrix(key) for key in ("added", "gravity", "shared") if key in table}
     with in_place(table.where, table.file):
-        return Inertia(M=M, M2=M2, added=added, gravity=gravity)
+        return Inertia(M, M2, **parts)
 
 
 def read_angles(table: CheckedTable) -> Floats | None:
@@ -183,11 +184,7 @@ def _sum(table: CheckedTable, default: Inertia | None, poses: Mapping[str, Inert
         )
     with in_place(table.where, table.file):
         loaded = base.with_added(table.matrix("added"))
-        return (
-            Inertia(table.numbers("M"), loaded.M2, loaded.added, loaded.gravity)
-            if "M" in table
-            else loaded
-        )
+        return replace(loaded, M=np.array(table.numbers("M"))) if "M" in table else loaded
 
 
 def read_nominal(top: CheckedTable) -> Elasticity | None:

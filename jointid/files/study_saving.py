@@ -147,8 +147,8 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
 
 
 def inertia_table(inertia: Inertia) -> dict[str, Any]:
-    """Return M, M2 and, if there are any, the known part of M2 and the gravity stiffness as lists."""
-    parts = {"added": inertia.added, "gravity": inertia.gravity}
+    """Return M, M2 and, if there are any, the parts that are not zero, as lists."""
+    parts = {name: getattr(inertia, name) for name in ("added", "gravity", "shared")}
     known = {name: part.tolist() for name, part in parts.items() if part.any()}
     return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
 
@@ -184,7 +184,7 @@ def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
     bases = {"": study.inertia} | {n: p for n, p in study.poses.items() if not p.added.any()}
     for name, base in bases.items():
         pairs = (base.M2, pose.M2), (base.added, pose.added)
-        falls = np.array_equal(base.gravity, pose.gravity)
+        falls = np.array_equal([base.gravity, base.shared], [pose.gravity, pose.shared])
         same = all((of + pose.added).tobytes() == total.tobytes() for of, total in pairs)
         if pose.added.any() and not base.added.any() and same and falls:
             table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}

@@ -174,6 +174,8 @@ class RobotModel(RobotDescription):
     def inertia(self, q: ArrayLike) -> Inertia:
         """Inertia at joint angles of shape (n,), motor side: M the rotors, M2 the links, and gravity.
 
+        An uncertain mass of the payload is the common unknown of all poses, ``Inertia.shared``.
+
         Raises
         ------
         JointIdError
@@ -182,8 +184,13 @@ class RobotModel(RobotDescription):
         C = self._known_coupling()
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
+        M2, load = C.T @ self.joint_inertia(q) @ C, self.payload
+        heavier = self.with_payload(mass=load.mass + load.mass_std).joint_inertia(q)
         return Inertia(
-            self.rotor_inertia, C.T @ self.joint_inertia(q) @ C, gravity=self.motor_gravity_stiffness(q)
+            self.rotor_inertia,
+            M2,
+            gravity=self.motor_gravity_stiffness(q),
+            shared=C.T @ heavier @ C - M2 if load.mass_std else None,
         )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,7 +99,7 @@ def wrongly_given(inertia: Inertia, error: float, seed: int = 0) -> Inertia:
     signs = np.random.default_rng([seed, inertia.n]).choice([-1.0, 1.0], (2, inertia.n))
     factor = 1 + error * signs
     rest = (inertia.M2 - inertia.added) * np.sqrt(np.outer(factor[1], factor[1]))
-    return Inertia(inertia.M * factor[0], rest + inertia.added, inertia.added, inertia.gravity)
+    return replace(inertia, M=inertia.M * factor[0], M2=rest + inertia.added)
 
 
 def _other(seed: int) -> int:

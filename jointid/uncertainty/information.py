@@ -140,11 +140,11 @@ class PlanningModel:
         weight = self.problem.pull(self.p)[1]
         own = 2 * self.fit.n
         if self.fit.method not in LINEAR:
-            return determined_covariance(information + np.diag(weight))[:own, :own]
+            return determined_covariance(information + weight)[:own, :own]
         noise = determined_covariance(information[:own, :own])
         slope = np.where(np.isfinite(noise), noise, 0.0) @ information[:own, own:]
         with np.errstate(divide="ignore"):
-            return noise + carried_covariance(slope, weight[own:] ** -0.5)
+            return noise + carried_covariance(slope, np.diag(weight)[own:] ** -0.5)
 
     def _waveforms(
         self, omega: Floats, harmonics: Complexes, C: Complexes, duration_s: Floats

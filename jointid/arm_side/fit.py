@@ -1,0 +1,100 @@
+"""Stiffness of each joint from its deflection, and what the fit predicts for other records."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointid.arm_side.band_limited import band_limited, joint_angles
+from jointid.arm_side.position_map import PositionMap
+from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
+from jointid.arrays import Floats
+from jointid.records import MotionRecord
+from jointid.robot_models.model import RobotModel
+from jointid.small_matrices import one_thread
+
+
+@dataclass(frozen=True, eq=False)
+class JointDeflection:
+    """Fitted deflection of one joint."""
+
+    ripple: Ripple
+    beta: Floats
+    compliance: float
+    compliance_std: float
+    skew_s: float
+    aligned_s: float
+    """The part of the skew that was taken out before the fit."""
+    skew_std_s: float
+    residual_rad: float
+    position_map: PositionMap | None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSideFit:
+    """Joint stiffness from sensors behind the gears; joint side, n joints.
+
+    The deflection motor/N − arm of a joint is torque/K + skew · velocity + offset, plus transmission
+    error, friction and damping in the gear.
+    """
+
+    K: Floats
+    """Stiffness, shape (n,), N·m/rad; NaN where refused."""
+    standard_error: Floats
+    """Of K, shape (n,), N·m/rad: noise, payload, choice of terms, rigid model; NaN where refused."""
+    skew_s: Floats
+    """Age of the arm's sample against the motor's, shape (n,), s; NaN without a sensor."""
+    skew_error_s: Floats
+    """Standard error of ``skew_s``, shape (n,), s."""
+    reasons: tuple[str, ...]
+    """Why K is refused, (n,); empty where it is not."""
+    residual_rad: Floats
+    """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
+    robot: RobotModel
+    band_hz: float | None
+    joints: tuple[JointDeflection | None, ...]
+    payload_mean: Floats
+    payload_root: Floats
+
+    def predict(self, record: MotionRecord) -> Floats:
+        """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
+
+        In the band of the fit, with the tooth orders above it. Only the motor's motion is used;
+        where the record has a sensor, the constant offset is the median of its own difference.
+        Positions beyond those of the fit are extrapolated.
+        """
+        with one_thread():
+            return self._predict(record)
+
+    def _predict(self, record: MotionRecord) -> Floats:
+        skew = np.array([joint.aligned_s if joint else 0.0 for joint in self.joints])
+        motion = replace(band_limited(record, self.robot, self.band_hz), skew_s=skew)
+        elastic = np.zeros_like(motion.q)
+        found = np.full(motion.q.shape, np.nan)
+        for _ in range(2):
+            torque, payload = joint_torque(motion, self.robot, elastic)
+            torque, payload = torque + payload @ self.payload_mean, payload @ self.payload_root
+            for j, joint in enumerate(self.joints):
+                if joint is not None:
+                    motor = record.theta_rad[record.start :, j]
+                    terms = joint_terms(j, motion, torque, payload, motor, joint.ripple)
+                    for name, group in terms.groups.items():
+                        if name.startswith("start"):
+                            terms.columns[:, group] = 0
+                    found[:, j] = terms.columns @ joint.beta[: terms.columns.shape[1]]
+                    elastic[:, j] = found[:, j]
+                    found[:, j] += motion.by_skew(j, elastic[:, j])
+            elastic -= elastic.mean(axis=0)
+        result = np.full(record.theta_rad.shape, np.nan)
+        for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
+            joint = self.joints[j]
+            if joint is not None and joint.position_map is not None:
+                found[:, j] += joint.position_map(motion.raw[:, j])
+            result[:, j] = np.interp(record.time_s, motion.time_s, found[:, j])
+        if record.arm_rad is not None:
+            measured = joint_angles(record, self.robot) - record.arm_rad
+            seen = np.isfinite(measured).all(axis=0) & np.isfinite(result).all(axis=0)
+            difference = (measured - result)[record.start :][motion.inner]
+            result[:, seen] += np.median(difference[:, seen], axis=0)
+        return result
