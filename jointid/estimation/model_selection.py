@@ -29,6 +29,7 @@ from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.motion.end_terms import motor_motion
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
+from jointid.phasors.periods import samples_of
 
 _RICHER = {
     (0.0, False): ((0.03, False), (0.1, False)),
@@ -80,9 +81,10 @@ _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
-_FAR_LAWS, _ROUGH = ("cubic", "backlash", "hysteresis"), 0.1
-"""Laws that are fitted where the linear fit is lost; at their start damping over stiffness, and
-hysteresis over the largest torque and deflection."""
+_FAR_LAWS = ("cubic", "backlash", "hysteresis")
+"""Laws that are fitted where the linear fit is lost."""
+_POINTS, _LOADED = 128, 0.2
+"""Samples over a period for their start values, and torque over its largest from which they count."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
 _USUAL = 0.05
@@ -213,27 +215,37 @@ def evaluated(
     return WhitenedResidual.of(replace(problem, motion=motor_motion(phasors)), estimate.p, scale)
 
 
-def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
+def _by_waveforms(phasors: Phasors, prior: InertiaPrior, law: str) -> Parameters:
+    """K, D and a law by regression between torque and wind-up, which wrong inertias spoil less.
 
-    The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    The wind-up is the difference of motor and arm angle: a record counts by the inverse of the arm's.
     """
-    s = 1j * phasors.omega[:, None]
-    torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
-    arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
-    arm = np.where(torque == 0, 1.0, arm)
-    delta = phasors.q - arm
-    product = torque * delta.conj() / np.abs(arm) ** 2
-    K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
-    layout = ParameterLayout.of(phasors.n, effects=["hysteresis"])
-    return layout.named(
-        layout.pack(
-            K=np.abs(K),
-            D=_ROUGH * np.abs(K / phasors.omega.max()),
-            hysteresis=_ROUGH * np.abs(torque).max(axis=0),
-            presliding=_ROUGH * np.abs(delta).max(axis=0),
+    n, z = phasors.n, phasors.harmonics
+    s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
+    rotor = s * s * prior.M[prior.rotor, None] * z[..., :n]
+    torque = z[..., n:] - rotor
+    arm = np.linalg.solve(prior.M2[prior.pose, None], torque[..., None])[..., 0] / (s * s)
+    delta = z[..., :n] - arm
+    waves = samples_of(np.stack([torque, delta, s * delta, arm, rotor]).swapaxes(2, 3), _POINTS)
+    found = np.zeros((3, n))
+    for j in range(n):
+        f, wind_up, rate, *given = waves[:, :, j]
+        shape = {"cubic": f**3, "backlash": np.sign(f), "hysteresis": np.sign(rate)}[law]
+        columns = np.stack([f, shape, rate])
+        size = np.abs(f).max(axis=1, keepdims=True)
+        doubt = np.hypot(
+            given[0].std(axis=1), given[1].std(axis=1) * wind_up.std(axis=1) / f.std(axis=1)
         )
-    )
+        weight = (np.abs(f) > _LOADED * size) / doubt[:, None]
+        total = weight.sum(axis=1, keepdims=True)
+        y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (wind_up, columns))
+        unit = np.maximum(np.abs(columns).max(axis=(1, 2)), 1e-300)
+        rows = (weight * columns).reshape(3, -1) / unit[:, None]
+        found[:, j] = np.linalg.lstsq(rows.T, (weight * y).ravel())[0] / unit
+    K, value, D = 1 / found[0], found[1], -found[2] / found[0]
+    value = value * {"cubic": -(K**4), "backlash": 2.0, "hysteresis": -K}[law]
+    layout = ParameterLayout.of(n, effects=[law])
+    return layout.named(layout.pack(**{"K": np.abs(K), "D": np.abs(D), law: value}))
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -281,7 +293,7 @@ class _Search:
         far = () if self.phasors.motion.any() else _FAR_LAWS
         for law in far:  # and so does a gear that is far from linear
             if min(self.misfit(m) for m in self.tried) >= _LOST and law in self.optional:
-                self.fit(self.base.with_part(law), _by_motion(self.phasors, self.prior))
+                self.fit(self.base.with_part(law), _by_waveforms(self.phasors, self.prior, law))
         best = self._least(list(self.tried))
         if "coulomb" in self.start.layout:  # the start may have friction that the records do not need
             best = self._pruned(best)
@@ -344,13 +356,17 @@ class _Search:
         added = [part for part in wider.parts if part not in narrow.parts and part in self.optional]
         return all(self._part_is_significant(wider, estimate, part) for part in added)
 
+    def _is_open(self, model: Model) -> bool:
+        """Whether a model was not fitted, or is lost from its only start values."""
+        return self.misfit(model) >= _LOST and self.fits.get(model, 0) < _MOST_STARTS
+
     def _fit_wider(self, wider: Model, narrow: Model, leading: Model) -> None:
         """Fit with one more part, from the estimate without it.
 
         Where that is far off, the fit starts from that of the same parts with other friction, or else
         as all do.
         """
-        if wider in self.tried:
+        if not self._is_open(wider):
             return
         found = self.tried[narrow]
         if self.misfit(narrow) >= _LOST:
@@ -395,7 +411,7 @@ class _Search:
             plain = model.without("cubic")
             laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
             wider = [*(plain.with_part(law) for law in laws_instead), *wider]
-        return [each for each in wider if each not in self.tried]
+        return [each for each in wider if self._is_open(each)]
 
     def _is_promising(self, model: Model, part: str, score: Score) -> bool:
         """Whether a slow fit with one more part is worth its time, by the part's score.

@@ -74,7 +74,9 @@ class WoundGears:
         points = _POINTS * max(H, _LEAST_HARMONICS)
         delta = np.concatenate([moved, np.zeros_like(free)], axis=2) if start is None else start.copy()
         delta[..., m:H] = moved[..., m:]
-        delta[..., :m] = np.where(low, (f / stiffness if start is None else start)[..., :m], moved[..., :m])
+        delta[..., :m] = np.where(
+            low, (f / stiffness if start is None else start)[..., :m], moved[..., :m]
+        )
         both = np.concatenate([low, low], axis=2)
         own = np.zeros((*low.shape[:2], 2 * m, 2 * m))
         k, j = stiffness[..., :m], np.arange(m)
