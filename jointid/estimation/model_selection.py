@@ -81,10 +81,12 @@ _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
-_FAR_LAWS = ("cubic", "backlash", "hysteresis")
-"""Laws that are fitted where the linear fit is lost."""
-_POINTS, _LOADED = 128, 0.2
-"""Samples over a period for their start values, and torque over its largest from which they count."""
+_FAR_LAWS, _ROUGH = ("cubic", "backlash", "hysteresis"), 0.1
+"""Laws that are fitted where the linear fit is lost; at their start damping over stiffness, and
+hysteresis over the largest torque and deflection."""
+_POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
+"""Samples over a period for the start of a play, torque over its largest from which they count, and
+what stands for zero."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
 _USUAL = 0.05
@@ -94,7 +96,7 @@ _MOST_STARTS = 2
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
-_MOST_SLOW_FITS = 8
+_MOST_SLOW_FITS = 10
 """Fits with a law of the gears."""
 _MOST_SLOW_FITS_OF_MOTIONS = 3
 """The same where the records hold motions."""
@@ -215,10 +217,33 @@ def evaluated(
     return WhitenedResidual.of(replace(problem, motion=motor_motion(phasors)), estimate.p, scale)
 
 
-def _by_waveforms(phasors: Phasors, prior: InertiaPrior, law: str) -> Parameters:
-    """K, D and a law by regression between torque and wind-up, which wrong inertias spoil less.
+def _by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K and D from torque over deflection by the given inertias, which wrong ones spoil less.
 
-    The wind-up is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    The deflection is the difference of motor and arm angle: a record counts by the inverse of the arm's.
+    """
+    s = 1j * phasors.omega[:, None]
+    torque = phasors.tau - s**2 * prior.M[prior.rotor] * phasors.q
+    arm = np.linalg.solve(prior.M2[prior.pose], torque[..., None])[..., 0] / s**2
+    arm = np.where(torque == 0, 1.0, arm)
+    delta = phasors.q - arm
+    product = torque * delta.conj() / np.abs(arm) ** 2
+    K = product.real.sum(axis=0) / (np.abs(delta / arm) ** 2).sum(axis=0)
+    layout = ParameterLayout.of(phasors.n, effects=["hysteresis"])
+    return layout.named(
+        layout.pack(
+            K=np.abs(K),
+            D=_ROUGH * np.abs(K / phasors.omega.max()),
+            hysteresis=_ROUGH * np.abs(torque).max(axis=0),
+            presliding=_ROUGH * np.abs(delta).max(axis=0),
+        )
+    )
+
+
+def _with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K, D and play by regression of the wind-up on the torque, its sign and the speed.
+
+    A record counts by the inverse of what errors of the given inertias make of its wind-up.
     """
     n, z = phasors.n, phasors.harmonics
     s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
@@ -229,23 +254,21 @@ def _by_waveforms(phasors: Phasors, prior: InertiaPrior, law: str) -> Parameters
     waves = samples_of(np.stack([torque, delta, s * delta, arm, rotor]).swapaxes(2, 3), _POINTS)
     found = np.zeros((3, n))
     for j in range(n):
-        f, wind_up, rate, *given = waves[:, :, j]
-        shape = {"cubic": f**3, "backlash": np.sign(f), "hysteresis": np.sign(rate)}[law]
-        columns = np.stack([f, shape, rate])
-        size = np.abs(f).max(axis=1, keepdims=True)
-        doubt = np.hypot(
-            given[0].std(axis=1), given[1].std(axis=1) * wind_up.std(axis=1) / f.std(axis=1)
-        )
+        f, y, rate, *given = waves[:, :, j]
+        columns = np.stack([f, np.sign(f), rate])
+        size = np.maximum(np.abs(f).max(axis=1, keepdims=True), _LEAST)
+        spread = [np.maximum(v.std(axis=1), _LEAST) for v in (f, y, *given)]
+        doubt = np.hypot(spread[2], spread[3] * spread[1] / spread[0])
         weight = (np.abs(f) > _LOADED * size) / doubt[:, None]
-        total = weight.sum(axis=1, keepdims=True)
-        y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (wind_up, columns))
-        unit = np.maximum(np.abs(columns).max(axis=(1, 2)), 1e-300)
+        total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
+        y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (y, columns))
+        unit = np.maximum(np.abs(columns).max(axis=(1, 2)), _LEAST)
         rows = (weight * columns).reshape(3, -1) / unit[:, None]
         found[:, j] = np.linalg.lstsq(rows.T, (weight * y).ravel())[0] / unit
-    K, value, D = 1 / found[0], found[1], -found[2] / found[0]
-    value = value * {"cubic": -(K**4), "backlash": 2.0, "hysteresis": -K}[law]
-    layout = ParameterLayout.of(n, effects=[law])
-    return layout.named(layout.pack(**{"K": np.abs(K), "D": np.abs(D), law: value}))
+    compliance = np.maximum(np.abs(found[0]), _LEAST)
+    layout = ParameterLayout.of(n, effects=["backlash"])
+    values = {"K": 1 / compliance, "backlash": 2 * found[1], "D": np.abs(found[2]) / compliance}
+    return layout.named(layout.pack(**values))
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -290,10 +313,13 @@ class _Search:
                     self.fit(self.base, start)
             if self.misfit(self.base) >= _LOST and "friction" in self.optional:
                 self.fit(rubbing, self.start)  # heavy friction leads the plain fit astray
-        far = () if self.phasors.motion.any() else _FAR_LAWS
-        for law in far:  # and so does a gear that is far from linear
-            if min(self.misfit(m) for m in self.tried) >= _LOST and law in self.optional:
-                self.fit(self.base.with_part(law), _by_waveforms(self.phasors, self.prior, law))
+        laws = [(self.base, law, _with_play if law == "backlash" else _by_motion) for law in _FAR_LAWS]
+        laws += [(rubbing, "backlash", start) for start in (_with_play, _by_motion)]
+        far = [] if self.phasors.motion.any() else laws
+        for model, law, start in far:  # and so does a gear that is far from linear
+            own = {law} | ({"friction"} if model == rubbing != self.base else set())
+            if min(self.misfit(m) for m in self.tried) >= _LOST and own <= {*self.optional}:
+                self.fit(model.with_part(law), start(self.phasors, self.prior))
         best = self._least(list(self.tried))
         if "coulomb" in self.start.layout:  # the start may have friction that the records do not need
             best = self._pruned(best)
