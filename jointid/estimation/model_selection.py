@@ -316,10 +316,10 @@ class _Search:
         laws = [(self.base, law, _with_play if law == "backlash" else _by_motion) for law in _FAR_LAWS]
         laws += [(rubbing, "backlash", start) for start in (_with_play, _by_motion)]
         far = [] if self.phasors.motion.any() else laws
-        for model, law, start in far:  # and so does a gear that is far from linear
+        for model, law, begin in far:  # and so does a gear that is far from linear
             own = {law} | ({"friction"} if model == rubbing != self.base else set())
             if min(self.misfit(m) for m in self.tried) >= _LOST and own <= {*self.optional}:
-                self.fit(model.with_part(law), start(self.phasors, self.prior))
+                self.fit(model.with_part(law), begin(self.phasors, self.prior))
         best = self._least(list(self.tried))
         if "coulomb" in self.start.layout:  # the start may have friction that the records do not need
             best = self._pruned(best)
