@@ -38,9 +38,9 @@ name = nominal_name(settings.assumption)
 with stage:
     st.subheader(headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
+    show_gears(page, settings, outcome.robot)
 show_rule(outcome.robot)
 show_meaning(outcome, settings)
-show_gears(page, settings, outcome.robot)
 
 st.subheader("Three corner zones", anchor=False)
 st.caption(

@@ -18,6 +18,7 @@ from jointid.ui.study.plan_form import (
 )
 from jointid.ui.study.setpoints_form import show_set_points
 from jointid.ui.study.uncertainty_panels import on_demand
+from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
 page = open_page("Plan")
@@ -41,6 +42,8 @@ count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
 st.subheader(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
+if advice := second_amplitude(analysis.fit):
+    st.info(advice)
 st.caption(
     "Torques are amplitude ∠ phase against the first driven joint, as they move inertias and springs"
     + ("; the motors' friction comes on top." if analysis.fit.friction is not None else ".")

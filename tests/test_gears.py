@@ -25,6 +25,10 @@ from jointid import (
     simulate_records,
     track,
 )
+from jointid.gears.harmonic_balance import beyond_linear
+from jointid.gears.laws import GearLaws
+from jointid.phasors.periods import phasors_of, samples_of
+from jointid.uncertainty.validation import second_amplitude
 
 PAPER = Robot(
     M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]], K=[43.0, 7.5], D=[0.10, 0.015]
@@ -122,6 +126,33 @@ def test_backlash_and_damping_are_told_apart() -> None:
     assert [gear.laws for gear in fit.gears] == [("backlash",), ("linear",)]
     assert fit.gears[0].backlash_rad == pytest.approx(0.003, rel=0.02)
     assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
+
+
+def test_the_edges_of_a_play_are_followed_between_samples() -> None:
+    """Phasors from a few samples against those from very many, with edges anywhere."""
+    gear = Gear(K=43.0, backlash_rad=0.013)
+    delta = np.array([[0.05 + 0.01j, 0, 0.004 - 0.006j, 0, 0.001j]])
+    few, *_ = beyond_linear(GearLaws.of([gear]), delta, 128)
+    fine = samples_of(delta, 1 << 16)
+    many = phasors_of(gear.torque(fine) - gear.K * fine, delta.shape[1])
+    assert np.abs(few - many).max() < 2e-6 * gear.K * np.abs(delta).max()
+
+
+def test_a_play_of_a_sixth_of_the_deflection_is_found() -> None:
+    robot = replace(PAPER, backlash_rad=[0.0138, 0.0465])
+    fit = fitted(robot)
+    assert [gear.kind for gear in fit.gears] == ["backlash"] * 2
+    assert [gear.backlash_rad for gear in fit.gears] == pytest.approx(robot.backlash_rad, rel=1e-3)
+    assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)
+
+
+def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: ElasticityFit) -> None:
+    assert second_amplitude(stiffening) == ""
+    best, *others = stiffening.candidates
+    rival = replace(others[0], name="elasticity + backlash", criterion=best.criterion + 3)
+    advice = second_amplitude(replace(stiffening, candidates=(best, rival)))
+    assert "backlash" in advice
+    assert "half its amplitude" in advice
 
 
 def test_hysteresis_is_no_damping() -> None:

@@ -74,7 +74,11 @@ def cut(
         [f"{zone:g} mm", millimetres(o.before_m), millimetres(o.after_m)]
         for zone, o in zip(zones, outcomes, strict=True)
     ]
-    print_table(columns, cells, right=(0, 1, 2))
+    if robot.gears:
+        columns += ["as the gears are, servo knows K, D", "servo knows the curve"]
+        for row, cut in zip(cells, document["cuts"], strict=True):
+            row += [millimetres(1e-3 * cut[name]) for name in ("gears_linear_mm", "gears_known_mm")]
+    print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe promise after is not known: {problem}")
 
@@ -83,7 +87,7 @@ def cut_results(
     robot: Any, assumption: str, zones_mm: Sequence[float], progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], list[Any]]:
     """Simulate the paper's rectangle with several corner zones: path errors in mm, and the outcomes."""
-    from jointid.cut.outcome import cut_outcome
+    from jointid.cut.outcome import cut_outcome, gear_cuts
     from jointid.cut.rectangle import rectangle
     from jointid.cut.robot import CUTTING_POINT_M, assumed_elasticity
 
@@ -103,6 +107,11 @@ def cut_results(
                 "problem": outcome.problem,
             }
         )
+        if robot.gears:
+            names = "gears_linear_mm", "gears_known_mm"
+            runs = gear_cuts(robot, path, friction=robot.friction)
+            errors = [1e3 * run.max_contour_error_m for run in runs]
+            rows[-1] |= dict(zip(names, errors, strict=True))
         progress((k + 1) / len(zones_mm))
     document = {
         "rule": robot.rule,

@@ -52,10 +52,12 @@ def plan(
         shape = motion, from_hz, to_hz, duration_s
         _plan_motion(loaded(study), method, shape, limits, count, as_json)
         return
-    _, _, suggestion = suggested(
+    from jointid.uncertainty.validation import second_amplitude
+
+    _, fit, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
-    document = _document(suggestion)
+    document = _document(suggestion) | {"second_amplitude": second_amplitude(fit)}
     if as_json:
         print_json(document)
         return
@@ -70,6 +72,8 @@ def plan(
     print_table(
         ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
     )
+    if advice := document["second_amplitude"]:
+        print(f"\n{advice}")
 
 
 def suggested(

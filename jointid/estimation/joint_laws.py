@@ -72,8 +72,12 @@ class JointLaws:
     """Motor angles over a period, shape (r, n, t), rad."""
     locked: Floats
     """Resonance with the motor locked, below which the arm moves less than the gear winds up, rad/s."""
+    free: Floats
+    """1/M + M2⁻¹ of each joint, shape (n,)."""
+    sines: bool
+    """Whether no record is another motion."""
     latest: list[Complexes] = field(default_factory=list)
-    """Wind-up at these harmonics as last solved, from which the next solution starts."""
+    """Wind-up as last solved, from which the next solution starts."""
 
     @classmethod
     def of(
@@ -83,6 +87,7 @@ class JointLaws:
         torque: Complexes,
         variance: Floats,
         arm: Floats,
+        rotor: Floats,
         main: np.ndarray,
     ) -> JointLaws:
         """Collect the signals.
@@ -96,6 +101,8 @@ class JointLaws:
             Of both.
         arm : ndarray, shape (r, n, n)
             M2⁻¹ of every record.
+        rotor : ndarray, shape (r, n)
+            M of every record.
         main : ndarray, shape (r, H)
             Fundamentals of sines, and lines of motions.
         """
@@ -107,7 +114,9 @@ class JointLaws:
         arm_angle = np.einsum("rij,rhj->rhi", arm, torque) / (s * s)[..., None]
         size = np.maximum(np.abs(angle - arm_angle), np.finfo(float).tiny)
         locked = (np.sqrt(np.abs(arm_angle) / size) * np.abs(s)[..., None])[main]
-        return cls(s, clear[..., n:], np.asarray(largest), samples, np.median(locked, axis=0))
+        middle = np.median(locked, axis=0)
+        free, sines = (1 / rotor + np.einsum("rjj->rj", arm)).mean(axis=0), not main[:, 1:].any()
+        return cls(s, clear[..., n:], np.asarray(largest), samples, middle, free, sines)
 
     def planned(self, s: Complexes, angle: Complexes) -> JointLaws:
         """The same laws in r other records, at s of shape (r, H) with motor angles (r, H, n)."""
@@ -153,11 +162,22 @@ class JointLaws:
             return None
         kappa, f, d = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (stiffness, torque, moved))
         with np.errstate(all="ignore"):  # parameters far off are refused by their cost
-            start, low = self.latest[-1] if self.latest else None, self.low
-            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, low, start)
-        delta = found.delta[..., : low.shape[2]]
-        self.latest[:] = [delta] if np.isfinite(delta).all() else []
+            start, free = self.latest[-1] if self.latest else None, self._beyond_measured(p)
+            found = WoundGears.solve(_laws(_values(p)), kappa, f, d, self.low, free, start)
+        self.latest[:] = [found.delta] if np.isfinite(found.delta).all() else []
         return found
+
+    def _beyond_measured(self, p: Parameters) -> Complexes:
+        """Deflection over torque beyond K δ at as many harmonics again, shape (r, n, T).
+
+        The edges of a play reach further than the harmonics of the records. There the controller does
+        nothing, and the gear moves motor and arm apart. Of motions there are none, T = 0.
+        """
+        H = self.s.shape[1]
+        count = H * (self.sines and ("backlash" in p.layout or "piecewise" in p.layout))
+        s = self.s[:, None, :1] * np.arange(H + 1, H + 1 + count)
+        apart = s * s / self.free[:, None]
+        return np.asarray(-1 / (apart + p.K[:, None] + s * p.D[:, None]))
 
     def slopes(
         self,
@@ -185,8 +205,8 @@ class JointLaws:
                 step = _SMALL * units[name]
                 changed = values.copy()
                 changed[_GEAR.index(name)] += step
-                there, _ = beyond_linear(_laws(changed), wound.samples, H)
-                beyond = (there - wound.beyond) / step[:, None]
+                there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
+                beyond = (there[..., :H] - wound.beyond) / step[:, None]
             kappa = stiffness[name].swapaxes(1, 2) if name in stiffness else 0.0
             found[name] = wound.change(beyond=beyond, stiffness=kappa)
         return {name: slope.swapaxes(1, 2) for name, slope in found.items()}

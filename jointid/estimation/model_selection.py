@@ -25,6 +25,7 @@ from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
     friction_start,
+    with_play,
     without_inertias,
 )
 from jointid.estimation.whitened_residual import WhitenedResidual
@@ -76,7 +77,7 @@ _MOST_STARTS = 2
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
-_MOST_SLOW_FITS = 7
+_MOST_SLOW_FITS = 9
 """Fits with a law of the gears."""
 _MOST_SLOW_FITS_OF_MOTIONS = 3
 """The same where the records hold motions."""
@@ -263,9 +264,13 @@ class _Search:
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
-        for law in () if rubs or self.phasors.motion.any() else _FAR_LAWS:
+        laws = [(self.base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]
+        beside = [(rubbing, "backlash", start) for start in (with_play, by_motion) if self.may_rub]
+        for model, law, begin in (
+            [] if self.phasors.motion.any() else (beside if rubs else laws + beside)
+        ):
             if self._is_lost() and law in fits.optional:
-                self.fit(self.base.with_part(law), by_motion(self.phasors, self.prior))
+                self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
     def _is_lost(self) -> bool:
         return not min(map(self.fits.misfit, self.fits.tried), default=np.inf) < _LOST
@@ -333,6 +338,10 @@ class _Search:
         added = set(wider.parts).difference(narrow.parts).intersection(self.fits.optional)
         return all(self.fits.part_is_significant(wider, estimate, part) for part in added)
 
+    def _is_open(self, model: Model) -> bool:
+        """Whether a model was not fitted, or is lost from its only start values."""
+        return self.fits.misfit(model) >= _LOST and self.starts.get(model, 0) < _MOST_STARTS
+
     def _fit_wider(self, wider: Model, narrow: Model, leading: Model, *, leads: bool) -> None:
         """Fit with one more part, from the estimate without it.
 
@@ -340,7 +349,7 @@ class _Search:
         as all do; a slow one does so last, and only if it is the most promising.
         """
         fits = self.fits
-        if wider in fits.tried:
+        if not self._is_open(wider):
             return
         found, near = fits.tried[narrow], fits.tried[leading]
         starts = [found.named] if isinstance(found, LikelihoodEstimate) else []
@@ -387,7 +396,7 @@ class _Search:
             plain = model.without("cubic")
             laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
             wider = [*(plain.with_part(law) for law in laws_instead), *wider]
-        return [each for each in wider if each not in self.fits.tried]
+        return [each for each in wider if self._is_open(each)]
 
     def _clear_parts(self, model: Model, found: LikelihoodEstimate) -> list[str]:
         """Absent parts with a significant score that is not far below the highest, best first."""

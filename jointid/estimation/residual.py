@@ -213,7 +213,7 @@ def make_problem(
             angle = np.where(moves, motion[1] / (s * s)[..., None], angle)
             main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
-        laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, main)
+        laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main)
     known = np.any(z != 0, axis=2)
     group, groups = row_groups(phasors, known)
     return Problem(

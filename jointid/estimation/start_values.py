@@ -20,6 +20,7 @@ from jointid.estimation.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors
+from jointid.phasors.periods import samples_of
 
 _LEAST_SHARE = 1e-3
 """Least eigenvalue of M2 with unit diagonal."""
@@ -28,6 +29,9 @@ _DAMPED = 0.05
 _ROUGH = 0.1
 """At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
 deflection."""
+_POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
+"""Samples over a period for the start of a play, torque over its largest from which they count, and
+what stands for zero."""
 _UNEXPLAINED = 0.1
 """Relative residual of the linear estimate from which friction is looked for."""
 _OUTLIER = 0.1
@@ -76,6 +80,37 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
             presliding=_ROUGH * np.abs(delta).max(axis=0),
         )
     )
+
+
+def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
+    """K, D and play by regression of the wind-up on the torque, its sign and the speed.
+
+    A record counts by the inverse of what errors of the given inertias make of its wind-up.
+    """
+    n, z = phasors.n, phasors.harmonics
+    s = 1j * phasors.omega[:, None, None] * np.arange(1, z.shape[1] + 1)[:, None]
+    rotor = s * s * prior.M[prior.rotor, None] * z[..., :n]
+    torque = z[..., n:] - rotor
+    arm = np.linalg.solve(prior.M2[prior.pose, None], torque[..., None])[..., 0] / (s * s)
+    delta = z[..., :n] - arm
+    waves = samples_of(np.stack([torque, delta, s * delta, arm, rotor]).swapaxes(2, 3), _POINTS)
+    found = np.zeros((3, n))
+    for j in range(n):
+        f, y, rate, *given = waves[:, :, j]
+        columns = np.stack([f, np.sign(f), rate])
+        size = np.maximum(np.abs(f).max(axis=1, keepdims=True), _LEAST)
+        spread = [np.maximum(v.std(axis=1), _LEAST) for v in (f, y, *given)]
+        doubt = np.hypot(spread[2], spread[3] * spread[1] / spread[0])
+        weight = (np.abs(f) > _LOADED * size) / doubt[:, None]
+        total = np.maximum(weight.sum(axis=1, keepdims=True), _LEAST)
+        y, columns = (v - (weight * v).sum(axis=-1, keepdims=True) / total for v in (y, columns))
+        unit = np.maximum(np.abs(columns).max(axis=(1, 2)), _LEAST)
+        rows = (weight * columns).reshape(3, -1) / unit[:, None]
+        found[:, j] = np.linalg.lstsq(rows.T, (weight * y).ravel())[0] / unit
+    compliance = np.maximum(np.abs(found[0]), _LEAST)
+    layout = ParameterLayout.of(n, effects=["backlash"])
+    values = {"K": 1 / compliance, "backlash": 2 * found[1], "D": np.abs(found[2]) / compliance}
+    return layout.named(layout.pack(**values))
 
 
 def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None:

@@ -38,11 +38,10 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     traces: list[Trace] = []
     frequency = np.log(curve.frequency_hz)
-    shown = drawn_records(curve.amplitude_Nm)
-    ends = sorted(shown, key=lambda r: frequency[r])
+    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: frequency[r])
     span = max(float(np.ptp(frequency)), 1e-9) if ends else 1.0
     named = {*ends[:1], *ends[-1:]}
-    for r in shown:
+    for r in ends:
         share = (frequency[r] - frequency.min()) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (curve.deflection_rad, curve.torque_Nm))
         name = f"{curve.frequency_hz[r]:.3g} Hz"

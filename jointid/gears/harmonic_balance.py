@@ -33,14 +33,16 @@ class WoundGears:
     """κ, shape (r, n, H)."""
     beyond: Complexes
     """Phasors of g, shape (r, n, H)."""
-    samples: Floats
-    """Deflection over a period, shape (r, n, t), rad."""
     low: np.ndarray
     """Harmonics whose deflection follows from the torque, shape (r, n, m)."""
     spread: Floats
     """Real and imaginary parts of g by those of δ at these harmonics, shape (r, n, 2m, 2H)."""
     inverse: Floats
     """Parts of δ by those of the torque, shape (r, n, 2m, 2m)."""
+    delta: Complexes
+    """Phasors of the deflection, shape (r, n, H + T), rad."""
+    points: int
+    """Samples over a period."""
 
     @classmethod
     def solve(
@@ -50,6 +52,7 @@ class WoundGears:
         f: Complexes,
         moved: Complexes,
         low: np.ndarray,
+        free: Complexes,
         start: Complexes | None = None,
     ) -> WoundGears:
         """Solve by Newton steps, from the linear deflection where no better one is known.
@@ -62,14 +65,17 @@ class WoundGears:
             κ, the torque, and the deflection by the motions of motor and arm.
         low : ndarray, shape (r, n, m)
             Harmonics whose deflection follows from the torque.
-        start : ndarray, shape (r, n, m), optional
-            Their deflection at similar parameters.
+        free : ndarray, shape (r, n, T)
+            Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
+        start : ndarray, shape (r, n, H + T), optional
+            The deflection at similar parameters.
         """
         H, m = f.shape[2], low.shape[2]
         points = _POINTS * max(H, _LEAST_HARMONICS)
-        delta = moved.copy()
+        delta = np.concatenate([moved, np.zeros_like(free)], axis=2) if start is None else start.copy()
+        delta[..., m:H] = moved[..., m:]
         delta[..., :m] = np.where(
-            low, (f / stiffness)[..., :m] if start is None else start, moved[..., :m]
+            low, (f / stiffness if start is None else start)[..., :m], moved[..., :m]
         )
         both = np.concatenate([low, low], axis=2)
         own = np.zeros((*low.shape[:2], 2 * m, 2 * m))
@@ -80,14 +86,14 @@ class WoundGears:
         before, least = delta.copy(), np.full(size.shape, np.inf)
         step = np.zeros((*size.shape, m), complex)
         for turn in range(_NEWTON):
-            samples = samples_of(delta, points)
-            beyond, slope = beyond_linear(laws, samples, H)
+            beyond, slope, samples = beyond_linear(laws, delta, points)
+            delta[..., H:], beyond = free * beyond[..., H:], beyond[..., :H]
             spread = _spread(slope, m, H)
             if laws.hysteretic:
                 spread = spread + _loop_spread(laws, samples, m, H)
             inward = own + spread[..., [*range(m), *range(H, H + m)]].swapaxes(2, 3)
             inverse = np.linalg.inv(np.where(both[..., None], inward, np.eye(2 * m)))
-            left = np.where(low, (f - stiffness * delta - beyond)[..., :m], 0)
+            left = np.where(low, (f - stiffness * delta[..., :H] - beyond)[..., :m], 0)
             size_left = np.linalg.norm(left, axis=2)
             if turn == _NEWTON - 1 or not np.any(size_left > _CONVERGED * size):
                 break
@@ -96,7 +102,7 @@ class WoundGears:
             before[..., :m] = np.where(better, delta[..., :m], before[..., :m])
             step = np.where(better, _complex(inverse @ _parts(left)[..., None])[..., 0], 0.5 * step)
             delta[..., :m] = before[..., :m] + step
-        return cls(stiffness, beyond, samples, low, spread, inverse)
+        return cls(stiffness, beyond, low, spread, inverse, delta, points)
 
     @property
     def law(self) -> Complexes:
@@ -111,50 +117,47 @@ class WoundGears:
     ) -> Complexes:
         """Change of w, shape (r, n, H), with changes of the torque, of g at given δ, and of κ."""
         m, H = self.low.shape[2], self.beyond.shape[2]
-        linear = stiffness * (self.delta if np.any(stiffness) else 0.0)
+        linear = stiffness * (self.delta[..., : self.beyond.shape[2]] if np.any(stiffness) else 0.0)
         left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., :m]
         wound = self.inverse @ _parts(np.where(self.low, left, 0))[..., None]
         through = (wound.swapaxes(2, 3) @ self.spread)[..., 0, :]
         whole = beyond + through[..., :H] + 1j * through[..., H:]
         return np.asarray((self.beyond * (stiffness / self.stiffness) - whole) / self.stiffness)
 
-    @property
-    def delta(self) -> Complexes:
-        """Phasors of the deflection, shape (r, n, H), rad."""
-        return phasors_of(self.samples, self.beyond.shape[2])
 
-
-def beyond_linear(laws: GearLaws, delta: Floats, H: int) -> tuple[Complexes, Floats]:
-    """Phasors (..., H) of the torque beyond K δ at deflections (..., t), and its slope without the loop.
+def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Complexes, Floats, Floats]:
+    """Phasors (..., H) of the torque beyond K δ for those of δ, its slope without the loop, and samples.
 
     Play, changes of slope and hysteresis are averaged over each step between samples, in which the
     deflection moves uniformly, by their energy (the discrete gradient of Gonzalez, Journal of Nonlinear
-    Science 6, 1996) and by Dahl's exponential: an edge within a step is exact.
+    Science 6, 1996) and by Dahl's exponential: an edge within a step is exact. The samples are those
+    whose chords have the mean deflection of the step.
     """
-    found = (
-        phasors_of(laws.smooth(delta), H) if laws.hardens else np.zeros((*delta.shape[:-1], H), complex)
-    )
-    slope = laws.smooth_slope(delta) if laws.hardens else np.zeros_like(delta)
+    H = delta.shape[-1]
+    turn = np.arange(1, H + 1) / points
+    found, slope = np.zeros_like(delta), np.zeros((*delta.shape[:-1], points))
+    if laws.hardens:
+        plain = samples_of(delta, points)
+        found, slope = phasors_of(laws.smooth(plain), H), laws.smooth_slope(plain)
+    chords = samples_of(delta * (np.sinc(turn) / np.cos(np.pi * turn)), points)
     if not (laws.plays or laws.bent or laws.hysteretic):
-        return found, slope
-    points = delta.shape[-1]
-    move = delta - np.roll(delta, 1, axis=-1)
-    least = _RESOLVED * np.abs(delta).max(axis=-1, keepdims=True) + np.finfo(float).tiny
+        return found, slope, chords
+    move = chords - np.roll(chords, 1, axis=-1)
+    least = _RESOLVED * np.abs(chords).max(axis=-1, keepdims=True) + np.finfo(float).tiny
     move = np.where(np.abs(move) < least, np.copysign(least, move), move)
-    torque = laws.kinked(delta)
-    energy = laws.kinked_energy(delta)
+    torque = laws.kinked(chords)
+    energy = laws.kinked_energy(chords)
     mean = (energy - np.roll(energy, 1, axis=-1)) / move
     if laws.hysteretic:
-        z = dahl(delta, laws.sharpness)  # its slope depends on all moves before: ``_loop_spread``
+        z = dahl(chords, laws.sharpness)  # its slope depends on all moves before: ``_loop_spread``
         change = z - np.roll(z, 1, axis=-1)
         average = np.sign(move) - change / np.where(
             laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0
         )
         mean = mean + laws.level * average
-    turn = np.arange(1, H + 1) / points
     found = found + phasors_of(mean, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
     steep = (torque - np.roll(torque, 1, axis=-1)) / move
-    return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1))
+    return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1)), chords
 
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:

@@ -8,15 +8,19 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.estimation.linear_fit import LINEAR
 from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix
+from jointid.wording import enumerated
 
 _DEFLECTION_RATIO = 1.3
 """Smallest ratio of deflections of the records compared for a nonlinear stiffness."""
+_DOUBT = 10.0
+"""Difference of the criterion up to which a model is a rival of the chosen one."""
 
 
 def compensated_phasors(phasors: Phasors, fit: ElasticityFit) -> Phasors:
@@ -260,6 +264,28 @@ def amplitude_dependence(fit: ElasticityFit) -> AmplitudeDependence:
             change[j] = span * numerator / information
             error[j] = abs(span) * np.sqrt(max(1.0, left) / information)
     return AmplitudeDependence(ends, change, error)
+
+
+def rival_laws(fit: ElasticityFit) -> tuple[str, ...]:
+    """Laws of the gears that explain the records almost as well and are not in the fit, by name."""
+    best = min((c.criterion for c in fit.candidates if c.chosen), default=0.0)
+    near = [c.name for c in fit.candidates if c.criterion < best + _DOUBT]
+    laws = {EFFECTS[law].name for law in GEAR_LAWS if law not in fit.parameters.layout}
+    return tuple(sorted(law for law in laws if any(law in name for name in near)))
+
+
+def second_amplitude(fit: ElasticityFit) -> str:
+    """Advise a record of another amplitude where it settles a doubt between laws of the gears, or ""."""
+    rivals, phasors = rival_laws(fit), fit.phasors
+    if not rivals or phasors.motion.any() or np.isfinite(amplitude_dependence(fit).standard_error).all():
+        return ""
+    torque = np.stack([curve.amplitude_Nm for curve in fit.torsion_curves], axis=1)
+    strongest = int((torque / torque.max(axis=0)).sum(axis=1).argmax())
+    return (
+        f"Another law, {enumerated(rivals)}, explains the records almost as well: repeat "
+        f"{phasors.labels[strongest]} ({phasors.omega[strongest] / (2 * np.pi):.3g} Hz) at half its "
+        "amplitude to settle it."
+    )
 
 
 def _same_motion(omega: Floats, deflection: Complexes) -> list[np.ndarray]:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS
+from jointid.estimation.effects import GEAR_LAWS
 from jointid.rounding import significant
+from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
 from jointid.wording import capitalised, enumerated
@@ -55,9 +56,6 @@ _REMEDIES = {
 }
 """Title, with {one verb|another} for positive and negative values, and remedy by effect."""
 
-_DOUBT = 10.0
-"""Difference of the criterion up to which a model is a rival of the chosen one."""
-
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
     """Every effect that the chosen model has, with its size."""
@@ -98,17 +96,4 @@ def _settled_by(evidence: Evidence) -> str:
     tried = enumerated(
         [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
     )
-    own = {EFFECTS[law].name for law in GEAR_LAWS if law in fit.parameters.layout}
-    best = min((c.criterion for c in fit.candidates if c.chosen), default=0.0)
-    rivals = {
-        EFFECTS[law].name
-        for law in GEAR_LAWS
-        for c in fit.candidates
-        if c.criterion < best + _DOUBT and EFFECTS[law].name in c.name
-    } - own
-    if not rivals:
-        return f"Tried up to {tried}."
-    return (
-        f"Tried up to {tried}. Another law, {enumerated(sorted(rivals))}, explains the records almost "
-        "as well: records of a second amplitude, half as large, settle it."
-    )
+    return f"Tried up to {tried}. {second_amplitude(fit)}".strip()

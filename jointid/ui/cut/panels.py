@@ -34,7 +34,8 @@ def headline(outcome: Outcome) -> str:
     if outcome.robot.rule == "demonstration":
         return "A demonstration, not this study"
     whose = " of the example arm" if outcome.robot.rule == "relative" else ""
-    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
+    gears = ", with linear gears" if outcome.robot.gears else ""
+    return f"Path error{whose} {millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}{gears}"
 
 
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
@@ -213,14 +214,20 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     if not robot.gears:
         return
     st.subheader("With the gears as they are", anchor=False)
-    linear, whole = cached_cuts.gears(page.digest, page.method, settings.after, robot)
-    laws = "; ".join(f"joint {j}: {' + '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
-    left, right = st.columns(2)
-    left.metric("Servo that knows K and D", millimetres(linear.max_contour_error_m), border=True)
-    right.metric("Servo that knows the curve", millimetres(whole.max_contour_error_m), border=True)
+    runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
+    laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
+    ink = colours(page.dark)
+    servos = ("Servo that knows K and D", ink.nominal), ("Servo that knows the curve", ink.identified)
+    around = window([run.tool_m for run in runs], 0.002)
+    for place, run, (servo, colour) in zip(st.columns(2), runs, servos, strict=True):
+        error = millimetres(run.max_contour_error_m)
+        what = f"{servo}: path error {error}"
+        with place.container(border=True, horizontal=True, vertical_alignment="center"):
+            st.html(picture([Shape(run.wanted_m, run.tool_m, colour)], what, around, "max-width:7rem"))
+            st.metric(servo, error)
     st.caption(
-        f"Largest path error of a robot with the identified gears ({laws}). The cuts above have linear "
-        "gears. Beyond the torques of the records the laws are extrapolated."
+        f"Largest path error of a robot with the identified gears ({laws}). The other cuts on this page "
+        "have linear gears. Beyond the torques of the records the laws are extrapolated."
     )
 
 
