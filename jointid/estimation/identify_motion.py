@@ -30,6 +30,8 @@ _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
+_LEAST_LEFT = 0.02
+"""Least share of a joint's equations that free friction leaves."""
 _DEGREE = 5
 """Of the polynomial of the ends in equation (8)."""
 
@@ -138,8 +140,8 @@ def _with_first_noise(phasors: Phasors, prior: InertiaPrior, start: Floats) -> t
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     for reversal in (None, 0.0, 0.03, 0.1):
         model = Model(reversal, delay=False)
-        if reversal and fits and fits[-1][1].misfit > _BETTER * fits[0][1].misfit:
-            break  # no friction
+        if len(fits) > 1 and fits[-1][1].misfit > _BETTER * fits[-2][1].misfit:
+            break
         with contextlib.suppress(JointIdError):
             fits.append((model, fit_model(phasors, prior, start, noise, model)))
     if not fits:
@@ -160,12 +162,13 @@ def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasor
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
     left = residual.at.r - residual.free_friction()
-    freed = 1 - residual.projection.rank() / residual.at.problem.rows
+    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum()
+    freed = 1 - residual.projection.rank_by_joint(phasors.n) / rows
     motions = [segment for segment in phasors.segments if segment is not None]
     angles = np.mean([segment.angle_variance for segment in motions], axis=0)
     most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
     least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
-    torques = sensor_noise(phasors, left / np.sqrt(freed), residual.at.E, angles)
+    torques = sensor_noise(phasors, left / np.sqrt(np.maximum(freed, _LEAST_LEFT)), residual.at.E, angles)
     torques = np.clip(torques, least, np.maximum(most, least))
     covariance = phasors.harmonic_covariance.copy()
     for row, segment in enumerate(phasors.segments):

@@ -95,11 +95,15 @@ class Projection:
 
     def rank(self) -> int:
         """Effective degrees of freedom of the free friction: the trace of its projection."""
-        found = 0.0
-        for *_, gram in self.groups:
-            bare = gram - _RIDGE * np.eye(gram.shape[1])
-            found += float(np.trace(np.linalg.solve(gram, bare), axis1=1, axis2=2).sum())
-        return round(found)
+        return round(float(self.rank_by_joint(1)[0]))
+
+    def rank_by_joint(self, n: int) -> Floats:
+        """Share of each of n joints in the effective degrees of freedom, shape (n,)."""
+        found = np.zeros(n)
+        for _, _, free, _, gram in self.groups:
+            leverage = (free * np.linalg.solve(gram, free.swapaxes(1, 2)).swapaxes(1, 2)).sum(axis=(0, 2))
+            found += leverage.reshape(-1, n).sum(axis=0)
+        return found
 
     def explained(self, rows: Floats, harmonics: int) -> Complexes:
         """Free friction fitted to the rows (r, 2Hn, 1), shape (r, H, n)."""
