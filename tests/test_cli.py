@@ -151,6 +151,8 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
         ["convert", "x.csv"],
         ["convert", "x.csv", "--mapping", "m.json", "--guess", "m.json"],
         ["simulate", "x.zip", "--count", "0"],
+        ["simulate", "x.zip", "--motion", "sweep", "--count", "4"],
+        ["simulate", "x.zip", "--records", "3"],
         *([command, ""] for command in ("identify", "cut", "report", "plan", "simulate")),
         ["export", "", "-o", "r.json"],
         ["convert", "", "--guess", "m.json"],

@@ -9,7 +9,7 @@ from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import FoundSegments, find_segments, measure_segment, without_gaps
 from jointid.importing.find.unused_spans import moving_spans
 from jointid.importing.map.mapped_log import MappedLog
-from jointid.phasors.coherence import proposed_band
+from jointid.phasors.coherence import coherent_band
 from jointid.records import MotionRecord
 
 _LONGEST_REST_S = 3.0
@@ -92,7 +92,7 @@ def measure_motion(log: MappedLog, start_s: float, stop_s: float) -> Segment:
     time = log.time_s[part]
     place = f"{start_s:.2f} to {stop_s:.2f} s"
     record = MotionRecord(time, log.theta_rad[part], log.tau_Nm[part], label=place)
-    return Segment(float(time[0]), float(time[-1]), float("nan"), band_hz=proposed_band(record))
+    return Segment(float(time[0]), float(time[-1]), float("nan"), band_hz=coherent_band(record))
 
 
 def _spans(log: MappedLog) -> list[tuple[float, float]]:
