@@ -99,7 +99,7 @@ def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
     begin, end = edges[:-1], edges[1:]
     lowest = np.minimum.reduceat(np.abs(v), begin)
     rests = (end - begin > 1) & (lowest <= blur)
-    return np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)]
+    return np.asarray(np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)])
 
 
 def _polynomials(stretches: np.ndarray, N: int, H: int) -> Complexes:
