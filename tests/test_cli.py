@@ -151,8 +151,6 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
         ["convert", "x.csv"],
         ["convert", "x.csv", "--mapping", "m.json", "--guess", "m.json"],
         ["simulate", "x.zip", "--count", "0"],
-        ["simulate", "x.zip", "--motion", "sweep", "--count", "4"],
-        ["simulate", "x.zip", "--records", "3"],
         *([command, ""] for command in ("identify", "cut", "report", "plan", "simulate")),
         ["export", "", "-o", "r.json"],
         ["convert", "", "--guess", "m.json"],
@@ -167,6 +165,8 @@ def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:
     ("code", "arguments"),
     [
         (1, ["identify", "none.zip"]),
+        (1, ["simulate", "x.zip", "--motion", "sweep", "--count", "4"]),
+        (1, ["simulate", "x.zip", "--records", "3"]),
         (1, ["export", "none.zip", "-o", "r.json"]),
         (1, ["batch", "none", "-o", "no folder/r.parquet"]),
         (1, ["identify", "n\udcffne ×.zip"]),
