@@ -4,7 +4,7 @@
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
 Draws so many mutants of the modules (cosmic-ray: one operator, comparison, number or condition changed),
-in a copy of the tracked files, and runs the named tests on each until the first failure. Prints the share
+Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
 that the tests find and the diff of every mutant that survives. Install ``'.[benchmarks]'``.
 """
 

@@ -1,7 +1,5 @@
 """jointid simulate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,8 +25,7 @@ from jointid.errors import JointIdError
 @reported
 def simulate(
     output: Annotated[
-        Path,
-        typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False),
+        Path, typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False)
     ],
     inertia: Annotated[
         Path | None,
@@ -53,8 +50,7 @@ def simulate(
         float | None, typer.Option(help="Length of each record of a sine, periods; 12.5 by default.")
     ] = None,
     motion: Annotated[
-        str,
-        typer.Option(help="In place of sines: sweep, multisine, random or moves."),
+        str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[bool, typer.Option(help="Multisine on odd lines, which shows distortion.")] = False,
     duration: Annotated[
