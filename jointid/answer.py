@@ -6,14 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
+from jointid.errors import JointIdError
 from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Elasticity
 from jointid.rounding import decimal_place, significant, with_error
-from jointid.wording import capitalised, enumerated
+from jointid.wording import capitalised, enumerated, listed
 
 _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""
@@ -27,6 +29,65 @@ EFFECT_PARAMETERS = {
     name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
 }
 """Label and unit of every parameter of the effects."""
+
+
+@dataclass(frozen=True, eq=False)
+class StiffnessUnit:
+    """Unit and side of the gear for which K and D are shown; D is per rad always."""
+
+    angle: str = "rad"
+    gear_ratio: Floats | None = None
+    """Motor turns per joint turn, shape (n,), for N² K and N² D at the joint; None: at the motor."""
+
+    @classmethod
+    def named(cls, name: str, gear_ratio: Floats | None = None) -> StiffnessUnit:
+        """Return the unit of a name in ``STIFFNESS_UNITS``.
+
+        Raises
+        ------
+        JointIdError
+            When the name is another, or the joint's side needs gear ratios that are not given.
+        """
+        if name not in STIFFNESS_UNITS:
+            raise JointIdError(f'The unit "{name:.60}" is not known: {listed(STIFFNESS_UNITS)}.')
+        side, angle = STIFFNESS_UNITS[name]
+        if side == "motor":
+            return cls(angle)
+        if gear_ratio is None:
+            raise JointIdError(
+                f'"{name}" needs the gear ratios, and the study has none: state gear_ratio in '
+                "study.toml, motor turns per joint turn."
+            )
+        return cls(angle, gear_ratio)
+
+    @property
+    def is_default(self) -> bool:
+        """Whether K is in N·m/rad at the motor."""
+        return self.angle == "rad" and self.gear_ratio is None
+
+    @property
+    def side(self) -> str:
+        """Where K and D are seen from."""
+        return "seen from the motor" if self.gear_ratio is None else "at the joint"
+
+    def units(self, n: int) -> list[str]:
+        """Unit of K of n joints, then of their D."""
+        return [f"N·m/{self.angle}"] * n + ["N·m·s/rad"] * n
+
+    def shown(self, estimate: ArrayLike) -> Floats:
+        """Convert K1 ... Kn, D1 ... Dn or their errors, shape (2n,), from N·m/rad at the motor."""
+        values = np.asarray(estimate, float)
+        n = values.size // 2
+        side = np.ones(n) if self.gear_ratio is None else self.gear_ratio**2
+        return np.asarray(values * np.concatenate([side * _RADIANS[self.angle], side]))
+
+
+_RADIANS = {"rad": 1.0, "arcmin": np.pi / 10800, "°": np.pi / 180}
+STIFFNESS_UNITS = {
+    f"N·m/{angle} at the {side}": (side, angle) for side in ("motor", "joint") for angle in _RADIANS
+}
+"""Side and angle of each choice, the default first."""
+AT_MOTOR = StiffnessUnit()
 
 
 @dataclass(frozen=True)
@@ -45,10 +106,10 @@ class Quantity:
         return with_error(scale * self.value, scale * self.error), unit
 
 
-def elasticity_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
+def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the whole standard error."""
-    units = ["N·m/rad"] * fit.n + ["N·m·s/rad"] * fit.n
-    return _quantities(elasticity_labels(fit.n), fit.estimate, fit.standard_error, units)
+    values = (unit.shown(np.concatenate([fit.K, fit.D])), unit.shown(fit.standard_error))
+    return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
 
 
 def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
@@ -138,7 +199,11 @@ def fitted_parts(fit: ElasticityFit) -> list[str]:
 
 
 def answer_sentence(
-    fit: ElasticityFit, nominal: Elasticity | None = None, *, torque_stated: bool = True
+    fit: ElasticityFit,
+    nominal: Elasticity | None = None,
+    *,
+    torque_stated: bool = True,
+    unit: StiffnessUnit = AT_MOTOR,
 ) -> str:
     """State the identified stiffnesses, relative to the nominal ones if these are given.
 
@@ -149,6 +214,7 @@ def answer_sentence(
         Values that the controller assumes.
     torque_stated : bool
         Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
+    unit : StiffnessUnit, optional
     """
     unknown = [j for j in range(fit.n) if not fit.K[j] > 2 * fit.standard_error[j]]
     if unknown:
@@ -157,16 +223,15 @@ def answer_sentence(
     condition = "" if torque_stated else ", if the torque scale is exact"
     undetermined = [f"D{j + 1}" for j in range(fit.n) if np.isinf(fit.standard_error[fit.n + j])]
     tail = f" These records do not determine {enumerated(undetermined)}." if undetermined else ""
-    return f"{_stiffnesses(fit, nominal)}{condition}.{tail}"
+    return f"{_stiffnesses(fit, nominal, unit)}{condition}.{tail}"
 
 
-def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None) -> str:
+def _stiffnesses(fit: ElasticityFit, nominal: Elasticity | None, unit: StiffnessUnit) -> str:
     if nominal is None:
-        pairs = zip(fit.K.tolist(), fit.standard_error[: fit.n].tolist(), strict=True)
-        parts = [f"{with_error(K, error)} N·m/rad" for K, error in pairs]
+        parts = [" ".join(found.shown) for found in elasticity_quantities(fit, unit)[: fit.n]]
         joints = enumerated([f"joint {j + 1}" for j in range(fit.n)])
         verb = "has a stiffness" if fit.n == 1 else "have stiffnesses"
-        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, seen from the motor"
+        return f"{capitalised(joints)} {verb} of {enumerated(parts)}, {unit.side}"
     whole = {_compared(fit, nominal, j, short=False) for j in range(fit.n)}
     if fit.n > 1 and len(whole) == 1:
         return f"Every joint {whole.pop()}"

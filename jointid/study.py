@@ -5,12 +5,12 @@ from __future__ import annotations
 import datetime
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from jointid.answer import answer_sentence
+from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit, identify_each, require_method
@@ -74,6 +74,15 @@ class Study:
         The same for the torque constant of each joint. None: not stated, and taken as exact.
     robot_model : RobotModel, optional
         Rigid model of the robot.
+    gear_ratio : array_like, shape (n,), optional
+        Motor turns over joint turns, negative where they turn against each other. They express K and D
+        on the joint side; the method does not need them.
+    gear_temperature_C : float, optional
+        Temperature of the gears, °C.
+    note : str, default ""
+        Remark on the measurement, shown beside the answer.
+    assumed : sequence of str, optional
+        Facts about the logs that nobody has confirmed, such as "gear ratio 1 (joint 2)".
     pose_angles_rad : mapping of str to (n,), optional
         Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
         inertia from the model; the others must agree with it.
@@ -98,6 +107,10 @@ class Study:
     torque_std: float | None = None
     robot_model: RobotModel | None = None
     pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
+    gear_ratio: Floats | None = None
+    gear_temperature_C: float | None = None
+    note: str = ""
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -117,6 +130,7 @@ class Study:
         if not isinstance(self.robot, str):
             raise JointIdError(f"robot = {self.robot!r:.60}: expected a text such as cell 7, robot A.")
         _require_date(self.date)
+        self._check_remarks()
         object.__setattr__(self, "inertia_std", checked_std("inertia_std", self.inertia_std))
         if self.torque_std is not None:
             object.__setattr__(self, "torque_std", checked_std("torque_std", self.torque_std))
@@ -164,6 +178,43 @@ class Study:
         if len(poses := {record.pose for record in self.records}) > 1:
             facts.append(counted(len(poses), "pose"))
         return facts
+
+    @property
+    def gear_ratios(self) -> Floats | None:
+        """Gear ratios as given, else of the robot model, shape (n,); None without, or if coupled."""
+        if self.gear_ratio is not None or self.robot_model is None:
+            return self.gear_ratio
+        C = self.robot_model.coupling
+        alone = np.isfinite(C).all() and np.array_equal(C, np.diag(np.diag(C)))
+        return self.robot_model.gear_ratio if alone else None
+
+    @property
+    def remarks(self) -> list[str]:
+        """What travels with the answer: gear temperature, note, and what nobody has confirmed."""
+        remarks = (
+            [] if self.gear_temperature_C is None else [f"Gears at {self.gear_temperature_C:g} °C."]
+        )
+        remarks += [self.note] if self.note else []
+        assumed = f"Assumed, not confirmed: {'; '.join(self.assumed)}."
+        return [*remarks, assumed] if self.assumed else remarks
+
+    def _check_remarks(self) -> None:
+        """Check gear ratios, temperature, note and assumptions."""
+        if self.gear_ratio is not None:
+            ratio = finite_array("gear_ratio (motor turns per joint turn)", self.gear_ratio, ndim=1)
+            if ratio.shape != (self.inertia.n,) or not ratio.all():
+                raise JointIdError(
+                    f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), none 0."
+                )
+            object.__setattr__(self, "gear_ratio", ratio)
+        if self.gear_temperature_C is not None:
+            celsius = float(finite_array("gear_temperature_C (°C)", self.gear_temperature_C, ndim=0))
+            object.__setattr__(self, "gear_temperature_C", celsius)
+        if not isinstance(self.note, str):
+            raise JointIdError(f"note = {self.note!r:.60}: expected a text.")
+        if not all(isinstance(text, str) for text in self.assumed):
+            raise JointIdError(f"assumed = {self.assumed!r:.60}: expected a list of texts.")
+        object.__setattr__(self, "assumed", tuple(self.assumed))
 
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""
@@ -235,6 +286,29 @@ class Analysis:
     """Fits of the chosen estimator and, of the sine records, of the linear ones, for comparison."""
     findings: tuple[Finding, ...]
     """Findings on the data and the answer, most important first."""
+    unit: StiffnessUnit = AT_MOTOR
+    """How K and D are shown."""
+
+    def shown_in(self, name: str) -> Analysis:
+        """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
+
+        Raises
+        ------
+        JointIdError
+            When the unit is not known, or the study lacks the gear ratios for it.
+        """
+        return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """K1 ... Kn and D1 ... Dn with the whole standard error, in ``unit``."""
+        return elasticity_quantities(self.fit, self.unit)
+
+    @property
+    def nominal(self) -> Floats | None:
+        """Nominal K and D in ``unit``, shape (2n,); None where there are none."""
+        of = self.study.nominal
+        return None if of is None else self.unit.shown(np.concatenate([of.K, of.D]))
 
     @property
     def state(self) -> str:
@@ -253,7 +327,7 @@ class Analysis:
         if self.state == NOT_USABLE:
             return f"Not usable: {self.state_reason}."
         stated = self.study.torque_std is not None
-        return answer_sentence(self.fit, self.study.nominal, torque_stated=stated)
+        return answer_sentence(self.fit, self.study.nominal, torque_stated=stated, unit=self.unit)
 
     @property
     def caution(self) -> str:

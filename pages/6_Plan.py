@@ -27,10 +27,9 @@ if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)
     st.stop()
 st.write(
-    "From the springs and the noise that were found follows how well K and D would be known after any "
-    "further record. Tried are many frequencies, each with several phases between the joints and as "
-    "much motion as the limits allow; the record that cuts the worst error bar most is taken, then the "
-    "next one. Every controller can make them: only the motion counts."
+    "Which further records reduce the error bars most. Frequencies and phases between the joints are "
+    "searched, with as much motion as the limits allow; the record that reduces the worst error most is "
+    "taken, then the next one. Any controller can make them: only the motion counts."
 )
 try:
     settings = ask(analysis, page.digest)

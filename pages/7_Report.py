@@ -27,7 +27,8 @@ except JointIdError as error:
 st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
 button, place = st.empty(), st.empty()
-made = report_panel.made_report(page.digest, page.method)
+shown_as = page.digest if analysis.unit.is_default else f"{page.digest} {page.unit}"
+made = report_panel.made_report(shown_as, page.method)
 asked = made is None and report_panel.asked_for_report()
 if made is not None:
     report_panel.show_report(place, made, stem)
@@ -36,9 +37,9 @@ else:
 
 downloads.show_identification_files(results, stem)
 downloads.show_tables(results, analysis, stem)
-downloads.show_simulator_files(results, study.inertia.n, stem)
+downloads.show_simulator_files(results, study, stem)
 downloads.show_study_files(study, stem)
 
 if asked:  # last: the rest of the page is drawn first
-    report_panel.make_report_at(place, page.digest, page.method, analysis, stem)
+    report_panel.make_report_at(place, shown_as, page.method, analysis, stem)
     button.empty()

@@ -278,6 +278,20 @@ class TestSimulating:
         assert metric(at, "K1")[0] == pytest.approx(30, rel=0.02)
         assert metric(at, "K2")[0] == pytest.approx(12, rel=0.02)
 
+    def test_entries_are_in_the_address_and_come_back_from_it(self, app: AppTest) -> None:
+        app.query_params["sim_K"] = "50, 9"
+        app.query_params["sim_count"] = "7"
+        app.query_params["sim_torque_std"] = "± 5 %"
+        at = shown(app.switch_page("pages/8_Simulate.py").run())
+        assert at.text_input(key="sim_K").value == "50, 9"
+        assert at.number_input(key="sim_count").value == 7
+        assert at.selectbox(key="sim_torque_std").value == "± 5 %"
+        at.text_input(key="sim_D").set_value("0.2, 0.02")
+        at = shown(at.run())
+        at = shown(at.switch_page("pages/12_Glossary.py").run())
+        at = shown(at.switch_page("pages/8_Simulate.py").run())
+        assert at.text_input(key="sim_D").value == "0.2, 0.02"
+
     def test_wrong_inertias_and_torque_scale_are_corrected_by_a_known_payload(
         self, form: AppTest
     ) -> None:

@@ -145,7 +145,7 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
         ["frobnicate"],
         ["report", "x.zip", "-o", "x.docx"],
         ["export", "x.zip", "-o", "x.csv"],
-        ["export", "x.zip", "-o", "x.urdf"],
+        ["export", "single_joint", "-o", "x.urdf"],
         ["cut", "x.zip", "--zones-mm", "a,b"],
         ["cut", "--drive", "hydraulic"],
         ["convert", "x.csv"],

@@ -16,7 +16,7 @@ from jointid.files.study_files import load_study
 from jointid.importing.robot_inertia import INERTIA_UNITS, motor_side, robot_from_toml, rotor_at_motor
 from jointid.ui.importing.inertia import show_inertia
 from jointid.ui.shared import workspace
-from jointid.ui.shared.deviations import deviation_in, deviation_text
+from jointid.ui.shared.entries import deviation_in, deviation_text
 
 TOML = """
 name = "Cell 7"
@@ -136,7 +136,7 @@ def source(at: AppTest, name: str) -> AppTest:
 
 def test_joint_side_numbers_are_divided_by_the_gear_ratios(page: AppTest, taken: list[Inertia]) -> None:
     at = drop(page, ("one.csv", long_log()))
-    widget(at, "number_input", "Gear ratio").set_value(-50.0)
+    widget(at, "text_input", "Gear ratios").set_value("-50")
     at.selectbox(key="import M side").set_value("joint side")
     at.selectbox(key="import M2 side").set_value("joint side")
     at.selectbox(key="import M2 unit").set_value("kg·cm²")
@@ -249,8 +249,7 @@ def test_what_is_no_percentage_is_said(text: str, said: str) -> None:
 def test_links_give_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia]) -> None:
     time, theta, tau = _two_joints()
     at = source(drop(page, ("two.csv", _csv(time, theta, tau))), "Links of the arm")
-    for j, ratio in enumerate((100.0, 90.0)):
-        widget(at, "number_input", f"Gear ratio of joint {j + 1}").set_value(ratio)
+    widget(at, "text_input", "Gear ratios").set_value("100, 90")
     at.selectbox(key="import length unit").set_value("mm")
     at.selectbox(key="import drive").set_value("joint 2 (serial)")
     for key, text in {

@@ -247,7 +247,9 @@ def test_the_page_joins_them_and_can_leave_it(
     assert joints(at) == 1
     next(box for box in at.checkbox if box.label.startswith("Join")).check()
     at = shown(at.run())
-    next(box for box in at.checkbox if box.label.startswith("Torque held")).check()
+    next(b for b in at.selectbox if b.label.startswith("Torque between")).set_value(
+        "held until the next sample"
+    )
     at = shown(at.run())
     at.text_input(key="import M").set_value(" ".join(map(str, paper.inertia.M)))
     M2 = "; ".join(" ".join(map(str, row)) for row in paper.inertia.M2)

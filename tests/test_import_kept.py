@@ -59,9 +59,9 @@ def test_nothing_is_kept_before_a_log_is_dropped(kept: Store) -> None:
 
 def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
-    widget(at, "number_input", "Gear ratio").set_value(-93.5)
+    widget(at, "text_input", "Gear ratios").set_value("-93.5")
     widget(at, "selectbox", "Unit of position 1").set_value("deg")
-    widget(at, "checkbox", "Torque held").set_value(True)
+    widget(at, "selectbox", "Torque between").set_value("held until the next sample")
     at.text_input(key="import M").set_value("0.001")
     at.text_input(key="import name").set_value("Cell 7")
     at.selectbox(key="import inertia std").set_value("unknown")
@@ -70,9 +70,9 @@ def test_logs_and_entries_are_there_in_another_session(kept: Store) -> None:
     again = begun(place_of(at))
     assert not again.error
     assert any("Still open: one.csv, two.csv" in caption.value for caption in again.caption)
-    assert widget(again, "number_input", "Gear ratio").value == -93.5
+    assert widget(again, "text_input", "Gear ratios").value == "-93.5"
     assert widget(again, "selectbox", "Unit of position 1").value == "deg"
-    assert widget(again, "checkbox", "Torque held").value is True
+    assert widget(again, "selectbox", "Torque between").value == "held until the next sample"
     assert again.text_input(key="import M").value == "0.001"
     assert again.text_input(key="import name").value == "Cell 7"
     assert again.selectbox(key="import inertia std").value == "unknown"
@@ -124,21 +124,21 @@ def widget_labels(at: AppTest) -> list[str]:
 
 def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on(kept: Store) -> None:
     at = drop(begun(), ("one.csv", long_log()))
-    widget(at, "number_input", "Gear ratio").set_value(4.0)
+    widget(at, "text_input", "Gear ratios").set_value("4")
     at = send(shown(at.run()), "0.001", "0.003")
     place = place_of(at)
     assert at.title[0].value == "one"
     assert kept.entries(part_of(place, "import")) == ()
     assert len(kept.entries(place)) == 1
     later = drop(begun(place), ("new.csv", long_log(ratio=3.0)))
-    assert widget(later, "number_input", "Gear ratio").value == 4.0
+    assert widget(later, "text_input", "Gear ratios").value == "4"
     assert any("used for these columns before" in info.value for info in later.info)
     widget(later, "button", "Guess afresh").click()
     later = shown(later.run())
-    assert widget(later, "number_input", "Gear ratio").value == 1.0
+    assert widget(later, "text_input", "Gear ratios").value == ""
     assert not later.info
     stranger = drop(begun(), ("new.csv", long_log(ratio=3.0)))
-    assert widget(stranger, "number_input", "Gear ratio").value == 1.0
+    assert widget(stranger, "text_input", "Gear ratios").value == ""
 
 
 def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
@@ -153,7 +153,7 @@ def test_what_is_said_to_be_kept_is_kept(kept: Store) -> None:
     at = send(at, "0.001", "0.003")
     at = shown(at.switch_page(PAGE).run())
     assert any(said(at))
-    widget(at, "number_input", "Gear ratio").set_value(7.0)
+    widget(at, "text_input", "Gear ratios").set_value("7")
     at = shown(at.run())
     at = shown(at.run())
     assert not any(said(at))
@@ -173,21 +173,21 @@ def test_two_sessions_at_one_address_do_not_disturb_each_other(kept: Store) -> N
     two = begun(place_of(one))
     widget(two, "button", "Close these logs").click()
     two = drop(shown(two.run()), ("two.csv", long_log(ratio=2.0)))
-    widget(one, "number_input", "Gear ratio").set_value(7.0)
+    widget(one, "text_input", "Gear ratios").set_value("7")
     one = shown(one.run())
-    assert widget(one, "number_input", "Gear ratio").value == 7.0
+    assert widget(one, "text_input", "Gear ratios").value == "7"
     assert not one.error
     two = shown(two.run())
     assert not two.error
     last = begun(place_of(one))
     assert any("Still open: one.csv." in caption.value for caption in last.caption)
-    assert widget(last, "number_input", "Gear ratio").value == 7.0
+    assert widget(last, "text_input", "Gear ratios").value == "7"
 
 
 @pytest.mark.parametrize("what", ["log", "entries", "both"])
 def test_what_is_damaged_is_said_and_the_rest_is_open(kept: Store, what: str) -> None:
     at = drop(begun(), ("one.csv", long_log()), ("two.csv", long_log(ratio=2.0)))
-    widget(at, "number_input", "Gear ratio").set_value(7.0)
+    widget(at, "text_input", "Gear ratios").set_value("7")
     place = place_of(shown(at.run()))
     part = part_of(place, "import")
     for entry in kept.entries(part):
@@ -200,7 +200,7 @@ def test_what_is_damaged_is_said_and_the_rest_is_open(kept: Store, what: str) ->
     said = " ".join(element.value for element in (*again.error, *again.warning))
     assert ("one.csv" in said) == (what != "entries")
     if what == "log":
-        assert widget(again, "number_input", "Gear ratio").value == 7.0
+        assert widget(again, "text_input", "Gear ratios").value == "7"
     if what == "both":
         assert any("two.csv." in caption.value for caption in again.caption)
     assert list((kept.folder / "damaged").iterdir())
@@ -232,7 +232,7 @@ def test_a_store_that_cannot_be_written_is_said(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "file"))
     at = shown(drop(begun(), ("one.csv", long_log())).run())
     assert any("open in this session only" in warning.value for warning in at.warning)
-    assert widget(at, "number_input", "Gear ratio").value == 1.0
+    assert widget(at, "text_input", "Gear ratios").value == ""
 
 
 def test_parts_of_a_workspace_are_places_of_their_own() -> None:

@@ -37,6 +37,7 @@ from jointid.importing.columns.units import (
     TORQUE_UNITS,
 )
 from jointid.importing.map.guess import propose_joint
+from jointid.importing.map.reasons import assumptions, unchanged
 
 
 def table_of(**columns: object) -> LogTable:
@@ -708,3 +709,38 @@ def test_huge_numbers_of_damaged_files_are_guessed_at_without_a_fault() -> None:
     huge = np.where(np.arange(50) % 2, 1e307, -1e307)
     table = LogTable("log", tuple(LogColumn("", numbers(v)) for v in (huge, np.sin(np.arange(50)))))
     assert guess_mapping(table).mapping.n == 1
+
+
+class TestAssumptions:
+    """What a log cannot prove, by the names of the mapping's entries."""
+
+    @pytest.fixture
+    def mapping(self) -> Mapping:
+        (table,) = read_log(cell_log(), "cell.csv")
+        return guess_mapping(table).mapping
+
+    def test_a_guess_names_all_of_it(self, mapping: Mapping) -> None:
+        assert assumptions(mapping) == (
+            "direction of position as logged (joints 1 and 2)",
+            "direction of torque as logged (joints 1 and 2)",
+            "position measured at the joint (joints 1 and 2)",
+            "gear ratio 1 (joints 1 and 2)",
+            "rated torque 1 N·m (joints 1 and 2)",
+            "torque not held between samples",
+        )
+
+    def test_corrected_entries_are_none(self, mapping: Mapping) -> None:
+        first, second = mapping.joints
+        joints = (replace(first, gear_ratio=101.0), second)
+        corrected = replace(mapping, joints=joints, torque_hold=True)
+        left = set(mapping.assumed) - set(unchanged(corrected, mapping))
+        assert left == {"gear ratio of joint 1", "torque hold"}
+
+    def test_they_are_kept_in_a_file(self, mapping: Mapping) -> None:
+        again = mapping_from_json(mapping_to_json(mapping))
+        assert again == mapping
+        assert again.assumed == mapping.assumed
+
+    def test_entries_that_are_not_there_say_nothing(self, mapping: Mapping) -> None:
+        names = ("gear ratio of joint 7", "colour of joint 1", "side of spindle of joint 1", "weather")
+        assert assumptions(replace(mapping, assumed=names)) == ()

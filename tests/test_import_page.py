@@ -74,6 +74,31 @@ def widget(at: AppTest, kind: str, label: str, nth: int = 0) -> Any:
     return [w for w in getattr(at, kind) if w.label.startswith(label)][nth]
 
 
+def head(at: AppTest, step: str) -> str:
+    """What the head of a step says beside its name."""
+    labels = [e.label for e in at.expander if step in e.label]
+    return labels[0].partition("[")[2].rpartition("]")[0]
+
+
+def opened(at: AppTest) -> list[str]:
+    return [e.label.split("**")[1] for e in at.expander if e.proto.expanded]
+
+
+def assumed(at: AppTest) -> str:
+    return " ".join(m.value for m in at.markdown if "Not confirmed" in m.value)
+
+
+def sides(at: AppTest) -> list[list[str]]:
+    """Joints whose position, and whose torque, is measured at the joint."""
+    groups = [g for g in at.button_group if "behind the gear" in g.label]
+    return [list(group.value) for group in groups]
+
+
+def confirm(at: AppTest, what: str = "drive data") -> AppTest:
+    widget(at, "button", f"Confirm the {what}").click()
+    return shown(at.run())
+
+
 def figures(at: AppTest) -> int:
     return len(at.get("plotly_chart"))
 
@@ -93,7 +118,7 @@ def test_every_action_of_a_finding_has_its_place_on_a_page(page: AppTest) -> Non
     for step, part in ACTIONS.values():
         assert step.path == PAGE
         assert step.name == at.title[0].value
-        assert sum(label.startswith(part) for label in labels) == 1, (part, labels)
+        assert sum(label.strip("*").startswith(part) for label in labels) == 1, (part, labels)
 
 
 class TestMapping:
@@ -103,26 +128,35 @@ class TestMapping:
         assert widget(at, "selectbox", "Position of joint 1").value == "position"
         assert widget(at, "selectbox", "Torque of joint 1").value == "effort"
         assert figures(at) == 2
-        assert any("To check" in caption.value for caption in at.caption)
+        assert any("To check" in m.value for m in at.markdown)
 
     def test_a_role_that_no_column_fits_is_asked_for(self, page: AppTest) -> None:
         data = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
         at = drop(page, ("run.csv", data))
         assert widget(at, "selectbox", "Position of joint 1").value is None
-        assert "No column is chosen for the position of joint 1" in at.error[0].value
+        assert opened(at) == ["2 Columns"]
+        assert head(at, "2 Columns") == "choose: position of joint 1, torque of joint 1"
         widget(at, "selectbox", "Position of joint 1").set_value("velocity")
+        widget(at, "selectbox", "Unit of position 1").set_value("rad")
         at = shown(at.run())
-        assert "No column is chosen for the torque of joint 1" in at.error[0].value
+        assert head(at, "2 Columns") == "choose: torque of joint 1"
         widget(at, "selectbox", "Torque of joint 1").set_value("abc")
-        assert not shown(at.run()).error
+        at = shown(at.run())
+        assert head(at, "2 Columns") == "choose: unit of torque of joint 1"
+        assert not [w for w in at.text_input if w.label.startswith("Gear ratios")]
+        widget(at, "selectbox", "Unit of torque 1").set_value("N·m")
+        at = shown(at.run())
+        assert not at.error
+        assert "missing" in head(at, "3 Drive data")
 
     def test_a_unit_that_needs_a_scale_asks_for_it(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
         assert widget(at, "selectbox", "Unit of torque 1").value == "%"
-        assert widget(at, "number_input", "Rated torque", 1).value == 1.0
+        assert widget(at, "text_input", "Rated torque (N·m), one per joint").value == ""
+        assert "rated torques" in head(at, "3 Drive data")
         widget(at, "selectbox", "Unit of torque 2").set_value("A")
         at = shown(at.run())
-        assert widget(at, "number_input", "Torque constant").value == 1.0
+        assert widget(at, "text_input", "Torque constant (N·m/A) of joint 2").value == ""
 
     def test_a_column_used_twice_is_said_and_the_file_stays_visible(self, page: AppTest) -> None:
         at = drop(page, ("log.csv", comma_log()))
@@ -135,23 +169,23 @@ class TestMapping:
 
     def test_the_mapping_is_offered_again_for_the_same_columns(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
-        widget(at, "number_input", "Gear ratio").set_value(101.0)
+        widget(at, "text_input", "Gear ratios").set_value("101")
         at = drop(shown(at.run()), ("two.csv", long_log(ratio=50.0)))
-        assert widget(at, "number_input", "Gear ratio").value == 101.0
+        assert widget(at, "text_input", "Gear ratios").value == "101"
         assert any("again" in info.value for info in at.info)
         widget(at, "button", "Guess afresh").click()
         at = shown(at.run())
-        assert widget(at, "number_input", "Gear ratio").value == 1.0
+        assert widget(at, "text_input", "Gear ratios").value == ""
         assert not any("again" in info.value for info in at.info)
 
     def test_entries_and_logs_outlive_a_visit_to_another_page(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
-        widget(at, "number_input", "Gear ratio").set_value(-93.5)
+        widget(at, "text_input", "Gear ratios").set_value("-93.5")
         at.text_input(key="import M").set_value("0.001")
         at = shown(at.run())
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
-        assert widget(at, "number_input", "Gear ratio").value == -93.5
+        assert widget(at, "text_input", "Gear ratios").value == "-93.5"
         assert figures(at) == 2
 
     def test_a_mapping_is_taken_from_a_file_or_refused(self, page: AppTest) -> None:
@@ -168,8 +202,8 @@ class TestMapping:
         uploader.set_value(("m.json", text, "application/json"))
         at = shown(at.run())
         assert not at.error
-        assert widget(at, "number_input", "Gear ratio").value == -50.0
-        assert widget(at, "checkbox", "Torque held").value is True
+        assert widget(at, "text_input", "Gear ratios").value == "-50"
+        assert widget(at, "selectbox", "Torque between").value == "held until the next sample"
 
     def test_a_scope_of_simulink_shows_its_columns(self, page: AppTest) -> None:
         at = drop(page, ("scope.mat", mat_scope()))
@@ -181,7 +215,7 @@ class TestMapping:
         lines = [line.rpartition(";")[0] if line.count(";") == 4 else line for line in lines]
         at = drop(page, ("cell.csv", "\r\n".join(lines).encode("latin-1")))
         assert widget(at, "number_input", "Joints").value == 1
-        checks = [c.value for c in at.caption if "To check" in c.value]
+        checks = [m.value for m in at.markdown if "To check" in m.value]
         assert any('"Achse 2 Ist" has no torque beside it' in check for check in checks)
         widget(at, "number_input", "Joints").set_value(2)
         at = shown(at.run())
@@ -189,16 +223,18 @@ class TestMapping:
         assert widget(at, "selectbox", "Torque of joint 2").value is None
         assert widget(at, "selectbox", "Unit of position 2").value == "deg"
         assert widget(at, "selectbox", "Unit of torque 2").value == "%"
-        assert [widget(at, "selectbox", "Measured at the", k).value for k in (2, 3)] == [
-            "joint",
-            "motor",
-        ]
-        assert "No column is left for the torque of joint 2" in at.error[0].value
-        assert any("mere proposal" in c.value for c in at.caption if "To check" in c.value)
+        assert head(at, "2 Columns") == "choose: torque of joint 2"
+        assert any("mere proposal" in m.value for m in at.markdown if "To check" in m.value)
+        widget(at, "selectbox", "Torque of joint 1").set_value("Achse 2 Ist")
+        assert "is both torque of joint 1 and position of joint 2" in shown(at.run()).error[0].value
+        widget(at, "number_input", "Joints").set_value(1)
+        widget(at, "selectbox", "Torque of joint 1").set_value("Moment 1")
+        at = shown(at.run())
+        assert sides(at) == [["1"], []]
 
     def test_closing_the_logs_clears_the_robot_but_not_the_mapping(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
-        widget(at, "number_input", "Gear ratio").set_value(101.0)
+        widget(at, "text_input", "Gear ratios").set_value("101")
         at.text_input(key="import M").set_value("0.001")
         at.text_input(key="import M2").set_value("0.003")
         at.text_input(key="import nominal K").set_value("20")
@@ -211,7 +247,7 @@ class TestMapping:
         assert at.text_input(key="import M").value == "0.001"
         widget(at, "button", "Close these logs").click()
         at = drop(shown(at.run()), ("one.csv", long_log()))
-        assert widget(at, "number_input", "Gear ratio").value == 101.0
+        assert widget(at, "text_input", "Gear ratios").value == "101"
         assert [at.text_input(key=f"import {name}").value for name in ("M", "M2", "nominal K")] == [
             ""
         ] * 3
@@ -256,65 +292,90 @@ class TestStudy:
         assert (seen[0]["robot"], str(seen[0]["date"])) == ("cell 7", "2026-11-20")
 
     def test_what_was_assumed_is_said_at_the_button_until_it_is_given(self, page: AppTest) -> None:
-        def said(at: AppTest) -> str:
-            return " ".join(c.value for c in at.caption if "not confirmed" in c.value)
-
         at = drop(page, ("cell.csv", cell_log()))
-        assert "rated torque 1 N·m of joint 2" in said(at)
-        assert "side of position of joint 1" in said(at)
+        assert "rated torque 1 N·m (joints 1 and 2)" in assumed(at)
+        assert "position measured at the joint (joints 1 and 2)" in assumed(at)
+        assert "direction of torque as logged" in assumed(at)
         at = drop(page, ("one.csv", long_log()))
-        assert "gear ratio 1 of joint 1" in said(at)
+        assert "gear ratio 1 (joint 1)" in assumed(at)
         widget(at, "selectbox", "Unit of torque 1").set_value("A")
         at = shown(at.run())
-        assert "gear ratio 1 of joint 1, torque constant 1 N·m/A of joint 1" in said(at)
-        widget(at, "number_input", "Gear ratio").set_value(50.0)
-        widget(at, "number_input", "Torque constant").set_value(0.3)
-        assert said(shown(at.run())) == ""
+        assert "torque constant 1 N·m/A (joint 1); gear ratio 1 (joint 1)" in assumed(at)
+        widget(at, "text_input", "Gear ratios").set_value("50")
+        widget(at, "text_input", "Torque constant").set_value("0.3")
+        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+        at = shown(at.run())
+        assert "torque constant" not in assumed(at)
+        assert "gear ratio" not in assumed(at)
+        assert "direction of position" in assumed(at)
+        assert assumed(confirm(at)) == ""
 
-    def test_what_a_log_cannot_prove_is_open_until_it_is_ticked(self, page: AppTest) -> None:
-        def said(at: AppTest) -> str:
-            return " ".join(c.value for c in at.caption if "not confirmed" in c.value)
-
+    def test_what_a_log_cannot_prove_stays_open_until_it_is_confirmed(self, page: AppTest) -> None:
         at = drop(page, ("cell.csv", cell_log()))
-        widget(at, "checkbox", "Checked: joint 1").check()
+        assert opened(at) == ["3 Drive data"]
+        for label, text in (("Gear ratios", "101; -93,5"), ("Rated torque", "8.2, 2.1")):
+            widget(at, "text_input", label).set_value(text)
+        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
         at = shown(at.run())
-        assert "joint 1" not in said(at)
-        assert "side of position of joint 2" in said(at)
-        for name in ("joint 2", "not held"):
-            widget(at, "checkbox", f"Checked: {name}").check()
-        at = shown(at.run())
-        assert said(at) == ""
-        assert not any("To check" in c.value for c in at.caption)
+        assert head(at, "3 Drive data").endswith("to confirm")
+        at = confirm(at)
+        assert (assumed(at), opened(at)) == ("", ["5 Inertias"])
+        assert head(at, "3 Drive data").startswith(
+            "gear ratios 101, −93.5, rated torque 8.2 N·m (joint 1)"
+        )
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
-        assert widget(at, "checkbox", "Checked: joint 1").value is True
-        widget(at, "number_input", "Gear ratio").set_value(100.0)  # leaves another question
+        assert assumed(at) == ""
+        widget(at, "text_input", "Gear ratios").set_value("100, -93.5")
         at = shown(at.run())
-        assert widget(at, "checkbox", "Checked: joint 1").value is False
-        assert widget(at, "checkbox", "Checked: joint 2").value is True
+        assert "direction of position" in assumed(at)
+        assert head(at, "3 Drive data").endswith("to confirm")
 
-    def test_what_is_understood_is_folded_and_what_comes_next_is_said(self, page: AppTest) -> None:
-        def unfolded(at: AppTest) -> list[str]:
-            return [e.label for e in at.expander if e.proto.expanded]
+    def test_assumptions_and_gear_ratios_go_into_the_study(
+        self, page: AppTest, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        seen: list[Any] = []
+        monkeypatch.setattr(
+            "jointid.ui.importing.panels.study_from_logs",
+            lambda *_, **given: seen.append(given) or _refuse(),
+        )
+        at = drop(page, ("cell.csv", cell_log()))
+        widget(at, "text_input", "Gear ratios").set_value("101, ?")
+        widget(at, "text_input", "Rated torque").set_value("8.2, 2.1")
+        at = send(confirm(at), "0.001, 0.002", "0.01, 0; 0, 0.01")
+        assert seen[-1]["assumed"] == ("gear ratio 1 (joint 2)", "torque not held between samples")
+        assert seen[-1]["gear_ratio"] is None
+        widget(at, "text_input", "Gear ratios").set_value("101, -93.5")
+        widget(at, "selectbox", "Torque between").set_value("held until the next sample")
+        at.text_input(key="import gear temperature").set_value("24 °C")
+        at.text_input(key="import note").set_value("after two hours")
+        at = send(confirm(shown(at.run())), "0.001, 0.002", "0.01, 0; 0, 0.01")
+        assert (seen[-1]["assumed"], seen[-1]["gear_ratio"]) == ((), (101.0, -93.5))
+        assert (seen[-1]["gear_temperature_C"], seen[-1]["note"]) == (24.0, "after two hours")
 
-        def next_step(at: AppTest) -> str:
-            return next(m.value for m in at.markdown if "**Next:**" in m.value)
-
+    def test_the_first_step_that_lacks_something_is_open(self, page: AppTest) -> None:
+        assert opened(page) == ["1 Logs"]
         at = drop(page, ("one.csv", long_log()))
-        assert unfolded(at) == []
-        assert next_step(at).startswith("3 steady sine runs of 4 to 11 Hz found.")
-        assert "give the inertias" in next_step(at)
+        assert opened(at) == ["3 Drive data"]
+        assert head(at, "4 Runs") == "3 sine runs, 4 to 11 Hz"
+        assert head(at, "5 Inertias") == "missing"
         at.text_input(key="import M").set_value("0.001")
-        assert "open it as a study" in next_step(shown(at.run()))
+        at.text_input(key="import M2").set_value("0.003")
+        at = shown(at.run())
+        assert head(at, "5 Inertias") == "M and M2 ± 5 %"
+        assert opened(at) == ["3 Drive data"]
         widget(at, "selectbox", "Torque of joint 1").set_value("joint position")
-        assert "The file as it is: its first rows and its curves" in unfolded(shown(at.run()))
+        assert head(shown(at.run()), "2 Columns") == "to correct"
 
-    def test_unclear_columns_are_unfolded(self, page: AppTest) -> None:
+    def test_unclear_columns_are_open_until_they_are_confirmed(self, page: AppTest) -> None:
         at = drop(page, ("scope.mat", mat_scope()))
-        assert [e.label for e in at.expander if e.proto.expanded] == [
-            "The file as it is: its first rows and its curves",
-            "All entries: columns, units, sides, directions, and why they are so",
-        ]
+        assert opened(at) == ["2 Columns"]
+        for end in ("position", "torque"):
+            if widget(at, "selectbox", f"{end.capitalize()} of joint 1").value is None:
+                widget(at, "selectbox", f"{end.capitalize()} of joint 1").set_value("signal 1")
+        assert head(at, "2 Columns").endswith("to check")
+        at = confirm(at, "columns")
+        assert opened(at) == ["3 Drive data"]
 
     def test_runs_are_counted(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log()))
@@ -335,8 +396,8 @@ class TestStudy:
 
     def test_a_long_log_gives_a_record_per_run(self, page: AppTest) -> None:
         at = drop(page, ("one.csv", long_log(ratio=50.0)))
-        widget(at, "selectbox", "Measured at the").set_value("joint")
-        widget(at, "number_input", "Gear ratio").set_value(50.0)
+        assert sides(at) == [["1"], []]
+        widget(at, "text_input", "Gear ratios").set_value("50")
         at = send(shown(at.run()), "0.001", "0.003")
         assert "3 records" in " ".join(m.value for m in at.markdown)
 

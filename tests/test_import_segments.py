@@ -417,3 +417,24 @@ def test_one_run_in_a_long_log() -> None:
     """Two minutes at 1 kHz with one run: the search takes few passes, not one per frequency."""
     log, spans = log_of([Run(7.0, 40, BOTH, rest_s=120.0)])
     check(log, [Run(7.0, 40, BOTH)], spans)
+
+
+def test_a_record_that_still_settles_begins_later_in_the_study() -> None:
+    """The verdict's own test decides; the rows before stay in the file, the inputs unchanged."""
+    time = np.arange(0, 6.0, 1e-3)
+    wave = np.cos(2 * np.pi * 5.0 * time)
+    decay = np.exp(-time / 0.3) * np.sin(2 * np.pi * 3.0 * time)
+    noise = 1e-5 * np.random.default_rng(5).standard_normal((time.size, 4))
+    theta = np.column_stack([0.1 * wave + 0.05 * decay, 0.08 * wave])
+    tau = np.column_stack([-0.4 * wave, -0.3 * wave])
+    steady = MappedLog(time, theta[:, [1, 1]] + noise[:, :2], tau + noise[:, 2:], name="steady")
+    settling = MappedLog(time, theta + noise[:, :2], tau + noise[:, 2:], name="settling")
+    whole = [Segment(0.0, 5.9, 5.0)]
+    inertia = Inertia([0.003, 0.002], [[0.004, 0.0004], [0.0004, 0.002]])
+    study = study_from_logs([steady, settling], [whole, whole], inertia)
+    assert study.records[0].start_s is None
+    start = study.records[1].start_s
+    assert start is not None
+    assert 0.5 < start < 4.0
+    assert study.records[1].time_s[0] == 0.0
+    assert "1 record trimmed to the steady state" in study.description

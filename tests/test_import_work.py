@@ -24,7 +24,7 @@ def script() -> None:
     from jointid.ui.importing.watched_work import StoppedError, Watch
 
     tasks = st.session_state["tasks"]
-    watch = Watch(len(tasks))
+    watch = Watch(len(tasks), st.empty())
     for key, task in tasks.items():
         try:
             st.write(f"{key}: {watch.do(key, f'Doing {key}', task)}")

@@ -72,6 +72,7 @@ def convert(
     ] = "",
     which: Annotated[str, typer.Option("--robot", help="Which robot it is, for a fleet.")] = "",
     date: Annotated[str, typer.Option(help="When it was measured, as in 2026-11-20.")] = "",
+    note: Annotated[str, typer.Option(help="Remark that travels with the answer.")] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -108,8 +109,8 @@ def convert(
             return
         rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
         print_table(["entry", "", "reason"], rows)
-        for note in tables[0].notes:
-            typer.echo(f"{tables[0].name}: {note}", err=True)
+        for text in tables[0].notes:
+            typer.echo(f"{tables[0].name}: {text}", err=True)
         print(f"\n{guess} is written. Correct it, then: jointid convert … --mapping {guess}")
         return
     if chosen is None or output is None or inertia is None:
@@ -131,11 +132,26 @@ def convert(
     with progress("Looking for sine runs", quiet=as_json) as report:
         study, notes = mapped_study(tables, chosen, robot, poses, report)
     notes = (*together, *notes)
-    study = replace(study, robot=which.strip(), date=measured_on)
+    facts = robot_facts(chosen, tables[0])
+    study = replace(study, robot=which.strip(), date=measured_on, note=note, **facts)
     save_study(study, output, overwrite=overwrite)
     made(study, output, as_json, notes=list(notes))
-    for note in (*notes, *([] if study.torque_std is not None else [_NOT_STATED])):
-        typer.echo(note, err=True)
+    if study.assumed:
+        notes = (*notes, f"{study.remarks[-1]} Correct them in {mapping}, or take them out of its list.")
+    for line in (*notes, *[_NOT_STATED] * (study.torque_std is None)):
+        typer.echo(line, err=True)
+
+
+def robot_facts(mapping: Any, table: Any) -> dict[str, Any]:
+    """Gear ratios that a mapping states, and its assumptions, without entries that were corrected."""
+    from jointid.importing import guess_mapping
+    from jointid.importing.map.reasons import assumptions, unchanged
+
+    if mapping.assumed:
+        mapping = replace(mapping, assumed=unchanged(mapping, guess_mapping(table).mapping))
+    ratio = [joint.gear_ratio for joint in mapping.joints]
+    known = any(r != 1 for r in ratio) and not any("gear ratio" in what for what in mapping.assumed)
+    return {"assumed": assumptions(mapping), "gear_ratio": ratio if known else None}
 
 
 def mapped_study(

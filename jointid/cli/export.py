@@ -34,7 +34,10 @@ def export(
         ),
     ],
     gear_ratio: Annotated[
-        str, typer.Option(help="Motor turns per joint turn, for .xml, .urdf and .sdf.")
+        str,
+        typer.Option(
+            help="Motor turns per joint turn, for .xml, .urdf and .sdf; by default the study's."
+        ),
     ] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
     method: Annotated[str, METHOD] = "auto",
@@ -43,11 +46,14 @@ def export(
     """Export results for other tools."""
     ratio = numbers(gear_ratio) if gear_ratio else None
     for file in output:
-        ending = _ending(file)
-        if ending in (".xml", ".urdf", ".sdf") and ratio is None:
-            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+        _ending(file)
         require_spared(file, overwrite, [study])
     analysis = analysed(study, method, quiet=as_json)
+    known = analysis.study.gear_ratios
+    ratio = ratio or (None if known is None else known.tolist())
+    for file in output:
+        if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
+            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
     from jointid.exporting import identification
 
     result = identification(analysis)

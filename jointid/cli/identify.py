@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from jointid.cli.files import analysed
-from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD
+from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
 from jointid.study import Analysis
@@ -16,6 +16,7 @@ def identify(
     method: Annotated[str, METHOD] = "auto",
     inertia_std: Annotated[float | None, INERTIA_STD] = None,
     torque_std: Annotated[float | None, TORQUE_STD] = None,
+    unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify stiffness and damping of every joint."""
@@ -24,9 +25,11 @@ def identify(
     if as_json:
         print_json(identify_document(analysis))
         return
+    analysis = analysis.shown_in(unit) if unit else analysis
     print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
-    if analysis.caution:
-        print(analysis.caution)
+    for line in (analysis.caution, *analysis.study.remarks):
+        if line:
+            print(line)
     _print_tables(analysis)
     for finding in analysis.findings:
         remedy = f" {finding.remedy}" if finding.remedy else ""
@@ -37,7 +40,6 @@ def _print_tables(analysis: Analysis) -> None:
     from jointid.answer import (
         ERROR_BARS,
         UNSTATED_TORQUE_SCALE,
-        elasticity_quantities,
         further_quantities,
         model_name,
     )
@@ -45,12 +47,12 @@ def _print_tables(analysis: Analysis) -> None:
     from jointid.uncertainty.error_parts import error_table
     from jointid.uncertainty.prior_rows import PRIOR_HEADER
 
-    fit, nominal = analysis.fit, analysis.study.nominal
-    fitted = (*elasticity_quantities(fit), *further_quantities(fit))
+    fit, nominal = analysis.fit, analysis.nominal
+    fitted = (*analysis.quantities, *further_quantities(fit))
     known = [""] * len(fitted)
     if nominal is not None:
-        known[: 2 * fit.n] = [plain(float(value)) for value in (*nominal.K, *nominal.D)]
-    print(f"\nModel: {model_name(fit)}")
+        known[: 2 * fit.n] = [plain(float(value)) for value in nominal]
+    print(f"\nModel: {model_name(fit)}. K and D {analysis.unit.side}.")
     rows = [[q.name, *q.shown, value] for q, value in zip(fitted, known, strict=True)]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
     print(f"{ERROR_BARS} Its parts:")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import typer
 
+from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.elasticity import METHODS
 from jointid.files.application import sample_studies
 from jointid.joints import Elasticity
@@ -57,6 +58,11 @@ JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
 INERTIA_STD = typer.Option(
     help="How well M and M2 are known: relative standard deviation, 0.03 for 3 %, 0 exact, inf unknown."
+)
+UNIT = typer.Option(
+    help=f"Unit of K, and side of the gear: {', '.join(STIFFNESS_UNITS)}. At the joint: if the study "
+    "states gear_ratio.",
+    show_default=next(iter(STIFFNESS_UNITS)),
 )
 TORQUE_STD = typer.Option(help="The same for the torque constant of each joint.")
 NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")

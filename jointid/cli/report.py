@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from jointid.cli.files import analysed, require_spared
-from jointid.cli.options import JSON, METHOD, STUDY, require_ending
+from jointid.cli.options import JSON, METHOD, STUDY, UNIT, require_ending
 from jointid.cli.output import status, written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
@@ -22,6 +22,7 @@ def report(
         bool, typer.Option("--cut/--no-cut", help="Include the cut of Figure 7.")
     ] = True,
     method: Annotated[str, METHOD] = "auto",
+    unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Write a report as one HTML file or as PDF."""
@@ -30,6 +31,7 @@ def report(
         require_ending("--output", file, ".html", ".htm", ".pdf")
         require_spared(file, False, [study])
     analysis = analysed(study, method, quiet=as_json)
+    analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
     with status("Writing the report", quiet=as_json):

@@ -44,6 +44,7 @@ def code_listing(found: Identification, language: str) -> str:
     study = " ".join(found.obtained.study.split()) or "study without a name"
     lines = [
         f"{comment}{study}: {found.state or 'state unknown'}; jointid {found.obtained.version}",
+        *([f"{comment}{' '.join(found.answer.split())}"] if found.answer else []),
         f"{comment}Motor side; K in N·m/rad, D in N·m·s/rad; _std: one standard error from all causes",
     ]
     rows = {"K": found.K, "K_std": error[:n], "D": found.D, "D_std": error[n:]}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointid.answer import effect_values, model_name
+from jointid.answer import AT_MOTOR, effect_values, model_name
 from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction, require_method
@@ -165,6 +165,7 @@ def identification(analysis: Analysis) -> Identification:
     JointIdError
         When the fit holds a value that is not finite.
     """
+    analysis = replace(analysis, unit=AT_MOTOR)  # as the numbers of the file
     fit, study = analysis.fit, analysis.study
     known = np.isfinite(fit.standard_error)
     return Identification(
@@ -178,7 +179,7 @@ def identification(analysis: Analysis) -> Identification:
         poses={pose: analysis.inertia(pose) for pose in study.poses},
         nominal=study.nominal,
         state=analysis.state,
-        answer=f"{analysis.headline} {analysis.caution}".strip(),
+        answer=" ".join(t for t in (analysis.headline, analysis.caution, *study.remarks) if t),
         error_parts={part.key: part.error for part in error_parts(fit)},
         effects=effect_values(fit),
         priors=analysis.priors,

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from jointid.figures.style import Trace, colours, figure, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
-from jointid.rounding import with_error
+from jointid.rounding import significant, with_error
 
 
 def phasor_plane(
@@ -80,9 +80,14 @@ def phasor_plane(
     radial = {"gridcolor": grid, "linecolor": grid, "angle": 45, "tickangle": 45, "nticks": 4}
     if logarithmic:
         shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
-        radial |= {"type": "log", "range": shown, "dtick": 1, "exponentformat": "power"}
+        decades = [10.0**k for k in range(int(np.ceil(shown[0])), int(np.floor(shown[1])) + 1)]
+        radial |= {"type": "log", "range": shown, "tickvals": decades}
+        radial["ticktext"] = [significant(decade, 1) for decade in decades]
     else:
-        radial |= {"range": [0, 1.1 * high]}
+        # The rim is the grid's last circle, not a second one beside it.
+        step = 10.0 ** np.floor(np.log10(high))
+        step *= next(factor for factor in (0.2, 0.5, 1.0, 2.0) if high <= 5 * factor * step)
+        radial |= {"range": [0, step * np.ceil(1.02 * high / step)], "dtick": step}
     return figure(
         traces,
         height=430,

@@ -27,6 +27,10 @@ def study_digest(study: Study) -> str:
     _texts(state, (study.name, study.origin, study.description))
     if study.robot or study.date is not None:  # without them, the digest is that of version 0.1
         _texts(state, ("robot", study.robot, "" if study.date is None else study.date.isoformat()))
+    if study.remarks:
+        _texts(state, ("remarks", *study.remarks))
+    if study.gear_ratio is not None:
+        _arrays(state, [study.gear_ratio])
     inertias = [study.inertia, *study.poses.values()]
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
     if any(inertia.added.any() for inertia in inertias):

@@ -19,7 +19,7 @@ band_hz = [2.5, 38]            # optional: frequencies to use
 
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import PurePosixPath
@@ -44,7 +44,7 @@ from jointid.files.study_keys import (
     read_robot_model,
 )
 from jointid.files.study_parts import is_long, read_long_record
-from jointid.files.study_saving import STUDY_FILE, pack_study, save_study
+from jointid.files.study_saving import STUDY_FILE, TEXTS, pack_study, save_study
 from jointid.files.table_preview import peek_table
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import MotionRecord, SineRecord
@@ -100,8 +100,14 @@ def load_study(path_or_file: Source) -> Study:
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
         _require_format_1(top)
-        known: dict[str, Any] = {key: top.text(key, "") for key in ("origin", "description", "robot")}
-        known["date"] = top.date("date") if "date" in top else None
+        known: dict[str, Any] = {key: top.text(key, "") for key in TEXTS}
+        readers: dict[str, Callable[[str], Any]] = {
+            "date": top.date,
+            "gear_ratio": top.numbers,
+            "gear_temperature_C": top.number,
+            "assumed": top.texts,
+        }
+        known |= {key: read(key) for key, read in readers.items() if key in top}
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
         known |= read_known(top, table, model) | {"robot_model": model}

@@ -24,6 +24,8 @@ from jointid.robot_models.model import RobotModel
 from jointid.study import INERTIA_STD, Study
 
 STUDY_FILE = "study.toml"
+TEXTS = ("name", "origin", "description", "robot", "note")
+"""Keys of texts, in their order."""
 
 
 def save_study(
@@ -100,8 +102,13 @@ def _files(study: Study, record_format: str) -> Iterator[tuple[str, bytes]]:
 def _toml(study: Study, files: Sequence[str]) -> bytes:
     timings = {(record.torque_hold, record.torque_delay_s.hex()) for record in study.records}
     head: dict[str, Any] = {"format": 1, "name": study.name}
-    optional = ("origin", "description", "robot", "date")
-    head |= {key: value for key in optional if (value := getattr(study, key))}
+    head |= {key: value for key in (*TEXTS, "date") if (value := getattr(study, key))}
+    if study.gear_ratio is not None:
+        head["gear_ratio"] = study.gear_ratio.tolist()
+    if study.gear_temperature_C is not None:
+        head["gear_temperature_C"] = study.gear_temperature_C
+    if study.assumed:
+        head["assumed"] = list(study.assumed)
     if study.robot_model is not None:
         head["robot_model"] = _robot_table(study.robot_model)
     head["inertia"] = _angles(study, "") or inertia_table(study.inertia)

@@ -2,6 +2,8 @@
 
 import datetime
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any, cast
 
@@ -14,9 +16,11 @@ from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Elasticity, Inertia
+from jointid.phasors.extract import extract_phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.rounding import significant
 from jointid.study import INERTIA_STD, Study
+from jointid.verdict.steady_state import steady_from, unsettled
 from jointid.wording import counted, shown
 
 
@@ -96,6 +100,7 @@ def study_from_logs(
     date: datetime.date | None = None,
     inertia_std: float | None = None,
     torque_std: float | None = None,
+    **facts: Any,
 ) -> Study:
     """Make a study of the segments of one or many logs.
 
@@ -121,6 +126,8 @@ def study_from_logs(
         Relative standard deviation of the inertias; by default that of ``Study``.
     torque_std : float, optional
         The same of the torque constants; None: not stated.
+    **facts
+        Further parameters of ``Study``: gear_ratio, gear_temperature_C, note, assumed.
 
     Raises
     ------
@@ -157,6 +164,8 @@ def study_from_logs(
     for log, part, pose in zip(logs, each, pose_of, strict=True):
         records += segment_records(log, flat[done : done + len(part)], pose=pose)
         done += len(part)
+    records, trimmed = _settled(records)
+    later = f" {counted(trimmed, 'record')} trimmed to the steady state." if trimmed else ""
     sources = ", ".join(log.name for log in logs[:5] if log.name)
     return Study(
         records=tuple(records),
@@ -164,13 +173,28 @@ def study_from_logs(
         nominal=nominal,
         name=name or study_name([log.name for log in logs]),
         origin="measured",
-        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.",
+        description=description or f"Imported: {run_counts(flat)} of {sources or 'a log'}.{later}",
         poses=poses or {},
         robot=robot,
         date=date,
         inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
         torque_std=torque_std,
+        **facts,
     )
+
+
+def _settled(
+    records: Sequence[SineRecord | MotionRecord],
+) -> tuple[list[SineRecord | MotionRecord], int]:
+    """Let records that the verdict would call unsettled begin later; return how many do."""
+    sines = [record for record in records if isinstance(record, SineRecord)]
+    later: dict[int, SineRecord] = {}
+    with suppress(JointIdError):  # the analysis reports records without phasors
+        moving = unsettled(extract_phasors(sines)) if sines else np.zeros(0)
+        for record in (sines[k] for k in np.flatnonzero(moving)):
+            if (start := steady_from(record)) is not None:
+                later[id(record)] = replace(record, start_s=start)
+    return [later.get(id(record), record) for record in records], len(later)
 
 
 def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:

@@ -12,7 +12,6 @@ from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
     change_from,
-    elasticity_quantities,
     further_quantities,
 )
 from jointid.cut.outcome import Outcome, millimetres, whose
@@ -27,6 +26,7 @@ from jointid.study import Analysis, Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.version import __version__
+from jointid.wording import capitalised
 
 __all__ = ["make_report", "to_html", "to_pdf"]
 
@@ -94,16 +94,19 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     yield Paragraph(analysis.headline, "lead")
     if analysis.caution:
         yield Paragraph(analysis.caution)
-    if study.description:
-        yield Paragraph(study.description, "quiet")
+    for text in (study.description, *study.remarks):
+        if text:
+            yield Paragraph(text, "quiet")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = f"Seen from the motor. {ERROR_BARS} Nominal: what the controller assumes today."
+    caption = (
+        f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: what the controller assumes today."
+    )
     rows: list[tuple[str, ...]] = []
-    for k, found in enumerate(elasticity_quantities(fit)):
+    for k, found in enumerate(analysis.quantities):
         j = k % fit.n
         nominal, change = "–", "–"
-        if study.nominal is not None:
-            reference = float((study.nominal.K if k < fit.n else study.nominal.D)[j])
+        if analysis.nominal is not None:
+            reference = float(analysis.nominal[k])
             nominal, change = plain(reference), change_from(found.value, found.error, reference)
         meaning = f"{'stiffness' if k < fit.n else 'damping'} of joint {j + 1}"
         rows.append((f"{found.name}, {meaning}", *found.shown, nominal, change))

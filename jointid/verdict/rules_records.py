@@ -23,7 +23,7 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.steady_state import decimals, steady_from
+from jointid.verdict.steady_state import decimals, steady_from, unsettled
 from jointid.wording import counted
 
 _STARTS = 3
@@ -66,12 +66,10 @@ def off_frequency(evidence: Evidence) -> tuple[int, ...]:
 def still_settling(evidence: Evidence) -> Iterator[Finding]:
     """The beginning of a record differs from its end significantly."""
     phasors = evidence.phasors
-    with np.errstate(invalid="ignore", divide="ignore"):
-        significance = phasors.settling / phasors.settling_noise
-    moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
+    moving = unsettled(phasors)
     worst = int(np.argmax(moving))
-    if moving[worst] > 0.01:
-        concerned = np.argsort(-moving, kind="stable")[: int((moving > 0.01).sum())]
+    if moving[worst] > 0:
+        concerned = np.argsort(-moving, kind="stable")[: np.count_nonzero(moving)]
         names = [phasors.labels[i] for i in concerned]
         which = f"In {names[0]}"
         if len(names) > 1:

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.phasors.extract import extract_phasors
+from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 
@@ -19,6 +20,17 @@ _SIGNIFICANT = 3.0
 """Standard errors of a significant change."""
 _NEGLIGIBLE = 2e-3
 """Relative change of the phasor that is no settling, whatever the noise."""
+
+
+def unsettled(phasors: Phasors) -> Floats:
+    """Relative change from the first quarter to the second half, shape (r,); 0 where it is no settling.
+
+    A change counts if it is above five standard errors and one per cent.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        significance = phasors.settling / phasors.settling_noise
+    moving = np.nan_to_num(np.where(significance > 5, phasors.settling, 0.0)).max(axis=1)
+    return np.asarray(np.where(moving > 0.01, moving, 0.0))
 
 
 def steady_from(record: SineRecord) -> float | None:

@@ -79,7 +79,10 @@ def guess_mapping(table: LogTable) -> Guess:
     joints = tuple(_joint(number, *pair, reasons) for number, pair in found)
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
-    return Guess(Mapping(time, joints), tuple(reasons))
+    ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
+    unproven = [f"direction of {end}" for end in ends]
+    unproven += [reason.what for reason in reasons if not reason.sure]
+    return Guess(Mapping(time, joints, assumed=tuple(dict.fromkeys(unproven))), tuple(reasons))
 
 
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from jointid.arrays import finite_array
@@ -146,6 +146,9 @@ class Mapping:
         The torque is held from one sample to the next (zero-order hold).
     torque_delay_s : float, default 0.0
         The torque acts this much after its sample, s.
+    assumed : sequence of str, optional
+        Entries that no log states and nobody has confirmed: "gear ratio of joint 1", "torque hold",
+        "direction of torque of joint 2"; see ``jointid.importing.map.reasons``.
 
     Raises
     ------
@@ -157,6 +160,7 @@ class Mapping:
     joints: tuple[JointMapping, ...]
     torque_hold: bool = False
     torque_delay_s: float = 0.0
+    assumed: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.time, TimeColumn):
@@ -182,6 +186,9 @@ class Mapping:
                         "choose another for one of them."
                     )
                 seen[channel.column] = role
+        if not all(isinstance(what, str) for what in self.assumed):
+            raise JointIdError(f"assumed = {shown(self.assumed)}: expected names of entries.")
+        object.__setattr__(self, "assumed", tuple(self.assumed))
         object.__setattr__(self, "joints", tuple(self.joints))
         object.__setattr__(self, "torque_delay_s", delay)
 

@@ -1,8 +1,12 @@
-"""Reasons for the entries of a guessed mapping."""
+"""Reasons for the entries of a guessed mapping, and its assumptions in words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from jointid.importing.columns.units import QUANTITIES
+from jointid.importing.map.mapping import Mapping
+from jointid.wording import counted, enumerated
 
 
 @dataclass(frozen=True)
@@ -21,3 +25,55 @@ def scale_reason(channel: str, unit: str, meaning: str) -> Reason:
     """Return the reason for the scale of a channel, such as "torque of joint 1"."""
     text = f'The unit "{unit}" needs a scale ({meaning}); 1 is assumed. Give it.'
     return Reason(f"scale of {channel}", text)
+
+
+def assumptions(mapping: Mapping) -> tuple[str, ...]:
+    """Return the assumed entries of a mapping with their values: "gear ratio 1 (joints 1 and 2)"."""
+    joints: dict[str, list[str]] = {}
+    for what in mapping.assumed:
+        _, _, joint = what.rpartition(" of joint ")
+        joints.setdefault(value_of(mapping, what), []).extend([joint] if joint != what else [])
+    return tuple(
+        f"{text} (joint{'s' * (len(each) > 1)} {enumerated(each)})" if each else text
+        for text, each in joints.items()
+        if text
+    )
+
+
+def unchanged(mapping: Mapping, guessed: Mapping) -> tuple[str, ...]:
+    """Assumed entries of a mapping, without those whose guessed values were corrected."""
+    now = {what: value_of(mapping, what) for what in mapping.assumed}
+    return tuple(what for what, value in now.items() if value_of(guessed, what) in ("", value))
+
+
+def value_of(mapping: Mapping, what: str) -> str:
+    """Return the value of an entry in words; empty where the mapping has no such entry."""
+    entry, _, joint = what.rpartition(" of joint ")
+    if not entry:
+        time = mapping.time
+        rate = "" if time.rate_hz is None else f" at {time.rate_hz:g} Hz"
+        texts = {
+            "time": f'time in "{time.column}"' if time.column else "rows numbered as time",
+            "unit of time": f"time in {time.unit}{rate}",
+            "joints": counted(mapping.n, "joint"),
+            "torque hold": f"torque {'' if mapping.torque_hold else 'not '}held between samples",
+        }
+        return texts.get(what, "")
+    if not joint.isdecimal() or not 1 <= int(joint) <= mapping.n:
+        return ""
+    of = mapping.joints[int(joint) - 1]
+    if entry == "gear ratio":
+        return f"gear ratio {of.gear_ratio:g}"
+    kind, _, role = entry.rpartition(" of ")
+    if role not in QUANTITIES:
+        return ""
+    channel = getattr(of, role)
+    meaning, _, unit = QUANTITIES[role][1].get(channel.unit, "").partition(", ")
+    texts = {
+        "": f'{role} in "{channel.column}"',
+        "unit": f"{role} in {channel.unit}",
+        "scale": f"{meaning} {channel.scale:g} {unit}".strip() if meaning else "",
+        "side": f"{role} measured at the {channel.side}",
+        "direction": f"direction of {role} {'as logged' if channel.sign > 0 else 'reversed'}",
+    }
+    return texts.get(kind, "")

@@ -1,35 +1,64 @@
-"""Every entry of a mapping as a widget, with the reasons of the guess."""
+"""Every entry of a mapping as a widget: columns and units first, then what no log states."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from collections.abc import Mapping as MappingType
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from hashlib import blake2b
 from typing import TypeVar
 
+import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
-from jointid.importing import Channel, Guess, JointMapping, LogTable, Mapping, TimeColumn
-from jointid.importing.columns.units import (
-    ANGLE_UNITS,
-    POSITION_SCALES,
-    SAMPLES,
-    TIME_UNITS,
-    TORQUE_SCALES,
-    TORQUE_UNITS,
+from jointid.importing import (
+    Channel,
+    Guess,
+    JointMapping,
+    LogTable,
+    Mapping,
+    TimeColumn,
+    mapping_to_json,
 )
+from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import propose_joint
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
-from jointid.ui.importing.checks import Checks
+from jointid.importing.map.reasons import assumptions, unchanged
+from jointid.rounding import minus, plain
+from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.wording import capitalised, counted
+from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.wording import capitalised, counted, enumerated, listed
 
 T = TypeVar("T")
 
 _NO_COLUMN = "no column: number the rows"
-_SIDES = {MOTOR: "motor", JOINT: "joint"}
-_SIGNS = {1: "as logged", -1: "reversed"}
+_HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
+_OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
+"""How the names of entries begin that the drive's data sheet answers, not the file."""
+_SWITCHES = {
+    ("position", "side"): (JOINT, "Positions measured at the joint, behind the gear"),
+    ("torque", "side"): (JOINT, "Torques measured at the joint, behind the gear"),
+    ("position", "sign"): (-1, "Positions that count backwards"),
+    ("torque", "sign"): (-1, "Torques that count backwards"),
+}
+"""Value of a channel's field and its question, answered by the joints that have it."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The answers of a step."""
+
+    mapping: Mapping
+    missing: tuple[str, ...]
+    """Entries without a value; the mapping has a placeholder there."""
+    to_confirm: bool
+    """Whether guesses of this step are unconfirmed."""
+    gear_ratio: tuple[float, ...] | None = None
+    """Gear ratios, if all are given."""
 
 
 class Entries:
@@ -37,247 +66,299 @@ class Entries:
 
     def __init__(self, table: LogTable, guess: Guess, base: Mapping, key: str) -> None:
         self.table, self.guess, self.base, self.key = table, guess, base, key
-        self.checks = Checks(guess, key)
-        self.folded = base != guess.mapping or not self.checks.columns_are_open
-        """Whether it was clear from the start which column is what."""
-        self.asked: list[tuple[Channel, Channel, float]] = []
-        self.used: set[str] = set()
+        self._reasons = {reason.what: reason for reason in guess.reasons}
 
-    def ask(self) -> Mapping:
-        """Draw the summary with its checks, and below, folded, all entries."""
-        self._summary = st.container(border=True)
-        with st.expander(
-            "All entries: columns, units, sides, directions, and why they are so",
-            expanded=not self.folded,
-        ):
-            time, joints = self._time()
-            self.used = {time[0], *(c for c in self.base.columns if c != self.base.time.column)}
-            for j in range(joints):
-                self.asked.append(self._joint(j))
-            held, delay = self._timing()
-            st.caption("  \n".join(self.checks.sure))
-        with self._summary:
-            self.checks.show_instructions()
-        for number, (position, torque, _) in enumerate(self.asked, start=1):
-            for role, channel in (("position", position), ("torque", torque)):
-                if not channel.column:
-                    raise JointIdError(
-                        f"No column is left for the {role} of joint {number}: choose one that another "
-                        "joint does without, or give fewer joints."
-                        if number > self.guess.mapping.n
-                        else f"No column is chosen for the {role} of joint {number}: no name or unit "
-                        "says which it is. Choose it under All entries."
-                    )
-        return Mapping(TimeColumn(*time), tuple(JointMapping(*a) for a in self.asked), held, delay)
+    def ask_columns(self) -> Asked:
+        """Ask for time, columns and units."""
+        missing: list[str] = []
+        time, n = self._time(missing)
+        used = {time.column, *(c for c in self.base.columns if c != self.base.time.column)}
+        joints: list[JointMapping] = []
+        for j in range(n):
+            first = self.base.joints[j] if j < self.base.n else self._proposed(joints, used)
+            joints.append(self._columns_of(j, first, missing))
+            used |= {joints[j].position.column, joints[j].torque.column}
+        found = Mapping(time, tuple(joints), assumed=self._assumed(n))
+        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
+        return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
 
-    def _timing(self) -> tuple[bool, float]:
-        """Whether the torque is held, and its delay in seconds."""
-        delay = st.number_input(
+    def ask_drives(self, columns: Mapping) -> Asked:
+        """Ask for gear ratios, scales, directions and timing of the torque."""
+        missing: list[str] = []
+        left, right = st.columns(2)
+        joints = list(columns.joints)
+        of_base = [joint.gear_ratio for joint in self.base.joints]
+        ratios = self._numbers(left, "Gear ratios", "gear ratio", range(len(joints)), of_base, _RATIO)
+        scales = self._scales(joints, right)
+        hold, delay = self._torque_timing(left, right)
+        places = [place for _ in range(2) for place in st.columns(2)]
+        switched = {
+            switch: self._joints_with(place, *switch, joints)
+            for place, switch in zip(places, _SWITCHES, strict=True)
+        }
+        for j, of in enumerate(joints):
+            channels = {}
+            for role in QUANTITIES:
+                scale = scales.get((role, j))
+                side = JOINT if j in switched[role, "side"] else MOTOR
+                sign = -1 if j in switched[role, "sign"] else 1
+                channels[role] = replace(getattr(of, role), scale=scale, side=side, sign=sign)
+                if scale is not None and math.isnan(scale):
+                    channels[role] = replace(channels[role], scale=1.0)
+                    missing.append(f"scale of {role} of joint {j + 1}")
+            if math.isnan(ratios[j]) and JOINT in (channels["position"].side, channels["torque"].side):
+                missing.append(f"gear ratio of joint {j + 1}")
+            ratio = 1.0 if math.isnan(ratios[j]) else ratios[j]
+            joints[j] = JointMapping(channels["position"], channels["torque"], ratio)
+        missing += ["torque hold"] if hold is None else []
+        assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
+        found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
+        given = ("gear ratio", "scale", "torque hold")
+        guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
+        asked = self._confirmed("drive data", found, missing, guesses)
+        st.caption(
+            "No log proves these entries. What is not confirmed here stays with the study, its report "
+            "and its files as assumed."
+        )
+        of_joints = tuple(ratios.values())
+        return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
+
+    def _confirmed(
+        self, step: str, found: Mapping, missing: Sequence[str], guesses: Sequence[str]
+    ) -> Asked:
+        """Show guesses with a button that confirms them; a changed entry needs another confirmation."""
+        self._show_reasons(guesses)
+        text = mapping_to_json(replace(found, assumed=()))
+        digest = blake2b(text.encode(), digest_size=8).hexdigest()
+        key = f"import confirmed {step} {self.key}"
+        if st.session_state.get(f"go_on {step}"):  # clicked, with entries typed just before it
+            st.session_state[key] = digest
+        open_ = () if st.session_state.get(key) == digest else (*guesses, *missing)
+        if open_ and not (missing and step == "columns"):
+            st.button(f"Confirm the {step}", type="primary", key=f"go_on {step}", on_click=go_on)
+        assumed = tuple(dict.fromkeys((*missing, *open_)))
+        return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_))
+
+    def _time(self, missing: list[str]) -> tuple[TimeColumn, int]:
+        one, two, three, four = st.columns([3, 2, 2, 2])
+        base = self.base.time
+        options = [*self.table.names, _NO_COLUMN]
+        column = self._select(one, "Time", options, base.column or _NO_COLUMN, "time")
+        units = [SAMPLES] if column == _NO_COLUMN else [*TIME_UNITS, SAMPLES]
+        first = base.unit if base.unit in units else units[0]
+        unit = self._select(two, "Unit of time", units, first, f"time unit {column == _NO_COLUMN}")
+        rate = None
+        if unit == SAMPLES:
+            label, first_rate = "Samples per second (Hz)", base.rate_hz or 1000.0
+            rate = three.number_input(
+                label, 0.0, value=first_rate, format="%g", key=self._id("rate"), persist_state="session"
+            )
+        joints = four.number_input(
+            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
+        )
+        return TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
+
+    def _proposed(self, joints: Sequence[JointMapping], used: set[str]) -> JointMapping:
+        """Propose columns for one more joint than the guess has."""
+        like = (self.base.joints[0].position, self.base.joints[0].torque)
+        position, torque, why = propose_joint(self.table, len(joints) + 1, like, used)
+        self._reasons |= {reason.what: reason for reason in why}
+        return JointMapping(position, torque)
+
+    def _columns_of(self, j: int, first: JointMapping, missing: list[str]) -> JointMapping:
+        places = st.columns([3, 1.5, 3, 1.5])
+        channels = []
+        for k, (role, (units, scales)) in enumerate(QUANTITIES.items()):
+            base, name = getattr(first, role), f"{role} {j}"
+            label = f"{role.capitalize()} of joint {j + 1}"
+            column = self._select(places[2 * k], label, self.table.names, base.column, name)
+            known = bool(base.column) or j >= self.guess.mapping.n
+            first_unit = base.unit if known else ""
+            label = f"Unit of {role} {j + 1}"
+            unit = self._select(places[2 * k + 1], label, tuple(units), first_unit, f"{name} unit")
+            if not (column and unit):
+                missing.append(f"{'unit of ' * bool(column)}{role} of joint {j + 1}")
+            unit = unit or next(iter(units))
+            scale = (base.scale or 1.0) if unit in scales else None
+            channels.append(Channel(column, unit, scale, base.side, base.sign))
+        return JointMapping(channels[0], channels[1], first.gear_ratio)
+
+    def _scales(
+        self, joints: Sequence[JointMapping], place: DeltaGenerator
+    ) -> dict[tuple[str, int], float]:
+        """Ask for scales, joints of one unit together; NaN where none is given."""
+        found: dict[tuple[str, int], float] = {}
+        for role, (_, scales) in QUANTITIES.items():
+            meanings = {j: scales.get(getattr(of, role).unit, "") for j, of in enumerate(joints)}
+            for meaning in dict.fromkeys(text for text in meanings.values() if text):
+                which = [j for j, text in meanings.items() if text == meaning]
+                what, _, unit = meaning.partition(", ")
+                label = capitalised(what) + (f" ({unit})" if unit else "")
+                if len(which) < len(joints):
+                    label += f" of joint {enumerated([str(j + 1) for j in which])}"
+                of_base = [getattr(of, role).scale for of in self.base.joints]
+                name = f"scale of {role}"
+                values = self._numbers(place, label, name, which, of_base, _SCALE, meaning)
+                found |= {(role, j): value for j, value in values.items()}
+        return found
+
+    def _torque_timing(self, left: DeltaGenerator, right: DeltaGenerator) -> tuple[bool | None, float]:
+        """Whether the torque is held, None where nobody says so; and its delay in seconds."""
+        known = None if "torque hold" in self.base.assumed else self.base.torque_hold
+        held = left.selectbox(
+            "Torque between samples",
+            list(_HELD.values()),
+            index=None if known is None else list(_HELD).index(known),
+            placeholder="choose",
+            help="The torque command of a digital controller is held. A torque lag in the verdict means "
+            "that this entry is wrong.",
+            key=self._id("held"),
+            persist_state="session",
+        )
+        delay = right.number_input(
             "Torque acts after its sample by (ms)",
             value=1e3 * self.base.torque_delay_s,
             format="%g",
             key=self._id("delay"),
             persist_state="session",
         )
-        with self._summary:
-            held = st.checkbox(
-                "Torque held from sample to sample",
-                self.base.torque_hold,
-                help="A digital controller's torque stays constant until its next sample.",
-                key=self._id("held"),
-                persist_state="session",
-            )
-            if delay:
-                st.markdown(f"**Torque** acts {delay:g} ms after its sample")
-            self.checks.ask("not held", ("torque hold", not held))
-        return held, float(delay) / 1e3
+        return (None if held is None else held == _HELD[True]), float(delay) / 1e3
 
-    def _time(self) -> tuple[tuple[str, str, float | None], int]:
-        one, two, three, four = st.columns([3, 2, 2, 2])
-        base = self.base.time
-        column = self._select(
-            one, "Time", [*self.table.names, _NO_COLUMN], base.column or _NO_COLUMN, "time"
+    def _joints_with(
+        self, place: DeltaGenerator, role: str, field: str, joints: Sequence[JointMapping]
+    ) -> set[int]:
+        """Ask which joints have the value of ``_SWITCHES``."""
+        value, question = _SWITCHES[role, field]
+        names = [str(j + 1) for j in range(len(joints))]
+        of = zip(names, (getattr(joint, role) for joint in joints), strict=True)
+        chosen = place.pills(
+            question,
+            names,
+            selection_mode="multi",
+            default=[name for name, channel in of if getattr(channel, field) == value],
+            format_func=lambda name: f"joint {name}",
+            key=self._id(f"{role} {field} of {len(joints)}"),
+            persist_state="session",
         )
-        units = [SAMPLES] if column == _NO_COLUMN else [*TIME_UNITS, SAMPLES]
-        unit = self._select(
-            two, "Unit of time", units, base.unit if base.unit in units else units[0],
-            f"time unit {column == _NO_COLUMN}",
-        )  # fmt: skip
-        rate = None
-        if unit == SAMPLES:
-            rate = three.number_input(
-                "Samples per second (Hz)",
-                min_value=0.0,
-                value=base.rate_hz or 1000.0,
-                format="%g",
-                key=self._id("rate"),
-                persist_state="session",
-            )
-        joints = four.number_input(
-            "Joints", 1, MAX_JOINTS, self.base.n, key=self._id("joints"), persist_state="session"
-        )
-        time = "" if column == _NO_COLUMN else column
-        guess = self.guess.mapping.time
-        still = time == guess.column
-        with self._summary:
-            st.markdown(time_line(time, unit, rate, int(joints)))
-            self.checks.ask(
-                "time",
-                ("joints", int(joints) == self.guess.mapping.n),
-                ("time", still),
-                ("unit of time", still and (unit, rate) == (guess.unit, guess.rate_hz)),
-            )
-        return (time, unit, rate), int(joints)
+        return {int(name) - 1 for name in chosen}
 
-    def _joint(self, j: int) -> tuple[Channel, Channel, float]:
-        known = self.base.joints[j] if j < self.base.n else None
-        if known is not None:
-            first = known.position, known.torque
-        else:
-            like = self.asked[0][0], self.asked[0][1]
-            *first_two, why = propose_joint(self.table, j + 1, like, self.used)
-            first = first_two[0], first_two[1]
-            self.checks.add(why)
-        with self._summary:
-            left, right = st.columns([3, 2], vertical_alignment="center")
-            ratio = right.number_input(
-                f"Gear ratio of joint {j + 1}",
-                value=known.gear_ratio if known else 1.0,
-                step=1.0,
-                format="%g",
-                key=self._id(f"ratio {j}"),
-                persist_state="session",
-                help="Motor turns over joint turns; negative when they turn against each other. "
-                "It counts for channels measured on the joint's side.",
-            )
-        with st.container(border=True):
-            st.markdown(f"**Joint {j + 1}**")
-            position = self._channel(
-                "position", j, first[0], tuple(ANGLE_UNITS), POSITION_SCALES, right,
-            )  # fmt: skip
-            torque = self._channel(
-                "torque", j, first[1], tuple(TORQUE_UNITS), TORQUE_SCALES, right,
-            )  # fmt: skip
-        left.markdown(joint_line(j + 1, position, torque))
-        then = self.guess.mapping.joints[j] if known is not None and j < self.guess.mapping.n else None
-        if known is None:
-            self._check_joint(j, position, torque, float(ratio), first)
-        elif then is not None:
-            self._check_joint(j, position, torque, float(ratio), (then.position, then.torque))
-        else:
-            self.checks.assumed += _assumed(j, position, torque, float(ratio))
-        self.used |= {position.column, torque.column}
-        return position, torque, float(ratio)
-
-    def _check_joint(
-        self, j: int, position: Channel, torque: Channel, ratio: float, then: tuple[Channel, Channel]
-    ) -> None:
-        end = f" of joint {j + 1}"
-        entries = []
-        for role, now, was in (("position", position, then[0]), ("torque", torque, then[1])):
-            same = now.column == was.column
-            entries += [
-                (f"{role}{end}", same),
-                (f"unit of {role}{end}", same and now.unit == was.unit),
-                (f"scale of {role}{end}", same and (now.unit, now.scale) == (was.unit, was.scale)),
-                (f"side of {role}{end}", same and now.side == was.side),
-            ]
-        entries.append((f"gear ratio{end}", JOINT in (position.side, torque.side) and ratio == 1.0))
-        assumed = _assumed(j, position, torque, ratio)
-        with self._summary:
-            self.checks.ask(f"joint {j + 1}", *entries, part_of=end, assumed=assumed)
-
-    def _channel(
-        self,
-        role: str,
-        j: int,
-        base: Channel,
-        units: tuple[str, ...],
-        scales: MappingType[str, str],
-        place: DeltaGenerator,
-    ) -> Channel:
-        """Ask for a column, and at ``place`` for the scale of its unit, which no log states."""
-        one, two, three, four = st.columns([3, 1.5, 1.5, 2])
-        name = f"{role} {j}"
-        column = self._select(
-            one, f"{role.capitalize()} of joint {j + 1}", self.table.names, base.column, name
-        )
-        unit = self._select(two, f"Unit of {role} {j + 1}", units, base.unit, f"{name} unit")
-        scale = None
-        if meaning := scales.get(unit):
-            scale = place.number_input(
-                capitalised(meaning),
-                value=base.scale if base.unit == unit and base.scale else 1.0,
-                format="%g",
-                key=self._id(f"{name} scale {meaning}"),
-                persist_state="session",
-            )
-        side = self._select(three, "Measured at the", _SIDES, base.side, f"{name} side", _SIDES)
-        sign = self._select(four, "Direction", _SIGNS, base.sign, f"{name} sign", _SIGNS)
-        return Channel(column, unit, scale, side, sign)
-
-    def _select(
+    def _numbers(
         self,
         place: DeltaGenerator,
         label: str,
-        options: Iterable[T],
-        value: T,
-        name: str,
-        words: MappingType[T, str] | None = None,
-    ) -> T:
+        what: str,
+        joints: Iterable[int],
+        base: Sequence[float | None],
+        example_and_help: tuple[Sequence[str], str],
+        meaning: str = "",
+    ) -> dict[int, float]:
+        """Ask for a number per joint; NaN where none is given."""
+        example, help_ = example_and_help
+        joints = list(joints)
+        known = [
+            "?" if j >= len(base) or base[j] is None or f"{what} of joint {j + 1}" in self.base.assumed
+            else plain(float(base[j] or 0)).replace("−", "-")
+            for j in joints
+        ]  # fmt: skip
+        text = place.text_input(
+            label + ", one per joint" * (len(joints) > 1),
+            "" if set(known) == {"?"} else ", ".join(known),
+            key=self._id(f"{what} {meaning} {len(joints)}"),
+            placeholder=", ".join(example[: len(joints)]),
+            help=help_,
+            persist_state="session",
+        )
+        unknown = dict.fromkeys(joints, math.nan)
+        try:
+            values = (
+                numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
+            )
+            if any(value == 0 or math.isinf(value) for value in values):
+                raise JointIdError(f"{label}: {text[:60]}. None of them is 0 or infinite.")
+        except JointIdError as error:
+            show_error(error)
+            values = ()
+        return unknown | dict(zip(joints, values, strict=False))
+
+    def _assumed(self, n: int) -> tuple[str, ...]:
+        """Entries of n joints that the file does not state."""
+        ends = [f" of joint {j + 1}" for j in range(n)]
+        names = [reason.what for reason in self._reasons.values() if not reason.sure]
+        names += [f"direction of {role}{end}" for end in ends for role in QUANTITIES]
+        return tuple(w for w in dict.fromkeys(names) if " of joint " not in w or w.endswith(tuple(ends)))
+
+    def _show_reasons(self, open_: Sequence[str]) -> None:
+        """Say why the unconfirmed guesses are as they are, equal reasons together."""
+        lines: dict[tuple[str, str], list[str]] = {}
+        for what in open_:
+            if what in self._reasons:
+                entry, _, joint = what.rpartition(" of joint ")
+                line = self._reasons[what].text, entry or what
+                lines.setdefault(line, []).extend([joint] if entry else [])
+        for (text, entry), of in lines.items():
+            name = markdown_escape(capitalised(entry + (f" of joint {enumerated(of)}" if of else "")))
+            # No caption: its pale ink leaves the mark too little contrast.
+            st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
+
+    def _select(
+        self, place: DeltaGenerator, label: str, options: Iterable[str], value: str, name: str
+    ) -> str:
         choices = list(options)
         if st.session_state.get(self._id(name), choices[0]) not in choices:
             del st.session_state[self._id(name)]  # of an earlier version
-        index = choices.index(value) if value in choices else None if value == "" else 0
         chosen = place.selectbox(
             label,
             choices,
-            index=index,
-            format_func=words.__getitem__ if words else str,
+            index=choices.index(value) if value in choices else None,
             key=self._id(name),
             placeholder="choose",
             persist_state="session",
         )
-        return value if chosen is None else chosen
+        return chosen or ""
 
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"
 
 
-def _assumed(j: int, position: Channel, torque: Channel, ratio: float) -> list[str]:
-    """Ratio and scales that are 1 where they count."""
-    end, found = f" of joint {j + 1}", []
-    if ratio == 1.0 and JOINT in (position.side, torque.side):
-        found.append(f"gear ratio 1{end}")
-    for channel, scales in ((position, POSITION_SCALES), (torque, TORQUE_SCALES)):
-        if channel.scale == 1.0:
-            what, _, unit = scales[channel.unit].partition(", ")
-            found.append(f"{what} 1{f' {unit}' if unit else ''}{end}")
-    return found
+_RATIO = (
+    ("101", "-93.5", "120"),
+    "Motor turns over joint turns, negative when they turn against each other. For positions and "
+    "torques at the joint, and to show K and D there. ? for an unknown one.",
+)
+_SCALE = (
+    ("8.2", "2.1", "1.3"),
+    "From the drive's data sheet or settings; no log states it. ? for an unknown one.",
+)
+"""Example and explanation of the numbers of joints."""
 
 
-def time_line(column: str, unit: str, rate_hz: float | None, joints: int) -> str:
-    """Describe the time column and the number of joints in one line."""
-    where = "row number" if not column else f'"{column}"'
-    at = f"{where}, {rate_hz:g} Hz" if rate_hz is not None else f"{where} in {unit}"
-    return f"**Time** {markdown_escape(at)} · {counted(joints, 'joint')}"
+def columns_in_words(asked: Asked) -> str:
+    """What the columns step holds, or what it lacks."""
+    if asked.missing:
+        return f"choose: {listed(asked.missing, at_most=3)}"
+    time, n = asked.mapping.time, asked.mapping.n
+    text = f"{f'time “{time.column}”' if time.column else 'rows numbered'}, {counted(n, 'joint')}"
+    return f"{text}, to check" if asked.to_confirm else text
 
 
-def joint_line(number: int, position: Channel, torque: Channel) -> str:
-    """Describe the columns of a joint in one line."""
+def drives_in_words(asked: Asked) -> str:
+    """What the drive step holds, or what it lacks."""
+    m = asked.mapping
+    if asked.to_confirm and asked.missing:
+        kinds = dict.fromkeys(_KIND[what.partition(" of ")[0]] for what in asked.missing)
+        return f"missing: {', '.join(kinds)}"
+    if asked.missing:
+        return f"assumed: {', '.join(assumptions(m))}"
     parts = []
-    for role, channel, scales in (
-        ("position", position, POSITION_SCALES),
-        ("torque", torque, TORQUE_SCALES),
-    ):
-        if not channel.column:
-            parts.append(f"{role}: no column")
-            continue
-        scale = ""
-        if meaning := scales.get(channel.unit):
-            what, _, unit = meaning.partition(", ")
-            scale = f" ({what} {channel.scale:g}{f' {unit}' if unit else ''})"
-        turned = ", reversed" if channel.sign < 0 else ""
-        name = markdown_escape(f'"{channel.column}" in {channel.unit}')
-        parts.append(f"{role} {name}{scale} at the {_SIDES[channel.side]}{turned}")
-    return f"**Joint {number}** {'; '.join(parts)}"
+    if asked.gear_ratio is not None:
+        parts.append(f"gear ratios {', '.join(minus(plain(N)) for N in asked.gear_ratio)}")
+    names = [f"scale of {role} of joint {j + 1}" for role in QUANTITIES for j in range(m.n)]
+    parts += assumptions(replace(m, assumed=(*names, "torque hold")))
+    return ", ".join(parts) + ", to confirm" * asked.to_confirm
+
+
+_KIND = {
+    "gear ratio": "gear ratios",
+    "scale": "rated torques or other scales",
+    "torque hold": "torque held or not",
+}

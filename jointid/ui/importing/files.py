@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from hashlib import blake2b
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.importing import LogTable, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
 from jointid.importing.map.simultaneous_logs import joined_table, proposed_tables, simultaneous_groups
+from jointid.ui.importing.steps import go_on
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error, show_info, show_note
@@ -40,13 +42,15 @@ class Log:
     table: LogTable
 
 
-def drop_logs(forget: Callable[[], None]) -> list[Log]:
+def drop_logs(forget: Callable[[], None], progress: DeltaGenerator) -> list[Log]:
     """Ask for files, read them with their errors shown, and ask which tables to use.
 
     Parameters
     ----------
     forget : callable
         Clears what was entered for logs that are closed.
+    progress : DeltaGenerator
+        Place for the progress of reading.
     """
     st.file_uploader(
         "Logs: CSV or any text table, TwinCAT, CODESYS, LabVIEW, MDF, MATLAB, HDF5, Parquet, Excel, ROS "
@@ -66,7 +70,7 @@ def drop_logs(forget: Callable[[], None]) -> list[Log]:
         show_note(f"Still open: {', '.join(file.name for file in held)}. ({size:.1f} MiB)", left)
         right.button("Close these logs", on_click=_close, args=(forget,))
     first, all_logs = [], {}
-    watch = Watch(len(files))
+    watch = Watch(len(files), progress)
     for file in files:
         try:
             tables = watch.do(f"log {file.digest} {file.name}", f"Reading {file.name}", _reading(file))
@@ -154,6 +158,7 @@ def _take(forget: Callable[[], None]) -> None:
     if not files and dropped():
         forget()
     st.session_state[_FILES] = list(files.values())
+    go_on()
 
 
 def _close(forget: Callable[[], None]) -> None:

@@ -17,16 +17,31 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.deviations import deviation_text
+from jointid.ui.shared.entries import deviation_text
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
 
 _SOURCES = ("Numbers", "TOML", "Links of the arm")
-_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}
-_MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237}
-_ANGLES = {"deg": np.pi / 180, "rad": 1.0}
 _MOTOR, _JOINT = "motor side", "joint side"
+_LINK_UNITS: dict[str, tuple[str, Mapping[str, float]]] = {
+    "drive": ("Motor 2 turns", dict.fromkeys(("link 2 (parallelogram)", "joint 2 (serial)"), 1.0)),
+    "rotor side": ("Rotor inertias on the", dict.fromkeys((_MOTOR, _JOINT), 1.0)),
+    "length unit": ("Unit of lengths", {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254}),
+    "mass unit": ("Unit of masses", {"kg": 1.0, "g": 1e-3, "lb": 0.45359237}),
+    "link unit": ("Unit of inertias", INERTIA_UNITS),
+    "angle unit": ("Unit of the joint angles", {"deg": np.pi / 180, "rad": 1.0}),
+}
+"""Label and options of each choice for an arm of links, with their factors to SI."""
+_LINKS = {
+    "length": ("Link lengths", "length unit", "0.705, 0.755"),
+    "mass": ("Link masses", "mass unit", "45, 70"),
+    "centre": ("Centres of mass from the joints", "length unit", "0.30, 0.30"),
+    "link": ("Link inertias about them", "link unit", "2.2, 9.0"),
+    "rotor": ("Rotor inertias", "link unit", "0.0025, 0.0010"),
+    "pose": ("Joint angles of the logs' pose", "angle unit", "-32, 44"),
+}
+"""Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
 _GIVEN = ("import M", "import M2", "import toml", "import length", "import mass", "import link")
 _HELP = (
@@ -166,48 +181,41 @@ def _take_toml() -> None:
 
 
 def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
-    one, two, three, four = st.columns(4)
-    drive = _select(one, "Motor 2 turns", ["link 2 (parallelogram)", "joint 2 (serial)"], "drive")
-    length = _select(two, "Unit of lengths", _LENGTHS, "length unit")
-    mass = _select(three, "Unit of masses", _MASSES, "mass unit")
-    unit = _select(four, "Unit of inertias", INERTIA_UNITS, "link unit")
-    one, two, three, four = st.columns(4)
-    lengths = _text(one, f"Link lengths ({length})", "length", "0.705, 0.755")
-    masses = _text(two, f"Link masses ({mass})", "mass", "45, 70")
-    centres = _text(three, f"Centres of mass from the joints ({length})", "centre", "0.30, 0.30")
-    inertias = _text(four, f"Link inertias about them ({unit})", "link", "2.2, 9.0")
-    one, two, three, four = st.columns(4)
-    rotors = _text(one, f"Rotor inertias ({unit})", "rotor", "0.0025, 0.0010")
-    side = _select(two, "Rotor inertias on the", [_MOTOR, _JOINT], "rotor side")
-    angle = _select(three, "Unit of the joint angles", _ANGLES, "angle unit")
-    pose = _text(four, f"Joint angles of the logs' pose ({angle})", "pose", "-32, 44")
+    units = {
+        name: _select(place, label, list(options), name)
+        for place, (name, (label, options)) in zip(2 * st.columns(3), _LINK_UNITS.items(), strict=True)
+    }
+    scale = {name: options.get(units[name], 1.0) for name, (_, options) in _LINK_UNITS.items()}
+    texts = {
+        name: _text(place, f"{label} ({units[unit]})", name, example)
+        for place, (name, (label, unit, example)) in zip(2 * st.columns(3), _LINKS.items(), strict=True)
+    }
     st.caption(
         "Two links in a horizontal plane, the tool counted with link 2. Gear ratios of the mapping "
         f"above: {numbers_out(ratios)}."
     )
-    given = (lengths, masses, centres, inertias, rotors, pose)
-    if not all(text.strip() for text in given):
+    if not all(text.strip() for text in texts.values()):
         return None
     if len(ratios) != 2:
         raise JointIdError(
             f"The arm of links has 2 joints, the mapping {len(ratios)}: give the inertias as numbers or "
             "as TOML."
         )
-
-    def pair(name: str, text: str, factor: float) -> Floats:
-        return factor * np.array(numbers_in(name, text))
-
-    rotor = pair("Rotor inertias", rotors, INERTIA_UNITS[unit])
+    of = {
+        name: scale[unit] * np.array(numbers_in(label, texts[name]))
+        for name, (label, unit, _) in _LINKS.items()
+    }
+    at_joint = units["rotor side"] == _JOINT
     arm = PlanarArm(
-        length_m=pair("Link lengths", lengths, _LENGTHS[length]),
-        mass_kg=pair("Link masses", masses, _MASSES[mass]),
-        centre_m=pair("Centres of mass", centres, _LENGTHS[length]),
-        inertia_kgm2=pair("Link inertias", inertias, INERTIA_UNITS[unit]),
+        length_m=of["length"],
+        mass_kg=of["mass"],
+        centre_m=of["centre"],
+        inertia_kgm2=of["link"],
         gear_ratio=np.array(ratios, float),
-        rotor_inertia_kgm2=rotor_at_motor(rotor, ratios) if side == _JOINT else rotor,
-        drive="serial" if "serial" in drive else "parallelogram",
+        rotor_inertia_kgm2=rotor_at_motor(of["rotor"], ratios) if at_joint else of["rotor"],
+        drive="serial" if "serial" in units["drive"] else "parallelogram",
     )
-    return KnownRobot(arm.inertia(pair("Joint angles", pose, _ANGLES[angle])))
+    return KnownRobot(arm.inertia(of["pose"]))
 
 
 def _row(label: str, name: str, example: str) -> tuple[str, str, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import streamlit as st
@@ -9,22 +10,26 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.files.store import Store
 from jointid.importing import (
+    Channel,
     Guess,
+    JointMapping,
     LogTable,
     MappedLog,
     Mapping,
+    Reason,
+    TimeColumn,
     apply_mapping,
     guess_mapping,
     mapping_from_json,
     mapping_to_json,
 )
-from jointid.ui.importing.checks import Checks
+from jointid.importing.columns.units import SAMPLES
+from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.entries import Entries
 from jointid.ui.importing.inertia import inertias_given
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.workspace import keep_part, noting_problems, place_for, store
-from jointid.wording import listed
 
 _SAVED = "import_mappings"
 _BASE = "import_base"
@@ -37,8 +42,17 @@ _MOST_KNOWN = 50
 
 @st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def guessed(key: str, _table: LogTable) -> Guess:
-    """Guess once per log."""
-    return guess_mapping(_table)
+    """Guess once per log; where nothing can be guessed, every entry is open."""
+    try:
+        return guess_mapping(_table)
+    except JointIdError as error:
+        reasons = [Reason("position of joint 1", str(error))]
+        reasons += [
+            Reason(f"unit of {role} of joint 1", "Choose it.") for role in ("position", "torque")
+        ]
+        joint = JointMapping(Channel("", "rad"), Channel("", "N·m"))
+        time = TimeColumn(unit=SAMPLES, rate_hz=1000.0)
+        return Guess(Mapping(time, (joint,), assumed=("torque hold",)), tuple(reasons))
 
 
 def mapping_of(key: str, table: LogTable) -> Mapping:
@@ -49,10 +63,7 @@ def mapping_of(key: str, table: LogTable) -> Mapping:
 
 def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
     """Return time, positions and torques as far as they are known, for the first picture."""
-    try:
-        mapping = mapping_of(key, table)
-    except JointIdError:
-        return ()
+    mapping = mapping_of(key, table)
     pairs = [(joint.position.column, joint.torque.column) for joint in mapping.joints]
     time = (mapping.time.column,) if mapping.time.column else ()
     return (*time, *(name for pair in pairs for name in pair)) if time else ()
@@ -121,23 +132,8 @@ def mappings_from_json(values: dict[str, Any]) -> None:
     st.session_state[_FIRST] = dict(values[_FIRST])
 
 
-def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str, bool]:
-    """Draw every entry of the mapping.
-
-    Returns
-    -------
-    mapping : Mapping
-        What the entries say.
-    not_confirmed : str
-        Unconfirmed assumptions, in one line.
-    clear : bool
-        Whether it was clear from the start which column is what.
-
-    Raises
-    ------
-    JointIdError
-        When nothing can be guessed, or the entries are no mapping.
-    """
+def entries_of(key: str, table: LogTable) -> tuple[Entries, bool]:
+    """Return the entries of a log, and whether they begin as used before for such columns."""
     guess = guessed(key, table)
     bases: dict[str, Mapping] = st.session_state.setdefault(_BASE, {})
     guessed_from: dict[str, str] = st.session_state.setdefault(_FIRST, {})
@@ -146,26 +142,20 @@ def choose_mapping(key: str, table: LogTable) -> tuple[Mapping, str, bool]:
         bases[table.signature] = known or guess.mapping
         if known is not None:
             guessed_from[table.signature] = ""
-    base = bases[table.signature]
     version = st.session_state.get(_VERSION, 0)
-    entries = Entries(table, guess, base, f"{table.signature} {version}")
-    if guessed_from.setdefault(table.signature, key) != key:
-        left, right = st.columns([4, 1], vertical_alignment="center")
-        needed = "" if inertias_given() else " Inertias are not: give those of this robot below."
-        left.info(f"The mapping that was used for these columns before is used again.{needed}")
-        if right.button("Guess afresh", key="guess_afresh"):
-            guessed_from[table.signature] = key
-            _start_from(table, guess.mapping)
-            st.rerun()
-    mapping = entries.ask()
-    return mapping, _not_confirmed(entries.checks), entries.folded
+    entries = Entries(table, guess, bases[table.signature], f"{table.signature} {version}")
+    return entries, guessed_from.setdefault(table.signature, key) != key
 
 
-def _not_confirmed(checks: Checks) -> str:
-    parts = [f"Assumed and not confirmed: {', '.join(checks.assumed)}."] if checks.assumed else []
-    if checks.unsure:
-        parts.append(f"Still marked To check: {listed(checks.unsure, at_most=6)}.")
-    return " ".join(parts)
+def offer_fresh_guess(key: str, table: LogTable) -> None:
+    """Show that a mapping is used again, with the way back to the guess."""
+    left, right = st.columns([4, 1], vertical_alignment="center")
+    needed = "" if inertias_given() else " Inertias are not: give those of this robot."
+    left.info(f"The entries that were used for these columns before are used again.{needed}")
+    if right.button("Guess afresh", key="guess_afresh"):
+        st.session_state[_FIRST][table.signature] = key
+        _start_from(table, guessed(key, table).mapping)
+        st.rerun()
 
 
 def of_mapping(key: str) -> bool:
@@ -178,16 +168,13 @@ def offer_again() -> None:
     st.session_state[_FIRST] = dict.fromkeys(st.session_state.get(_FIRST, {}), "")
 
 
-def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
+def mapping_files(key: str, table: LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
-    with st.expander("Keep these entries as a file, or take them from a file"):
-        left, right = st.columns(2)
-        if mapping is not None:
-            with left:
-                text = mapping_to_json(mapping)
-                download("Save the mapping (.json)", text, "mapping.json", "application/json")
+    with st.popover("Save these entries, or take them from a file"):
+        text = mapping_to_json(mapping_of(key, table))
+        download("Save the mapping (.json)", text, "mapping.json", "application/json")
         version = st.session_state.get(_VERSION, 0)
-        file = right.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
+        file = st.file_uploader("Mapping (.json)", ["json"], key=f"import_mapping_file {version}")
         if file is not None:
             try:
                 taken = mapping_from_json(file.getvalue())
@@ -196,7 +183,8 @@ def mapping_files(table: LogTable, mapping: Mapping | None) -> None:
             except JointIdError as error:
                 show_error(f"{file.name} was not taken: {error}")
             else:
-                _start_from(table, taken)
+                guess = guessed(key, table).mapping
+                _start_from(table, replace(taken, assumed=unchanged(taken, guess)))
                 st.rerun()
 
 

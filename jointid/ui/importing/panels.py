@@ -1,34 +1,54 @@
-"""The steps of the import page: columns, sine runs, and the study."""
+"""The steps of the import page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
 from jointid.importing import MappedLog, Mapping, Segment, mapping_to_json, study_from_logs
-from jointid.ui.importing.files import Log
+from jointid.importing.map.reasons import assumptions
+from jointid.importing.study import run_counts
+from jointid.rounding import plain
+from jointid.ui.importing.entries import Asked, columns_in_words, drives_in_words
+from jointid.ui.importing.files import Log, drop_logs
 from jointid.ui.importing.mapping import (
-    choose_mapping,
+    entries_of,
     keep_mapping,
     mapped,
     mapping_files,
     mapping_of,
+    offer_fresh_guess,
     proposed_columns,
     remember,
 )
-from jointid.ui.importing.pictures import show_raw
-from jointid.ui.importing.saved_import import forget_import
+from jointid.ui.importing.pictures import choose_log, show_raw
+from jointid.ui.importing.saved_import import (
+    clear_entries,
+    forget_import,
+    keep_import,
+    show_storage_state,
+)
 from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing.study import ROBOT, ask_robot
+from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on_button
+from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep
+
+_WAITS = {
+    COLUMNS: "Which column is the time, and which are position and torque of each joint.",
+    DRIVES: "Gear ratios, rated torques, directions: facts that no log states.",
+    RUNS: "Sine runs and other motions are found in the log and can be corrected.",
+    INERTIAS: "Rotor and arm inertias, and how well they are known.",
+}
+"""What a step asks for, shown while it waits for an earlier one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,48 +61,111 @@ class Runs:
     """Whether a row of the table is unusable."""
 
 
-def map_columns(log: Log) -> tuple[Mapping, str]:
-    """Show a log and the entries of its mapping; return it, and its unconfirmed part in words.
+def import_steps(progress: DeltaGenerator) -> None:
+    """Draw the steps, each as far as the earlier ones allow.
 
-    Without a mapping the page ends here.
+    Parameters
+    ----------
+    progress : DeltaGenerator
+        Place for the progress of long work, visible whichever step is open.
     """
-    raw = st.container()
-    st.subheader("What the columns are", anchor=False)
-    mapping, not_confirmed, clear = None, "", False
+    steps = Steps()
+    with steps.step(LOGS):
+        logs = drop_logs(clear_entries, progress)
+        keep_import()
+        show_storage_state()
+        log = choose_log(logs) if logs else None
+    names = ", ".join(each.table.name for each in logs[:3]) + ", …" * (len(logs) > 3)
+    steps.tell(LOGS, log is not None, names)
+    columns = drives = runs = None
+    clicked = False
+    with steps.step(COLUMNS):
+        if log is None:
+            st.caption(_WAITS[COLUMNS])
+        else:
+            columns = _map_columns(steps, log)
+    with steps.step(DRIVES):
+        if log is None or columns is None:
+            st.caption(_WAITS[DRIVES])
+        else:
+            drives = _map_drives(steps, log, columns)
+    with steps.step(RUNS):
+        if log is None or columns is None or drives is None:
+            st.caption(_WAITS[RUNS])
+        else:
+            # Entries that are not confirmed start no new search.
+            searched = columns if drives.to_confirm else drives.mapping
+            runs = _choose_runs(logs, log, drives.mapping, searched, progress)
+            used = [] if runs is None else [s for part in runs.used.values() for s in part]
+            ready = bool(used) and runs is not None and not runs.has_problems
+            steps.tell(RUNS, ready, _runs_in_words(used))
+            if ready:
+                go_on_button("Go on", RUNS)
+    with steps.step(INERTIAS):
+        if log is None or drives is None or runs is None:
+            st.caption(_WAITS[INERTIAS])
+        else:
+            clicked = _open_as_study(steps, log, drives.mapping, runs, drives.gear_ratio)
+    steps.finish(clicked=clicked)
+
+
+def _map_columns(steps: Steps, log: Log) -> Mapping | None:
+    """Show a log and its columns; return them once they are complete."""
+    entries, _ = entries_of(log.key, log.table)
     try:
-        mapping, not_confirmed, clear = choose_mapping(log.key, log.table)
-        remember(log.table, mapping)
+        asked = entries.ask_columns()
+        steps.tell(COLUMNS, not (asked.missing or asked.to_confirm), columns_in_words(asked))
     except JointIdError as error:
         show_error(error)
-    with raw:
-        show_raw(log.table, proposed_columns(log.key, log.table), folded=clear)
-    mapping_files(log.table, mapping)
-    if mapping is None:
-        st.stop()
-    return mapping, not_confirmed
+        steps.tell(COLUMNS, False, "to correct")
+        asked = None
+    mapping_files(log.key, log.table)
+    show_raw(log.table, proposed_columns(log.key, log.table))
+    return None if asked is None or asked.missing else asked.mapping
 
 
-def choose_runs(logs: Sequence[Log], shown: Log, mapping: Mapping) -> Runs:
-    """Find the sine runs of all logs, let them be corrected, and draw those of one log.
+def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
+    """Return the whole mapping with what is missing in it."""
+    entries, again = entries_of(log.key, log.table)
+    if again:
+        offer_fresh_guess(log.key, log.table)
+    try:
+        asked = entries.ask_drives(columns)
+    except JointIdError as error:
+        show_error(error)
+        steps.tell(DRIVES, False, "to correct")
+        return None
+    mapping = replace(asked.mapping, assumed=(*columns.assumed, *asked.mapping.assumed))
+    remember(log.table, mapping)
+    steps.tell(DRIVES, not asked.to_confirm, drives_in_words(asked))
+    return replace(asked, mapping=mapping)
 
-    Without a log that can be mapped the page ends here.
-    """
-    st.subheader("Runs", anchor=False)
+
+def _choose_runs(
+    logs: Sequence[Log], shown: Log, mapping: Mapping, searched: Mapping, progress: DeltaGenerator
+) -> Runs | None:
+    """Find the sine runs of all logs, let them be corrected, and draw those of one log."""
     ready: dict[str, MappedLog] = {}
     rules: dict[str, str] = {}
+    searches: dict[str, tuple[str, MappedLog]] = {}
     for log in logs:
         try:
-            own = mapping if log is shown else mapping_of(log.key, log.table)
-            rules[log.key] = mapping_to_json(own)
-            ready[log.key] = mapped(log.key, rules[log.key], log.table, own)
+            own = (
+                mapping
+                if log.table.signature == shown.table.signature
+                else mapping_of(log.key, log.table)
+            )
+            by = searched if own is mapping else own
+            rules[log.key], ready[log.key] = _mapped(log, own)
+            searches[log.key] = _mapped(log, replace(by, torque_hold=False, torque_delay_s=0.0))
         except JointIdError as error:
             show_error(error)
     if not ready:
-        st.stop()
+        return None
     for note in [note for mapped_log in ready.values() for note in mapped_log.notes]:
         show_note(note)
     picture = st.container()
-    found = _found(ready, rules)
+    found = _found(searches, progress)
     rows = edit_segments(found, {key: mapped_log.name for key, mapped_log in ready.items()})
     kept, dropped, problems = chosen_segments(rows, ready, rules)
     for problem in problems:
@@ -97,13 +180,21 @@ def choose_runs(logs: Sequence[Log], shown: Log, mapping: Mapping) -> Runs:
     return Runs(ready, kept, bool(problems))
 
 
-def _found(ready: dict[str, MappedLog], rules: dict[str, str]) -> dict[str, tuple[Segment, ...]]:
+def _mapped(log: Log, mapping: Mapping) -> tuple[str, MappedLog]:
+    """A mapping as a key, without its assumptions, and the log in its terms."""
+    text = mapping_to_json(replace(mapping, assumed=()))
+    return text, mapped(log.key, text, log.table, mapping)
+
+
+def _found(
+    searches: dict[str, tuple[str, MappedLog]], progress: DeltaGenerator
+) -> dict[str, tuple[Segment, ...]]:
     """Search all logs; after a stop, runs can still be marked by hand."""
-    found: dict[str, tuple[Segment, ...]] = dict.fromkeys(ready, ())
-    watch = Watch(len(ready))
-    for key, mapped_log in ready.items():
+    found: dict[str, tuple[Segment, ...]] = dict.fromkeys(searches, ())
+    watch = Watch(len(searches), progress)
+    for key, (rule, mapped_log) in searches.items():
         try:
-            found[key] = found_in(watch, key, rules[key], mapped_log)
+            found[key] = found_in(watch, key, rule, mapped_log)
         except StoppedError:
             return found
         except JointIdError as error:
@@ -117,14 +208,26 @@ def _found(ready: dict[str, MappedLog], rules: dict[str, str]) -> dict[str, tupl
     return found
 
 
-def open_as_study(log: Log, mapping: Mapping, runs: Runs, not_confirmed: str) -> None:
-    """Ask for the robot; once it is complete, keep the study and switch to it."""
-    st.subheader("The robot", anchor=ROBOT)
+def _runs_in_words(used: Sequence[Segment]) -> str:
+    if not used:
+        return "mark a run, or choose other columns"
+    hertz = [f for segment in used for f in segment.band_hz or (segment.frequency_hz,)]
+    low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
+    band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
+    return f"{run_counts(used, 'sine run')}, {band}"
+
+
+def _open_as_study(
+    steps: Steps, log: Log, mapping: Mapping, runs: Runs, gear_ratio: tuple[float, ...] | None
+) -> bool:
+    """Ask for the robot; once it is complete, keep the study and switch to it. Return the click."""
+    ratios = [joint.gear_ratio for joint in mapping.joints]
+    assumed = assumptions(mapping)
     try:
-        ratios = [joint.gear_ratio for joint in mapping.joints]
-        robot = ask_robot(ratios, [mapped_log.name for mapped_log in runs.logs.values()], not_confirmed)
+        robot, state, clicked = ask_robot(ratios, [each.name for each in runs.logs.values()], assumed)
+        steps.tell(INERTIAS, state.startswith("M"), state)
         if robot is None or runs.has_problems:
-            return
+            return clicked
         with st.spinner("Cutting the records out"):
             study = study_from_logs(
                 list(runs.logs.values()),
@@ -134,10 +237,11 @@ def open_as_study(log: Log, mapping: Mapping, runs: Runs, not_confirmed: str) ->
                 poses=robot.known.poses,
                 pose_of=robot.pose_of,
                 name=robot.name,
-                robot=robot.robot,
-                date=robot.date,
                 inertia_std=robot.known.inertia_std,
                 torque_std=robot.known.torque_std,
+                gear_ratio=gear_ratio,
+                assumed=assumed,
+                **robot.facts,
             )
             keep(study, robot.name)
             keep_mapping(log.table, mapping)
@@ -145,3 +249,4 @@ def open_as_study(log: Log, mapping: Mapping, runs: Runs, not_confirmed: str) ->
         st.switch_page(OVERVIEW.path)
     except JointIdError as error:
         show_error(error)
+    return True

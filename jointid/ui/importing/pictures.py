@@ -34,16 +34,10 @@ def choose_log(logs: Sequence[Log]) -> Log:
     return by_key[key]
 
 
-def show_raw(log: LogTable, proposed: Sequence[str], *, folded: bool) -> None:
-    """First rows, and curves of some columns over the time column or the row, in a line to open."""
+def show_raw(log: LogTable, proposed: Sequence[str]) -> None:
+    """First rows, and curves of some columns over the time column or the row."""
     for note in log.notes:
         show_note(note)
-    # With another label it would be another line, open or not as at first.
-    with st.expander("The file as it is: its first rows and its curves", expanded=not folded):
-        _raw(log, proposed)
-
-
-def _raw(log: LogTable, proposed: Sequence[str]) -> None:
     left, right = st.columns([2, 3])
     with left:
         show_note(f"{log.name}: {log.rows} rows, {len(log.columns)} columns. The first rows:")
@@ -56,7 +50,7 @@ def _raw(log: LogTable, proposed: Sequence[str]) -> None:
         others = [name for name in names if name != time]
         curves = others if len(others) <= _FEW_CURVES else list(proposed[1:]) or others
         key = f"import curves {log.signature}"
-        begun = None if key in st.session_state else curves[:_FEW_CURVES]
+        begun = curves[:_FEW_CURVES]
         chosen = st.multiselect(
             "Columns in the picture", others, begun, key=key, persist_state="session"
         )

@@ -69,13 +69,12 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     rows = st.session_state[SHOWN][1]
     labels = _labels(names)
     summary = st.empty()
-    with st.expander("Correct the runs: leave some out, shift or add one", expanded=not rows):
-        _table(rows, labels, key)
-        st.caption(
-            "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
-            "a frequency it is estimated, of several lines at once each of them; where no steady line "
-            "explains the span, it becomes a motion record."
-        )
+    _table(rows, labels, key)
+    st.caption(
+        "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
+        "a frequency it is estimated, of several lines at once each of them; where no steady line "
+        "explains the span, it becomes a motion record."
+    )
     for log, part in found.items():
         for note in getattr(part, "notes", ()):
             show_info(f"{names[log]}: {note}")

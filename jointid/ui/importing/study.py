@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import Segment
 from jointid.importing.robot_inertia import KnownRobot
-from jointid.importing.study import parse_date, run_counts, study_name
-from jointid.rounding import plain
+from jointid.importing.study import parse_date, study_name
 from jointid.study import INERTIA_STD
-from jointid.ui.importing.inertia import ask_inertia, ask_nominal, inertias_given, show_inertia
+from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.ui.shared.charts import NO_POSE
-from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
+from jointid.ui.shared.entries import ask_inertia_std, ask_torque_std, deviation_text
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.wording import counted
 
 T = TypeVar("T")
 
-ROBOT = "the-robot"
-"""Where the page asks for the inertias."""
+_FACTS = {
+    "robot": ("Robot", "cell 7, robot A"),
+    "date": ("Date of the measurement", "2026-11-20"),
+    "gear temperature": ("Gear temperature (°C)", "24"),
+    "note": ("Note, shown beside the answer", "after two hours of work, no tool"),
+}
+"""Label and example of each optional fact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,38 +40,14 @@ class Robot:
     known: KnownRobot
     pose_of: tuple[str | None, ...]
     """Pose of each log; None: that of ``known.inertia``."""
-    robot: str = ""
-    date: datetime.date | None = None
-
-
-def show_next_step(runs: Mapping[str, Sequence[Segment]], to_check: bool) -> None:
-    """Show the state of the import and its next step in one line.
-
-    Parameters
-    ----------
-    runs : mapping of str to sequence of Segment
-        Runs to use, by log.
-    to_check : bool
-        Whether part of the mapping is unconfirmed.
-    """
-    used = [segment for part in runs.values() for segment in part]
-    if not used:
-        st.markdown("**Next:** mark a run in the table of runs, or choose other columns.")
-        return
-    hertz = [f for segment in used for f in segment.band_hz or (segment.frequency_hz,)]
-    low, high = (plain(float(f"{f:.3g}")) for f in (min(hertz), max(hertz)))
-    band = f"{low} Hz" if low == high else f"{low} to {high} Hz"
-    look = "look at what is marked To check, then " if to_check else ""
-    goal = "open it as a study" if inertias_given() else "give the inertias"
-    st.markdown(
-        f"{run_counts(used, 'steady sine run')} of {band} found. **Next:** {look}[{goal}](#{ROBOT})."
-    )
+    facts: dict[str, Any]
+    """Robot, date, gear temperature and note."""
 
 
 def ask_robot(
-    gear_ratios: Sequence[float], logs: Sequence[str], not_confirmed: str = ""
-) -> Robot | None:
-    """Ask for name and inertias, and show them; None until the button is clicked.
+    gear_ratios: Sequence[float], logs: Sequence[str], assumed: Sequence[str] = ()
+) -> tuple[Robot | None, str, bool]:
+    """Ask for inertias and a name, and show them.
 
     Parameters
     ----------
@@ -76,8 +55,17 @@ def ask_robot(
         One per joint.
     logs : sequence of str
         Names.
-    not_confirmed : str, optional
+    assumed : sequence of str, optional
         Unconfirmed part of the mapping, shown at the button.
+
+    Returns
+    -------
+    robot : Robot or None
+        None until the button is clicked and everything is given.
+    state : str
+        What is given, beginning with M, or what is missing.
+    clicked : bool
+        Whether the button was clicked.
     """
     joints = len(gear_ratios)
     problems: list[str] = []
@@ -88,14 +76,12 @@ def ask_robot(
             "make them agree."
         )
     inertia_std, torque_std = _ask_deviations(problems, known)
-    with st.expander("Optional: nominal K and D to compare with; robot and date, for a fleet's drift"):
+    with st.popover("Optional: nominal K and D, robot, date, gear temperature, note"):
         nominal = _answer(problems, lambda: ask_nominal(joints))
-        robot, date = _ask_which()
-    day = _answer(problems, lambda: parse_date(date))
+        facts = _answer(problems, _ask_facts) or {}
     if known is not None:
         known = replace(known, inertia_std=inertia_std, torque_std=torque_std)
-    if nominal is not None and known is not None:
-        known = replace(known, nominal=nominal)
+        known = known if nominal is None else replace(known, nominal=nominal)
     problem = " ".join(problems)
     poses = _ask_poses(known, logs)
     left, right = st.columns([3, 1], vertical_alignment="bottom")
@@ -107,8 +93,11 @@ def ask_robot(
     )
     # The button is above everything of variable height, so that it never moves under a click.
     clicked = right.button("Open as study", type="primary", width="stretch")
-    if not_confirmed:
-        st.caption(f":orange-badge[To check] {markdown_escape(not_confirmed)}")
+    if assumed:
+        st.markdown(
+            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: it "
+            "stays with the study, its report and its files. Confirm it in steps 2 and 3.]"
+        )
     if clicked and known is None:
         problem = problem or (
             "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
@@ -116,13 +105,13 @@ def ask_robot(
         )
     if problem:
         show_error(problem)
-    elif known is None:
-        st.caption("M and M2 are shown here as the method takes them, as soon as they are entered.")
-    else:
+    elif known is not None:
         show_inertia(known)
-    if not clicked or problem or known is None:
-        return None
-    return Robot(name.strip() or known.name or study_name(logs), known, poses, robot.strip(), day)
+    state = "missing" if known is None else f"M and M2 {deviation_text(inertia_std)}"
+    robot = None
+    if clicked and not problem and known is not None:
+        robot = Robot(name.strip() or known.name or study_name(logs), known, poses, facts)
+    return robot, "to correct" if problem else state, clicked
 
 
 def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
@@ -146,17 +135,20 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
     return inertia_std, torque_std
 
 
-def _ask_which() -> tuple[str, str]:
-    """Which robot it is, and when it was measured."""
-    left, right = st.columns(2)
-    texts = [
-        place.text_input(label, key=f"import {key}", placeholder=example, persist_state="session")
-        for place, label, key, example in (
-            (left, "Robot (optional)", "robot", "cell 7, robot A"),
-            (right, "Date of the measurement (optional)", "date", "2026-11-20"),
-        )
-    ]
-    return texts[0], texts[1]
+def _ask_facts() -> dict[str, Any]:
+    """Which robot it is, when it was measured and how warm, and a note: parameters of ``Study``."""
+    texts = {
+        key: place.text_input(label, key=f"import {key}", placeholder=example, persist_state="session")
+        for place, (key, (label, example)) in zip(2 * st.columns(2), _FACTS.items(), strict=True)
+    }
+    warm = texts["gear temperature"].strip().removesuffix("°C")
+    celsius = numbers_in("Gear temperature", warm, count=1)[0] if warm else None
+    return {
+        "robot": texts["robot"].strip(),
+        "date": parse_date(texts["date"]),
+        "note": texts["note"].strip(),
+        "gear_temperature_C": celsius,
+    }
 
 
 def _ask_poses(known: KnownRobot | None, logs: Sequence[str]) -> tuple[str | None, ...]:

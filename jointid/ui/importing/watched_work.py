@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.ui.shared.messages import show_progress
@@ -64,11 +65,13 @@ class Watch:
     ----------
     total : int
         Number of pieces.
+    place : DeltaGenerator
+        Where the progress is shown: an ``st.empty()``.
     """
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, place: DeltaGenerator) -> None:
         self._total, self._number = total, 0
-        self._place = st.empty()
+        self._place = place
         self._began = time.monotonic()
         self._fresh = 0  # jobs without a cached result
 

@@ -11,6 +11,8 @@ from streamlit.delta_generator import DeltaGenerator
 from jointid.exporting.tables import csv_text
 
 T = TypeVar("T")
+_WIDE = 8
+"""Columns of a table that is wider than the page."""
 Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
 NO_POSE = "as in [inertia]"
@@ -39,10 +41,11 @@ def side_by_side(count: int) -> list[DeltaGenerator]:
 
 
 def table(columns: Table, *, height: int | None = None) -> None:
-    """Show a table that scrolls within its own frame."""
-    rows = len(next(iter(columns.values())))
-    fitting = min(36 + 35 * rows, height or 430)
-    st.dataframe(dict(columns), hide_index=True, height=fitting)
+    """Show a table that scrolls within its own frame; a wide one keeps its first column in view."""
+    first = next(iter(columns))
+    fitting = min(36 + 35 * len(columns[first]), height or 430)
+    pinned = {first: st.column_config.Column(pinned=True)} if len(columns) > _WIDE else None
+    st.dataframe(dict(columns), hide_index=True, height=fitting, column_config=pinned)
 
 
 def choose_segment(

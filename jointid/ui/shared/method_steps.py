@@ -43,8 +43,8 @@ METHOD = (RECORDS, PHASORS, TRANSFER, ELASTICITY, CUT, PLAN, REPORT)
 """The steps of the method for one study."""
 
 ACTIONS: dict[Action, tuple[Step, str]] = {
-    "edit mapping": (IMPORT, "All entries"),
-    "edit runs": (IMPORT, "Correct the runs"),
-    "edit inertias": (IMPORT, "The robot"),
+    "edit mapping": (IMPORT, "3 Drive data"),
+    "edit runs": (IMPORT, "4 Runs"),
+    "edit inertias": (IMPORT, "5 Inertias"),
 }
 """Page of each action that a finding asks for, and how the label of its part begins."""

@@ -51,16 +51,20 @@ class Page:
     """Key for caches of results of this study."""
     method: str
     """The estimator chosen for the whole study."""
+    unit: str
+    """How K and D are shown, one of ``STIFFNESS_UNITS``."""
     dark: bool
     """Whether the theme is dark."""
 
     def analysis(self) -> Analysis:
         """Return the result of the whole method; without one, show the reason and end the page."""
         try:
-            return cached.analysis(self.digest, self.method, self.study)
+            found = cached.analysis(self.digest, self.method, self.study)
         except JointIdError as error:
             _show_problem(error)
             st.stop()
+        at_motor = self.study.gear_ratios is None and self.unit.endswith("joint")
+        return found if at_motor else found.shown_in(self.unit)
 
     def drawn(self, what: str, draw: Callable[[], Any]) -> Any:
         """Return a figure of this study and estimator from the cache, or draw it.
@@ -143,14 +147,14 @@ def open_page(title: str) -> Page:
         st.page_link(SIMULATE.path, label=SIMULATE.name)
         st.page_link(IMPORT.path, label=IMPORT.name)
         st.stop()
-    key, method = choice
+    key, method, unit = choice
     try:
         opened = open_study(key)
     except JointIdError as error:
         st.title(title)
         show_error(error)
         st.stop()
-    return Page(key, opened.study, opened.digest, method, is_dark())
+    return Page(key, opened.study, opened.digest, method, unit, is_dark())
 
 
 def _show_problem(error: JointIdError) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.answer import STIFFNESS_UNITS
 from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
+from jointid.ui.shared.scroll_regions import make_scroll_regions_focusable
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
 _ID_LENGTH = 32
@@ -18,8 +20,8 @@ _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
 
 
-def choose_study() -> tuple[str, str] | None:
-    """Draw the sidebar and return the chosen study's key and estimator, or None without any study."""
+def choose_study() -> tuple[str, str, str] | None:
+    """Draw the sidebar and return the study's key, estimator and unit; None without any study."""
     with st.sidebar:
         _remember_file()
         for group, steps in GROUPS.items():
@@ -41,7 +43,16 @@ def choose_study() -> tuple[str, str] | None:
             + "; ".join(f"{name}: {line}" for name, line in cached.ESTIMATORS.items())
             + ". The page Elasticity compares them.",
         )
-    return None if key is None else (key, method)
+        unit = st.selectbox(
+            "Stiffness in",
+            list(STIFFNESS_UNITS),
+            key="unit",
+            bind="query-params",
+            help="For the answer, its tiles and the report. Through a gear ratio N, a stiffness K at "
+            "the motor is N² K at the joint. Figures, tables and files stay at the motor, in SI units.",
+        )
+        make_scroll_regions_focusable()
+    return None if key is None else (key, method, unit)
 
 
 def _choose() -> str | None:

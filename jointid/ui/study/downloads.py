@@ -29,7 +29,7 @@ from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_error, show_info
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 
 _SNIPPETS = {
     "MuJoCo": (".xml", mujoco_snippet),
@@ -124,8 +124,9 @@ def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 
-def show_simulator_files(results: Results, n: int, stem: str) -> None:
-    """Ask for the gear ratios and offer the joints as snippets for simulators."""
+def show_simulator_files(results: Results, study: Study, stem: str) -> None:
+    """Offer the joints as snippets for simulators; ask for gear ratios that the study does not state."""
+    n, ratio = study.inertia.n, study.gear_ratios
     st.subheader("For robot simulators", anchor=False)
     st.write(
         "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
@@ -133,14 +134,18 @@ def show_simulator_files(results: Results, n: int, stem: str) -> None:
         "nonlinear gear they get the secant of its torsion curve at the largest torque tried, stated "
         "in the file."
     )
-    entered = st.text_input(
-        "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),
-        key="gears",
-        bind="query-params",
-        placeholder=", ".join(["100", "80", "60", "50", "50", "50"][:n]),
-        help="Negative where the motor turns the other way than its joint. "
-        "One number holds for all joints.",
-    )
+    if ratio is None:
+        entered = st.text_input(
+            "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),
+            key="gears",
+            bind="query-params",
+            placeholder=", ".join(["100", "80", "60", "50", "50", "50"][:n]),
+            help="Negative where the motor turns the other way than its joint. "
+            "One number holds for all joints.",
+        )
+    else:
+        entered = numbers_out(ratio)
+        st.caption(f"Gear ratios of the study: {entered}.")
     if entered.strip():
         try:
             ratio = np.array(numbers_in("Gear ratios", entered, count=n))

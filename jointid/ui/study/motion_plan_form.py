@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 import streamlit as st
@@ -12,12 +13,20 @@ from jointid import Analysis, JointIdError, Motion
 from jointid.rounding import significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, csv_bytes, download
+from jointid.ui.shared.entries import applied, enter_number, enter_text
 from jointid.ui.shared.messages import show_error, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.study.plan_form import percent, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
 
+_NUMBERS: dict[str, tuple[Any, ...]] = {
+    "records": ("Records", 2, (1, 20)),
+    "seconds": ("Seconds each", 20.0, (2.0, 120.0)),
+    "from": ("From (Hz)", 2.0, (0.1, 1000.0)),
+    "to": ("To (Hz)", 40.0, (0.2, 2000.0)),
+}
+"""Label, default and limits of each number."""
 _KINDS = {"sweep": "Sweeps", "multisine": "Multisines on odd lines"}
 
 
@@ -58,9 +67,9 @@ def _planned(
 def show_motion_plan(page: Page, analysis: Analysis) -> None:
     """Ask for the limits and show what each motion would tell."""
     st.write(
-        "The identified robot is simulated with a sweep and with a multisine within your limits, with "
-        "the noise of this study, and the estimator states the errors of K and D. A multisine on odd "
-        "lines also tells nonlinear distortion from noise."
+        "The identified robot is simulated with a sweep and a multisine within your limits and with the "
+        "noise of this study; the table shows the expected errors of K and D. A multisine on odd "
+        "lines also separates nonlinear distortion from noise."
     )
     try:
         settings = _ask(page, analysis)
@@ -88,27 +97,20 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
 def _ask(page: Page, analysis: Analysis) -> MotionSettings | None:
     study, n = analysis.study, analysis.fit.n
     largest = largest_motion(study.records)
-    with st.form("plan motions", border=False):
-        one, two, three, four = st.columns(4)
-        records = one.number_input("Records", 1, 20, 2, key="motion_records")
-        seconds = two.number_input("Seconds each", 2.0, 120.0, 20.0, 1.0, key="motion_seconds")
-        low = three.number_input("From (Hz)", 0.1, 1000.0, 2.0, key="motion_from")
-        high = four.number_input("To (Hz)", 0.2, 2000.0, 40.0, key="motion_to")
-        texts = []
-        labels = (
-            "Largest angle, ± (rad)",
-            "Largest velocity (rad/s)",
-            "Largest torque (N·m)",
-        )
-        values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
-        for place, label, value in zip(st.columns(3), labels, values, strict=True):
-            text = ", ".join(f"{x:.3g}" for x in value)
-            texts.append(place.text_input(label, text, key=f"motion {label} {page.digest[:12]}"))
-        submitted = st.form_submit_button("Predict", type="primary")
-    asked = f"motion plan {page.digest[:12]}"  # the answer stays when a file is saved
-    st.session_state[asked] = submitted or st.session_state.get(asked, False)
-    if not st.session_state[asked]:
+    numbers = [
+        enter_number(place, f"motion_{key}", *entry)
+        for place, (key, entry) in zip(st.columns(4), _NUMBERS.items(), strict=True)
+    ]
+    labels = ("Largest angle, ± (rad)", "Largest velocity (rad/s)", "Largest torque (N·m)")
+    values = (largest.position_rad, largest.velocity_rad_s, largest.torque_Nm)
+    texts = [
+        enter_text(place, f"motion {label} {page.digest[:12]}", label, ", ".join(f"{x:.3g}" for x in of))
+        for place, label, of in zip(st.columns(3), labels, values, strict=True)
+    ]
+    entered = applied("Predict", f"motions {page.digest}", (numbers, texts))
+    if entered is None:
         return None
+    (records, seconds, low, high), texts = entered
     limits = [numbers_in(label, text, count=n) for label, text in zip(labels, texts, strict=True)]
     if min(min(each) for each in limits) <= 0:
         raise JointIdError("The largest angles, velocities and torques must be positive numbers.")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
-from jointid.answer import ERROR_BARS, Quantity, change_from, elasticity_quantities, without
+from jointid.answer import ERROR_BARS, Quantity, change_from, without
 from jointid.files.study_files import pack_study
 from jointid.rounding import plain
 from jointid.study import NOT_USABLE, USABLE, WITH_CARE
@@ -30,8 +30,9 @@ def show_heading(study: Study) -> None:
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
     badge = f":gray-badge[{_ORIGINS[study.origin]}]"
     st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
-    if study.description:
-        st.caption(markdown_escape(study.description))
+    for text in (study.description, *study.remarks):
+        if text:
+            st.caption(markdown_escape(text))
 
 
 def show_headline(analysis: Analysis) -> None:
@@ -43,12 +44,14 @@ def show_headline(analysis: Analysis) -> None:
     st.subheader(analysis.headline, anchor=False)
     if analysis.caution:
         show_note(analysis.caution)
+    if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):
+        st.caption("The study has no gear ratios: K and D are shown at the motor.")
 
 
 def show_tiles(analysis: Analysis) -> None:
     """K and D of every joint with ± one standard error, against the nominal values."""
     n = analysis.fit.n
-    found = elasticity_quantities(analysis.fit)
+    found = analysis.quantities
     if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
         with st.container(horizontal=True):
             for j in range(n):
@@ -63,10 +66,9 @@ def show_tiles(analysis: Analysis) -> None:
 
 
 def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
-    n, nominal = analysis.fit.n, analysis.study.nominal
-    assumed = None
-    if nominal is not None:
-        reference = float((nominal.K if k < n else nominal.D)[k % n])
+    n, assumed = analysis.fit.n, None
+    if analysis.nominal is not None:
+        reference = float(analysis.nominal[k])
         assumed = f"nominal {plain(reference)}"
         if reference > 0:
             assumed += f" ({change_from(found.value, found.error, reference)})"
@@ -82,7 +84,7 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
         delta_arrow="off",
         border=True,
         width=_TILE_WIDTH,
-        help=f"{what} of joint {k % n + 1} seen from the motor. {ERROR_BARS} "
+        help=f"{what} of joint {k % n + 1} {analysis.unit.side}. {ERROR_BARS} "
         "Nominal is what the controller assumes today.",
     )
 

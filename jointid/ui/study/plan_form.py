@@ -12,6 +12,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.rounding import UNDETERMINED, minus, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, UNITS, Table
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
@@ -49,33 +50,31 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
-    with st.form("plan", border=False):
-        one, two, three, four = st.columns(4)
-        count = one.number_input("Records", 1, 50, 3, key="plan_count", bind="query-params")
-        seconds = two.number_input(
-            "Seconds each", 0.1, 600.0, 4.0, 1.0, format="%g", key="plan_seconds", bind="query-params"
+    one, two, three, four = st.columns(4)
+    count = enter_number(one, "plan_count", "Records", 3, (1, 50))
+    seconds = enter_number(two, "plan_seconds", "Seconds each", 4.0, (0.1, 600.0))
+    # A study's limits are its own: the key holds its digest.
+    torques, velocities = (
+        enter_text(
+            place,
+            f"plan_{key}_{digest[:12]}",
+            label,
+            ", ".join(f"{x:.3g}" for x in largest),
+            f"One per joint: amplitudes {of}. At first the largest of the study.",
         )
-        # A study's limits are its own: the key holds its digest.
-        torques = three.text_input(
-            "Largest torques (N·m)",
-            ", ".join(f"{x:.3g}" for x in torque),
-            key=f"plan_torque_{digest[:12]}",
-            help="One per joint: amplitudes at the motors, friction included. At first the largest "
-            "of the study.",
+        for place, key, label, largest, of in (
+            (three, "torque", "Largest torques (N·m)", torque, "at the motors, friction included"),
+            (four, "velocity", "Largest velocities (rad/s)", velocity, "of motor and arm, motor side"),
         )
-        velocities = four.text_input(
-            "Largest velocities (rad/s)",
-            ", ".join(f"{x:.3g}" for x in velocity),
-            key=f"plan_velocity_{digest[:12]}",
-            help="One per joint: amplitudes of motor and arm, seen from the motor. At first the largest "
-            "of the study.",
-        )
-        pose = ""
-        if study.poses:
-            used = {record.pose or "" for record in study.records}
-            poses = [*(("",) if "" in used else ()), *study.poses]
-            pose = st.selectbox("Pose", poses, format_func=lambda p: p or NO_POSE, key="plan_pose")
-        st.form_submit_button("Suggest", type="primary")
+    )
+    pose = ""
+    if study.poses:
+        used = {record.pose or "" for record in study.records}
+        poses = [*(("",) if "" in used else ()), *study.poses]
+        pose = choose_from(st.container(), "plan_pose", "Pose", poses, lambda p: p or NO_POSE)
+    entered = (count, seconds, torques, velocities, pose)
+    entered = applied("Suggest", f"plan {digest}", entered, at_first=True) or entered
+    count, seconds, torques, velocities, pose = entered
     limits = (
         numbers_in("Largest torques", torques, count=n),
         numbers_in("Largest velocities", velocities, count=n),

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
 from jointid import Analysis
 from jointid.setpoints.files import FORMATS, set_points
@@ -15,13 +14,13 @@ from jointid.setpoints.played import PlayedExperiment, play
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download, table
+from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 from jointid.ui.study.plan_form import content
 from jointid.uncertainty.plan import PlannedRecords
 from jointid.wording import file_stem
 
-Number = TypeVar("Number", int, float)
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
     "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As the robot shows it."),
@@ -35,6 +34,13 @@ _LIMITS = {
 }
 _SUPERPOSED = "Against stiction: every record is then made forth and back."
 _OPTIONAL = ("load_Nm", "axes")
+_NUMBERS: dict[str, tuple[Any, ...]] = {
+    "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
+    "repeats": ("Repeats", 1, (1, 100)),
+    "ramp": ("Ramps (s)", 0.5, (0.05, 10.0)),
+    "rest": ("Rest between (s)", 1.0, (0.1, 60.0)),
+}
+"""Label, default and limits of each number."""
 _KINDS = dict(zip(("Sines", "Multisine", "Sweeps"), KINDS, strict=True))
 
 
@@ -51,28 +57,34 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
         "The plan above as a motion of the joints, for the controller. It is played on the simulated "
         "robot first; a file exists only within all limits. Read its head before use."
     )
-    with st.form("setpoints", border=False):
-        entered, places = {}, [column for _ in range(3) for column in st.columns(3)]
-        for place, (name, (label, example, hint)) in zip(places, _LIMITS.items(), strict=True):
-            entered[name] = _text(place, label, "", f"{name}_{page.digest[:12]}", hint, example)
-        one, two, three, four = st.columns(4)
-        kind = one.selectbox("Motion", list(_KINDS), key="setpoints_kind", persist_state="session")
-        file_format = two.selectbox(
-            "Format", list(FORMATS), format_func=_title, key="setpoints_format", persist_state="session"
-        )
-        interval = _text(three, "Interval (ms)", "", "interval", "Empty: the usual one of the format.")
-        scale = _number(four, "Scale of the motion", 1.0, (0.001, 100.0), "scale")
-        one, two, three, four = st.columns(4)
-        repeats = int(_number(one, "Repeats", 1, (1, 100), "repeats"))
-        ramp_s = _number(two, "Ramps (s)", 0.5, (0.05, 10.0), "ramp")
-        rest_s = _number(three, "Rest between (s)", 1.0, (0.1, 60.0), "rest")
-        superposed = _text(four, "Superposed velocities (°/s)", "0", "superposed", _SUPERPOSED)
-        st.form_submit_button("Check on the simulated robot", type="primary")
-    if not entered["gear_ratio"].strip():
+    ratios = analysis.study.gear_ratios
+    entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
+    asked = {name: each for name, each in _LIMITS.items() if name not in entered}
+    places = [column for _ in range(3) for column in st.columns(3)]
+    for place, (name, (label, example, hint)) in zip(places, asked.items(), strict=False):
+        key = f"setpoints_{name}_{page.digest[:12]}"
+        entered[name] = enter_text(place, key, label, "", hint, example)
+    one, two, three, four = st.columns(4)
+    kind = choose_from(one, "setpoints_kind", "Motion", list(_KINDS))
+    file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), _title)
+    interval_hint = "Empty: the usual one of the format."
+    interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
+    numbers: list[Any] = [
+        enter_number(place, f"setpoints_{key}", *entry)
+        for place, (key, entry) in zip((four, *st.columns(3)), _NUMBERS.items(), strict=True)
+    ]
+    label = "Superposed velocities (°/s)"
+    superposed = enter_text(st.container(), "setpoints_superposed", label, "0", _SUPERPOSED)
+    choice = (entered, kind, file_format, interval, numbers, superposed)
+    known = applied("Check on the simulated robot", f"setpoints {page.digest}", choice)
+    if known is not None:
+        entered, kind, file_format, interval, numbers, superposed = known
+    if known is None or not entered["gear_ratio"].strip():
         st.caption(
             "Enter gear ratios, start pose and limits: without them there is no check and no file."
         )
         return
+    scale, repeats, ramp_s, rest_s = numbers
     n = analysis.fit.n
     given: dict[str, Any] = {
         name: numbers_in(_LIMITS[name][0], text, count=None if name in ("start_deg", "axes") else n)
@@ -98,27 +110,6 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
     with st.expander("Head of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
-
-
-def _text(
-    place: DeltaGenerator, label: str, value: str, key: str, hint: str = "", example: str = ""
-) -> str:
-    return place.text_input(
-        label,
-        value,
-        key=f"setpoints_{key}",
-        help=hint or None,
-        placeholder=example,
-        persist_state="session",
-    )
-
-
-def _number(
-    place: DeltaGenerator, label: str, value: Number, limits: tuple[Number, Number], key: str
-) -> Number:
-    return place.number_input(
-        label, *limits, value, format="%g", key=f"setpoints_{key}", persist_state="session"
-    )
 
 
 def _title(name: str) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import streamlit as st
-from streamlit.delta_generator import DeltaGenerator
 
 from jointid import (
     Controller,
@@ -27,10 +26,15 @@ from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.deviations import ask_inertia_std, ask_torque_std
+from jointid.ui.shared.entries import (
+    ask_inertia_std,
+    ask_torque_std,
+    choose_from,
+    enter_number,
+    enter_text,
+)
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
-Number = TypeVar("Number", int, float)
 _RECORDS = {
     "Sines, all joints, another phase each time": "orthogonal",
     "Sines, one joint at a time, the others held": "one-at-a-time",
@@ -40,7 +44,6 @@ _RECORDS = {
     "Point-to-point moves": "moves",
 }
 _COUNT_HELP = "Number of sines. Of another motion, every joint gives one record, at least two."
-_M2 = "0.004104, 0.000395; 0.000395, 0.001889"
 _M2_HELP = (
     "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
     "needs because the other accelerates. Motor side: divided by both gear ratios."
@@ -52,6 +55,30 @@ _WRONG_HELP = (
 _GAIN_HELP = (
     "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
 )
+_ROBOT = {
+    "K": ("Stiffness K (N·m/rad), one per joint", "43, 7.5"),
+    "D": ("Damping D (N·m·s/rad)", "0.10, 0.015"),
+    "M": ("Rotor inertias M (kg·m²)", "0.0025, 0.0010"),
+    "M2": (
+        "Arm inertia M2 (kg·m²), rows separated by ;",
+        "0.004104, 0.000395; 0.000395, 0.001889",
+        _M2_HELP,
+    ),
+    "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, against the motion."),
+    "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Grows with the velocity."),
+}
+"""Label, default and explanation of each text."""
+_EXPERIMENTS: dict[str, tuple[Any, ...]] = {
+    "first": ("First frequency (Hz)", 3.0, (0.05, 1000.0)),
+    "last": ("Last frequency (Hz)", 30.0, (0.05, 1000.0)),
+    "count": ("Frequencies", 16, (1, 60), _COUNT_HELP),
+    "seconds": ("Length of a record (s)", 4.0, (0.2, 60.0)),
+    "noise": ("Torque noise (N·m)", 0.02, (0.0, 10.0)),
+    "counts": ("Encoder counts per turn, 0: ideal", 65536, (0, 2**24)),
+    "bandwidth": ("Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0)),
+    "seed": ("Seed of the noise", 1, (0, 2**31 - 1)),
+}
+"""Label, default, limits and explanation of each number."""
 _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
     "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
@@ -107,72 +134,52 @@ def ask() -> Settings | None:
     JointIdError
         When what was entered is no robot or no experiment.
     """
-    with st.form("simulate", border=False):
-        left, right = st.columns(2)
-        with left:
-            st.markdown("**The robot, seen from the motors**")
-            K = _text("Stiffness K (N·m/rad), one per joint", "43, 7.5", "K")
-            D = _text("Damping D (N·m·s/rad)", "0.10, 0.015", "D")
-            M = _text("Rotor inertias M (kg·m²)", "0.0025, 0.0010", "M")
-            M2 = _text("Arm inertia M2 (kg·m²), rows separated by ;", _M2, "M2", _M2_HELP)
-            coulomb = _text(
-                "Coulomb friction (N·m)", "0.02, 0.01", "coulomb", "Constant, against the motion."
-            )
-            viscous = _text(
-                "Viscous friction (N·m·s/rad)", "0, 0", "viscous", "Grows with the velocity."
-            )
-            laws = _ask_laws()
-        with right:
-            st.markdown("**The experiments**")
-            one, two = st.columns(2)
-            first = _number(one, "First frequency (Hz)", 3.0, (0.05, 1000.0), "first")
-            last = _number(two, "Last frequency (Hz)", 30.0, (0.05, 1000.0), "last")
-            one, two = st.columns(2)
-            count = _number(one, "Frequencies", 16, (1, 60), "count", _COUNT_HELP)
-            seconds = _number(two, "Length of a record (s)", 4.0, (0.2, 60.0), "seconds")
-            pattern = st.selectbox("Motion", list(_RECORDS), key="sim_pattern", persist_state="session")
-            one, two = st.columns(2)
-            noise = _number(one, "Torque noise (N·m)", 0.02, (0.0, 10.0), "noise")
-            counts = _number(two, "Encoder counts per turn, 0: ideal", 65536, (0, 2**24), "counts")
-            one, two = st.columns(2)
-            bandwidth = _number(one, "Controllers' bandwidth (Hz)", 5.0, (0.2, 50.0), "bandwidth")
-            seed = _number(two, "Seed of the noise", 1, (0, 2**31 - 1), "seed")
-        st.markdown("**What the study is given**")
-        left, right = st.columns(2)
-        wrong = _number(left, "Inertias wrong by (%)", 0.0, (0.0, 90.0), "wrong", _WRONG_HELP)
-        inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
-        left, right = st.columns(2)
-        gain = left.text_input(
-            "Logged torque / true torque", "1", key="sim_gain", persist_state="session", help=_GAIN_HELP
-        )
-        torque_std = ask_torque_std(right, "sim_torque_std")
-        added = st.text_input(
-            "Second set of records with a payload: its addition to M2 (kg·m²), optional",
-            key="sim_added",
-            placeholder="0.0012, 0.0005; 0.0005, 0.0009",
-            persist_state="session",
-            help=_ADDED_HELP,
-        )
-        if not st.form_submit_button("Simulate", type="primary"):
-            return None
+    left, right = st.columns(2)
+    left.markdown("**The robot, seen from the motors**")
+    text = {key: enter_text(left, f"sim_{key}", *entry) for key, entry in _ROBOT.items()}
+    with left.expander("Nonlinear gears") as gears:
+        laws = {
+            name: enter_text(gears, f"sim_{name}", label, "0", about)
+            for name, (label, about) in _LAWS.items()
+        }
+    right.markdown("**The experiments**")
+    pattern = choose_from(right, "sim_pattern", "Motion", list(_RECORDS))
+    places = [place for _ in range(4) for place in right.columns(2)]
+    number = {
+        key: enter_number(place, f"sim_{key}", *entry)
+        for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
+    }
+    st.markdown("**What the study is given**")
+    left, right = st.columns(2)
+    wrong = enter_number(left, "sim_wrong", "Inertias wrong by (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
+    inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
+    left, right = st.columns(2)
+    gain = enter_text(left, "sim_gain", "Logged torque / true torque", "1", _GAIN_HELP)
+    torque_std = ask_torque_std(right, "sim_torque_std")
+    label = "Second set of records with a payload: its addition to M2 (kg·m²), optional"
+    example = "0.0012, 0.0005; 0.0005, 0.0009"
+    added = enter_text(st.container(), "sim_added", label, "", _ADDED_HELP, example)
+    if not st.button("Simulate", type="primary", key="simulate"):
+        return None
+    first, last = number["first"], number["last"]
     if last < first:
         raise JointIdError(
             f"Last frequency {last:g} Hz lies below the first, {first:g} Hz: exchange them."
         )
-    rotors = numbers_in("Rotor inertias M", M)
+    rotors = numbers_in("Rotor inertias M", text["M"])
     joints = len(rotors)
     return Settings(
-        inertia=Inertia(rotors, matrix_in("Arm inertia M2", M2)),
-        elasticity=Elasticity(numbers_in("Stiffness K", K), numbers_in("Damping D", D)),
-        frequencies_hz=tuple(np.geomspace(first, last, int(count)).round(4).tolist()),
+        inertia=Inertia(rotors, matrix_in("Arm inertia M2", text["M2"])),
+        elasticity=Elasticity(numbers_in("Stiffness K", text["K"]), numbers_in("Damping D", text["D"])),
+        frequencies_hz=tuple(np.geomspace(first, last, int(number["count"])).round(4).tolist()),
         pattern=_RECORDS[pattern],
-        seconds=float(seconds),
-        bandwidth_hz=float(bandwidth),
-        coulomb_Nm=numbers_in("Coulomb friction", coulomb, count=joints),
-        viscous_Nms=numbers_in("Viscous friction", viscous, count=joints),
-        encoder_counts=int(counts) or None,
-        torque_noise_Nm=float(noise),
-        seed=int(seed),
+        seconds=float(number["seconds"]),
+        bandwidth_hz=float(number["bandwidth"]),
+        coulomb_Nm=numbers_in("Coulomb friction", text["coulomb"], count=joints),
+        viscous_Nms=numbers_in("Viscous friction", text["viscous"], count=joints),
+        encoder_counts=int(number["counts"]) or None,
+        torque_noise_Nm=float(number["noise"]),
+        seed=int(number["seed"]),
         inertia_error=float(wrong) / 100,
         torque_gain=numbers_in("Logged torque / true torque", gain, count=joints),
         added=tuple(matrix_in("Addition to M2", added)) if added.strip() else (),
@@ -248,33 +255,7 @@ def _errors(settings: Settings) -> str:
     return text
 
 
-def _ask_laws() -> dict[str, str]:
-    """Ask for the laws of the gears; a text of one number per joint by field of ``Gear``."""
-    with st.expander("Nonlinear gears"):
-        return {
-            name: st.text_input(label, "0", key=f"sim_{name}", help=about, persist_state="session")
-            for name, (label, about) in _LAWS.items()
-        }
-
-
 def _gears(laws: dict[str, str], joints: int) -> tuple[Gear, ...]:
     values = [numbers_in(_LAWS[name][0], text, count=joints) for name, text in laws.items()]
     rows = zip(*values, strict=True)
     return tuple(Gear(**dict(zip(laws, row, strict=True))) for row in rows)
-
-
-def _text(label: str, value: str, key: str, help_text: str | None = None) -> str:
-    return st.text_input(label, value, key=f"sim_{key}", help=help_text, persist_state="session")
-
-
-def _number(
-    place: DeltaGenerator,
-    label: str,
-    value: Number,
-    limits: tuple[Number, Number],
-    key: str,
-    help_text: str | None = None,
-) -> Number:
-    return place.number_input(
-        label, *limits, value, key=f"sim_{key}", persist_state="session", help=help_text
-    )

@@ -1,0 +1,77 @@
+"""The steps of an import as a list to open: which are done, what is missing, and where one is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import streamlit as st
+
+from jointid.ui.shared.markdown_escape import markdown_escape
+
+LOGS, COLUMNS, DRIVES, RUNS, INERTIAS = STEPS = (
+    "Logs",
+    "Columns",
+    "Drive data",
+    "Runs",
+    "Inertias",
+)
+_STATES, _OPEN, _GO_ON = "import_step_states", "import_open_step", "import_go_on"
+_DONE, _TO_DO = ":material/check_circle:", ":material/radio_button_unchecked:"
+
+
+def go_on() -> None:
+    """Open the first step that is not done, at the end of the next run."""
+    st.session_state[_GO_ON] = True
+
+
+class Steps:
+    """The list. A step's head shows the state that ``tell`` stated; a change draws the list again."""
+
+    def __init__(self) -> None:
+        self._shown: dict[str, tuple[bool, str]] = st.session_state.get(_STATES, {})
+        self._states: dict[str, tuple[bool, str]] = {}
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        """Draw a step's head, and below it what belongs to it."""
+        opened, version = st.session_state.get(_OPEN, (LOGS, 0))
+        done, text = self._shown.get(name, (False, ""))
+        colour = "gray" if done else "orange"
+        state = f" &nbsp; :{colour}[{markdown_escape(text)}]" if text else ""
+        with st.expander(
+            f"**{STEPS.index(name) + 1} {name}**{state}",
+            expanded=name == opened,
+            # Another key: opened or closed as stated here, whatever was clicked before.
+            key=f"step {name} {version}",
+            type="step",
+            icon=_DONE if done else _TO_DO,
+        ):
+            yield
+
+    def tell(self, name: str, done: bool, text: str) -> None:
+        """State whether a step is done, and its content or what it lacks."""
+        self._states[name] = done, text
+        if not done and st.session_state.get(_GO_ON, True):
+            self._go_to(name)
+
+    def finish(self, *, clicked: bool = False) -> None:
+        """Draw the list again if its heads are out of date, but not over the answer to a click."""
+        if st.session_state.get(_GO_ON, True):
+            self._go_to(INERTIAS)
+        if self._states != self._shown and not clicked:
+            st.session_state[_STATES] = self._states
+            st.rerun()
+
+    def _go_to(self, name: str) -> None:
+        opened, version = st.session_state.get(_OPEN, (LOGS, 0))
+        st.session_state[_GO_ON] = False
+        if opened != name:
+            st.session_state[_OPEN] = name, version + 1
+            st.session_state[_STATES] = self._shown | self._states
+            st.rerun()
+
+
+def go_on_button(label: str, key: str) -> bool:
+    """Draw the button at the end of a step."""
+    return st.button(label, type="primary", key=f"go_on {key}", on_click=go_on)

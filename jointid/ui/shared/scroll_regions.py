@@ -1,0 +1,34 @@
+"""Wide equations, tables and listings: reached by keyboard, so that the arrow keys scroll them."""
+
+from __future__ import annotations
+
+import streamlit as st
+
+_JS = """
+const WIDE = "pre, .katex-display, [data-testid=stTable] div";
+let waiting;
+
+function mark() {
+  for (const region of document.querySelectorAll(WIDE)) {
+    const wide = region.scrollWidth > region.clientWidth + 1;
+    const high = region.scrollHeight > region.clientHeight + 1;
+    if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
+    else region.removeAttribute("tabindex");
+  }
+}
+
+export default function () {
+  const later = () => { clearTimeout(waiting); waiting = setTimeout(mark, 300); };
+  const changes = new MutationObserver(later);
+  changes.observe(document.body, { childList: true, subtree: true });
+  addEventListener("resize", later);
+  later();
+  return () => { changes.disconnect(); removeEventListener("resize", later); };
+}
+"""
+_component = st.components.v2.component("jointid_scroll_regions", html="<i hidden></i>", js=_JS)
+
+
+def make_scroll_regions_focusable() -> None:
+    """Give every region that scrolls a place in the order of the tab key."""
+    _component(key="scroll_regions")
