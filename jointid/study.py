@@ -175,7 +175,7 @@ class Study:
                 facts[-1] = f"{plain(round(f[0], 3))}–{plain(round(f[-1], 3))} Hz"
         if motions:
             seconds = sum(record.samples * record.interval_s for record in motions)
-            facts.append(f"{counted(len(motions), 'motion')} of {significant(seconds, 3)} s")
+            facts.append(f"{counted(len(motions), 'motion')}, {significant(seconds, 3)} s in all")
         if len(poses := {record.pose for record in self.records}) > 1:
             facts.append(counted(len(poses), "pose"))
         return facts

@@ -12,7 +12,7 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.velocity import smooth_velocity
-from jointid.phasors.coherence import proposed_band
+from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.phasors.sensor_steps import quantum
 from jointid.records import MotionRecord
@@ -116,7 +116,7 @@ def motion_transfer_matrix(
         When a clock is too uneven, or no frequency can be solved for.
     """
     parts = [
-        (part, record, proposed_band(record) if record.band_hz is None else record.band_hz)
+        (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)
         for k, record in enumerate(records)
         for part in uniform_parts(record, k, record.label or f"motion record {k + 1}")
     ]

@@ -165,6 +165,8 @@ def test_a_wrong_command_is_code_2(here: Path, arguments: list[str]) -> None:
     ("code", "arguments"),
     [
         (1, ["identify", "none.zip"]),
+        (1, ["simulate", "x.zip", "--motion", "sweep", "--count", "4"]),
+        (1, ["simulate", "x.zip", "--records", "3"]),
         (1, ["export", "none.zip", "-o", "r.json"]),
         (1, ["batch", "none", "-o", "no folder/r.parquet"]),
         (1, ["identify", "n\udcffne ×.zip"]),

@@ -332,7 +332,7 @@ def test_everything_is_made_of_a_study_with_motions(analyses: dict[str, Analysis
     assert len(rows) == 1 + len(analysis.study.sine_records)
     assert len(transfer_matrix_table(analysis).splitlines()) > 4
     report = make_report(analysis, cut=False)
-    assert "of 16.0 s" in report.facts or "of 8.00 s" in report.facts
+    assert "16.0 s in all" in report.facts or "8.00 s in all" in report.facts
     assert b"%PDF" in to_pdf(report)[:8]
     assert checked(row_of(analysis, study="x")).records == len(analysis.study.records)
     assert study_outcome(analysis).after_m < study_outcome(analysis).before_m
@@ -350,6 +350,23 @@ def test_wrong_inertias_show_in_a_study_of_motions() -> None:
     wrong = Inertia(M=1.4 * ROBOT.M, M2=ROBOT.M2)
     found = analyse(replace(study, inertia=wrong, inertia_std=0.02)).findings
     assert any(f.level in ("problem", "warning") and "inertias" in f.title for f in found)
+
+
+def test_a_motion_that_is_counted_twice_is_named() -> None:
+    study = motion_study("random")
+    (first,) = study.motion_records
+    end = first.samples - 500
+    part = replace(
+        first,
+        time_s=first.time_s[:end],
+        theta_rad=first.theta_rad[:end],
+        tau_Nm=first.tau_Nm[:end],
+        label="copy",
+    )
+    found = analyse(replace(study, records=[first, part])).findings
+    twice = [f for f in found if "in the study twice" in f.title]
+    assert len(twice) == 1
+    assert "copy" in twice[0].detail
 
 
 def test_torques_of_another_robot_are_no_usable_answer() -> None:
@@ -434,7 +451,7 @@ def app(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> AppTest:
 def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
     at = app.run()
     assert not at.exception
-    assert "2 motions of 16.0 s" in " ".join(m.value for m in at.markdown)
+    assert "2 motions, 16.0 s in all" in " ".join(m.value for m in at.markdown)
     for page in sorted((ROOT / "pages").glob("*.py")):
         at = at.switch_page(str(page)).run()
         assert not at.exception, page.name

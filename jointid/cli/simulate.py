@@ -43,14 +43,22 @@ def simulate(
     nominal_D: Annotated[str, NOMINAL_D] = "",
     from_hz: Annotated[float, typer.Option(help="Lowest frequency, Hz.")] = 3.0,
     to_hz: Annotated[float, typer.Option(help="Highest frequency, Hz.")] = 30.0,
-    count: Annotated[int, typer.Option(min=1, max=500, help="Number of frequencies.")] = 18,
-    periods: Annotated[float, typer.Option(help="Length of each record, periods.")] = 12.5,
+    count: Annotated[
+        int | None, typer.Option(min=1, max=500, help="Number of frequencies of sines, 18 by default.")
+    ] = None,
+    periods: Annotated[
+        float | None, typer.Option(help="Length of each record of a sine, periods; 12.5 by default.")
+    ] = None,
     motion: Annotated[
         str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[bool, typer.Option(help="Multisine on odd lines, which shows distortion.")] = False,
-    duration: Annotated[float, typer.Option(help="Length of each record of a motion, s.")] = 20.0,
-    records: Annotated[int, typer.Option(min=1, max=100, help="Records of a motion.")] = 2,
+    duration: Annotated[
+        float | None, typer.Option(help="Length of each record of a motion, s; 20 by default.")
+    ] = None,
+    records: Annotated[
+        int | None, typer.Option(min=1, max=100, help="Records of a motion, 2 by default.")
+    ] = None,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
@@ -106,10 +114,16 @@ def simulate(
     require_free(output, overwrite, [inertia])
     if not 0 < from_hz <= to_hz:
         raise JointIdError(f"--from-hz {from_hz:g} --to-hz {to_hz:g}: give 0 < lowest ≤ highest.")
-    experiment: Any = np.unique(np.geomspace(from_hz, to_hz, count).round(6))
-    settings: dict[str, Any] = {"excitation": Excitation(periods=periods)}
+    if motion and (count or periods):
+        raise JointIdError("--count and --periods belong to sines: use --records and --duration.")
+    if not motion and (duration or records or odd):
+        raise JointIdError("--duration, --records and --odd belong to a motion: add --motion.")
+    experiment: Any = np.unique(np.geomspace(from_hz, to_hz, count or 18).round(6))
+    settings: dict[str, Any] = {"excitation": Excitation(periods=12.5 if periods is None else periods)}
     if motion:
-        experiment, settings = Motion(motion, from_hz, to_hz, duration, odd=odd), {"records": records}
+        length = 20.0 if duration is None else duration
+        experiment = Motion(motion, from_hz, to_hz, length, odd=odd)
+        settings = {"records": records or 2}
     with progress("Simulating", quiet=as_json) as tell:
         campaign = simulate_campaign(
             robot.inertia,

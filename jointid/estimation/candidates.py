@@ -280,9 +280,9 @@ class Fits:
                 weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
             shifts.append((weight, estimate.elasticity - found.elasticity))
         for part, score in scores.items():
-            doubtful = is_doubtful(score.gain / misfit, score.count, score.shift)
-            if doubtful and best.with_part(part) not in self.tried:
-                shifts.append((1.0, score.shift))
+            gain, shift = score.possible
+            if best.with_part(part) not in self.tried and is_doubtful(gain / misfit, score.count, shift):
+                shifts.append((1.0, shift))
         equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
         total = 1 + sum(weight for weight, _ in equals)
         spread = np.zeros((size, size))

@@ -23,8 +23,9 @@ from jointid.phasors.extract import Phasors
 _UNSEEN_K, _UNSEEN_D = 5e-4, 1.5e-3
 """Relative error of K and D, per unit of Coulomb friction over torque, that is not in the noise:
 truncated harmonics, motion between samples. Measured on simulated robots."""
-_STICKING_K, _STICKING_D = 4e-2, 8e-2
-"""The same of motions, for the square of that ratio: pauses too short to be free. Measured likewise."""
+_TURNING_K, _TURNING_D = 1e-2, 2e-2
+"""The same of motions, for the square of that ratio: instants of the reversals that noise shifts.
+Measured likewise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +198,10 @@ def likelihood_fit(
     fit = replace(fit, covariance=fit.covariance + choice.spread)
     if "coulomb" in layout:
         share = 4 / np.pi * np.abs(p.coulomb) / np.median(estimate.phasors.torque_size, axis=0)
-        by_K, by_D = _UNSEEN_K * share, _UNSEEN_D * share
-        if estimate.phasors.motion.any():
-            by_K, by_D = by_K + _STICKING_K * share**2, by_D + _STICKING_D * share**2
+        of_sines = share * (not estimate.phasors.motion.all())
+        of_motions = share**2 * estimate.phasors.motion.any()
+        by_K = _UNSEEN_K * of_sines + _TURNING_K * of_motions
+        by_D = _UNSEEN_D * of_sines + _TURNING_D * of_motions
         floor = np.concatenate([by_K * fit.K, by_D * fit.D])
         fit = replace(
             fit,

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Choice, Model
+from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.inertia_prior import InertiaPrior
@@ -19,6 +19,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.estimation.model_selection import choose_model, evaluated, fit_model
 from jointid.estimation.noise import Noise, floored, sensor_noise
+from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
@@ -31,6 +32,8 @@ _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
+_LEAST_LEFT = 0.02
+"""Least share of a joint's equations that free friction leaves."""
 _DEGREE = 5
 """Of the polynomial of the ends in equation (8)."""
 
@@ -105,14 +108,14 @@ def _identified(
     phasors, source = _phasors(records, given.M[given.rotor])
     _require_motion(phasors)
     prior = given.of_rows(source)
-    start = motion_start(phasors, prior)
-    phasors, start = _with_first_noise(phasors, prior, start)
-    search = partial(choose_model, start=start, friction=friction, delay=delay, gear=gear)
-    choice = search(phasors, prior, noise=_noise(phasors, prior))
-    again = _with_noise(phasors, prior, choice)
-    if _differ(again, phasors):
-        phasors = again
-        choice = search(phasors, prior, noise=_noise(phasors, prior))
+    phasors, start = _with_first_noise(phasors, prior, motion_start(phasors, prior))
+    search = partial(choose_model, friction=friction, delay=delay, gear=gear)
+    choice = search(phasors, prior, start, noise=_noise(phasors, prior))
+    again = _with_noise(phasors, prior, choice.model, choice.estimate)
+    if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
+        phasors, found = again, choice.estimate
+        start = found.named if "coulomb" in found.layout else found.elasticity
+        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -131,42 +134,50 @@ def _identified(
     )
 
 
-def _with_first_noise(phasors: Phasors, prior: InertiaPrior, start: Floats) -> tuple[Phasors, Floats]:
-    """Phasors with the noise that a fit with simple friction leaves, and its K and D."""
+def _with_first_noise(
+    phasors: Phasors, prior: InertiaPrior, start: Floats
+) -> tuple[Phasors, Floats | Parameters]:
+    """Phasors with the noise that a fit with simple friction leaves, and its parameters."""
     if not phasors.motion.any():
         return phasors, start
-    noise = _noise(phasors, prior)
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     for reversal in (None, 0.0, 0.03, 0.1):
         model = Model(reversal, delay=False)
-        if reversal and fits and fits[-1][1].misfit > _BETTER * fits[0][1].misfit:
-            break  # no friction
+        near = fits[-1][1].named if reversal and fits else start
         with contextlib.suppress(JointIdError):
-            fits.append((model, fit_model(phasors, prior, start, noise, model)))
+            found = fit_model(phasors, prior, near, _noise(phasors, prior), model)
+            if fits and found.misfit > _BETTER * fits[-1][1].misfit:
+                break
+            fits.append((model, found))
     if not fits:
         return phasors, start
-    best = fits[0]
-    for other in fits[1:]:
-        if other[1].misfit < _BETTER * best[1].misfit:
-            best = other
-    found = best[1].elasticity
-    return _with_noise(phasors, prior, Choice(*best, (), np.zeros(0))), found
+    model, found = fits[-1]
+    phasors = _with_noise(phasors, prior, model, found)
+    with contextlib.suppress(JointIdError):
+        found = fit_model(phasors, prior, found.named, _noise(phasors, prior), model)
+        phasors = _with_noise(phasors, prior, model, found)
+    return phasors, found.named if "coulomb" in found.layout else found.elasticity
 
 
-def _with_noise(phasors: Phasors, prior: InertiaPrior, choice: Choice) -> Phasors:
+def _with_noise(
+    phasors: Phasors, prior: InertiaPrior, model: Model, estimate: LikelihoodEstimate | JointIdError
+) -> Phasors:
     """Phasors with the noise of motions that a fitted model leaves."""
-    if not phasors.motion.any() or not isinstance(choice.estimate, LikelihoodEstimate):
+    if not phasors.motion.any() or isinstance(estimate, JointIdError):
         return phasors
-    model, estimate, noise = choice.model, choice.estimate, _noise(phasors, prior)
+    noise = _noise(phasors, prior)
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
     left = residual.at.r - residual.free_friction()
-    freed = 1 - residual.projection.rank() / residual.at.problem.rows
+    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum()
+    freed = 1 - residual.projection.rank_by_joint(phasors.n) / rows
     motions = [segment for segment in phasors.segments if segment is not None]
     angles = np.mean([segment.angle_variance for segment in motions], axis=0)
     most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
     least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
-    torques = sensor_noise(phasors, left / np.sqrt(freed), residual.at.E, angles)
+    torques = sensor_noise(
+        phasors, left / np.sqrt(np.maximum(freed, _LEAST_LEFT)), residual.at.E, angles
+    )
     torques = np.clip(torques, least, np.maximum(most, least))
     covariance = phasors.harmonic_covariance.copy()
     for row, segment in enumerate(phasors.segments):

@@ -238,6 +238,8 @@ class Score:
     """Number of its parameters."""
     shift: Floats
     """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
+    possible: tuple[float, Floats]
+    """Gain and shift by the values alone that have a sign that they can have."""
 
     def penalised(self, rows: int) -> float:
         """Decrease of half the information criterion: of the cost, less the penalty."""
@@ -266,14 +268,26 @@ def scores(
     found = {}
     for name in parts:
         own = np.arange(layout.size)[layout.of_part(name)]
-        coupling = normal[np.ix_(base, own)]
-        through = np.linalg.solve(inner, coupling)
-        left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
-        pull = gradient[own] - through.T @ gradient[base]
-        step = np.linalg.solve(left, pull)
-        shift = (through @ step / size[base])[: 2 * prior.n]
-        found[name] = Score(float(pull @ step), own.size, shift)
+        step, gain, shift = _further_step(gradient, normal, inner, base, own)
+        shift, possible = shift / size[base], (gain, shift / size[base])
+        if name in EFFECTS and EFFECTS[name].positive and np.any(step > 0):
+            _, gain_of_some, shift_of_some = _further_step(gradient, normal, inner, base, own[step < 0])
+            possible = gain_of_some, shift_of_some / size[base]
+        of_joints = slice(2 * prior.n)
+        found[name] = Score(gain, own.size, shift[of_joints], (possible[0], possible[1][of_joints]))
     return found
+
+
+def _further_step(
+    gradient: Floats, normal: Floats, inner: Floats, base: np.ndarray, own: np.ndarray
+) -> tuple[Floats, float, Floats]:
+    """Step against further parameters, the decrease of the cost, and the change of the base."""
+    coupling = normal[np.ix_(base, own)]
+    through = np.linalg.solve(inner, coupling)
+    left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
+    pull = gradient[own] - through.T @ gradient[base]
+    step = np.linalg.solve(left, pull)
+    return step, float(pull @ step), through @ step
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:

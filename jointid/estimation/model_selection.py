@@ -53,6 +53,8 @@ _CHANCE = 1e-3
 """Probability that the score of any part leads to a fit on an ideal robot."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
+_OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
+"""The next narrower and wider reversals of each one."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 _DECISIVE = 0.3
@@ -86,7 +88,7 @@ _MOST_SLOW_FITS_OF_MOTIONS = 3
 def choose_model(
     phasors: Phasors,
     inertia: Inertia | Sequence[Inertia] | InertiaPrior,
-    start: Floats,
+    start: Floats | Parameters,
     noise: Noise,
     *,
     friction: bool,
@@ -98,6 +100,8 @@ def choose_model(
 
     Parameters
     ----------
+    start : ndarray, shape (2n,), or Parameters
+        K and D of a linear estimator, or the parameters of a model with friction.
     friction, delay : bool
         Parts that every model has; the others are optional.
     exactly : bool
@@ -106,7 +110,7 @@ def choose_model(
         Whether nonlinear laws of the gears are among the optional parts.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
-    linear = ParameterLayout.of(phasors.n).named(start)
+    linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
     motions, excluded = bool(phasors.motion.any()), {"piecewise"}  # in place of a cubic law
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
@@ -484,10 +488,8 @@ class _Search:
         found, shifts = self.fits.tried[best], [np.zeros(2 * self.phasors.n)]
         if isinstance(found, JointIdError) or best.reversal is None or not self.phasors.motion.any():
             return np.zeros((2 * self.phasors.n,) * 2)
-        for reversal in (0.0, 0.03, 0.1):
+        for reversal in _OTHER_REVERSALS[best.reversal]:
             other = replace(best, reversal=reversal)
-            if other == best:
-                continue
             if other not in self.fits.tried:
                 self.fit(other, found.named)
             estimate = self.fits.tried[other]

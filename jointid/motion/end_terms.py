@@ -73,6 +73,9 @@ def motor_motion(phasors: Phasors) -> Complexes | None:
             used = slice(segment.lowest - 1, segment.highest)
             for k, each in enumerate(rates):
                 found[k, row, used] = bins_of(each, segment.highest).T[segment.lowest - 1 :]
+            # A central difference is too small by the sine of ωT over ωT.
+            turn = 2 * np.arange(segment.lowest, segment.highest + 1) / segment.samples
+            found[1, row, used] /= np.sinc(turn)[:, None]
     return found
 
 

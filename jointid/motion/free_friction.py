@@ -95,11 +95,17 @@ class Projection:
 
     def rank(self) -> int:
         """Effective degrees of freedom of the free friction: the trace of its projection."""
-        found = 0.0
-        for *_, gram in self.groups:
-            bare = gram - _RIDGE * np.eye(gram.shape[1])
-            found += float(np.trace(np.linalg.solve(gram, bare), axis1=1, axis2=2).sum())
-        return round(found)
+        return round(float(self.rank_by_joint(1)[0]))
+
+    def rank_by_joint(self, n: int) -> Floats:
+        """Share of each of n joints in the effective degrees of freedom, shape (n,)."""
+        found = np.zeros(n)
+        for _, _, free, _, gram in self.groups:
+            leverage = (free * np.linalg.solve(gram, free.swapaxes(1, 2)).swapaxes(1, 2)).sum(
+                axis=(0, 2)
+            )
+            found += leverage.reshape(-1, n).sum(axis=0)
+        return found
 
     def explained(self, rows: Floats, harmonics: int) -> Complexes:
         """Free friction fitted to the rows (r, 2Hn, 1), shape (r, H, n)."""
@@ -127,8 +133,12 @@ def _whitened(shapes: Complexes, W: Complexes) -> tuple[Floats, Floats, Floats]:
 
 def _sizes(free: Floats, gram: Floats, rows: Floats) -> Floats:
     """Least-squares amplitudes (g, k, c) of the waveforms in rows (g, m, c)."""
-    on_rows = free.swapaxes(1, 2) @ rows
+    return _solved(gram, free.swapaxes(1, 2) @ rows)
+
+
+def _solved(gram: Floats, right: Floats) -> Floats:
     if gram.shape[1] < _MANY:
-        return np.asarray(np.linalg.solve(gram, on_rows))
-    solved = [cho_solve(cho_factor(a, lower=True), b) for a, b in zip(gram, on_rows, strict=True)]
-    return np.asarray(solved)
+        return np.asarray(np.linalg.solve(gram, right))
+    return np.asarray(
+        [cho_solve(cho_factor(a, lower=True), b) for a, b in zip(gram, right, strict=True)]
+    )

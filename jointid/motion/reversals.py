@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import spherical_jn
 
 from jointid.arrays import Complexes, Floats
 from jointid.phasors.segment import Segment, bins_of
 
-_HATS = 2.2
-"""Hat functions per period of the highest bin: finer than the bins resolve."""
+_RESOLVED = 0.5
+"""Polynomials of a stretch beyond its phase at the highest bin, which decides how many it needs."""
 _MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
-_SHORTEST = 0.05
-"""Periods of the highest bin that the shortest pause with free friction lasts."""
 _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
@@ -28,7 +27,7 @@ class SegmentFriction:
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
     free: Complexes
-    """Hat functions over the reversals, shape (H, n, k)."""
+    """Polynomials over the stretches with unknown friction, shape (H, n, k)."""
     stationary: np.ndarray
     """Whether a joint's motion is within its noise, shape (n,)."""
 
@@ -40,8 +39,8 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
     ----------
     segment : Segment
     window : float
-        A reversal is where |θ̇| is below this share of its largest, or within its noise; 0 uses sign θ̇
-        everywhere.
+        Friction is unknown around a reversal where |θ̇| is below this share of its largest, or within
+        its noise: the motor may stick there.
     widths : ndarray, shape (n, c)
         Decay velocities of a friction curve, rad/s.
     """
@@ -53,11 +52,8 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     columns = [np.zeros((H, n, 0), complex)]
     for j in np.flatnonzero(~stationary).tolist():
-        threshold = max(window * largest[j], blur[j])
-        for begin, end in _pauses(v[j], threshold, blur[j], _SHORTEST * N / H) if window > 0 else []:
-            column = np.zeros((H, n, _hat_count(segment, end - begin)), complex)
-            column[:, j] = _hats(segment, begin, end, column.shape[2])
-            columns.append(column)
+        unknown = _polynomials(_stretches(v[j], max(window * largest[j], blur[j]), blur[j]), N, H)
+        columns.append(unknown[:, None] * np.eye(n)[j, :, None])
         turns, signs = _steps(v[j], blur[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
@@ -96,33 +92,29 @@ def _square_wave(turns: Floats, signs: Floats, N: int) -> Floats:
     return np.asarray(signs[np.searchsorted(turns, np.arange(N))])
 
 
-def _pauses(v: Floats, threshold: float, blur: float, shortest: float) -> list[tuple[int, int]]:
-    """First and last + 1 sample of every stretch of slow motion in which the motor may stick.
+def _stretches(v: Floats, threshold: float, blur: float) -> np.ndarray:
+    """Last sample before, and first after, every slow stretch in which the motor may stick, (m, 2)."""
+    known = np.flatnonzero(np.abs(v) > threshold)
+    edges = np.unique(np.concatenate([[0], known, [v.size - 1]]))
+    begin, end = edges[:-1], edges[1:]
+    lowest = np.minimum.reduceat(np.abs(v), begin)
+    rests = (end - begin > 1) & (lowest <= blur)
+    return np.asarray(np.stack([begin, end], axis=1)[rests | (v[begin] * v[end] < 0)])
 
-    A shorter one looks like a step of the friction in its middle.
+
+def _polynomials(stretches: np.ndarray, N: int, H: int) -> Complexes:
+    """Transforms (H, k) of Legendre's polynomials on stretches (m, 2) of N steps.
+
+    Of degree d, that is a spherical Bessel function of the phase over half a stretch, which vanishes
+    where d exceeds the phase: few polynomials hold all that H bins resolve of any waveform.
     """
-    slow = np.concatenate([[False], np.abs(v) <= threshold, [False]])
-    edges = np.flatnonzero(slow[1:] != slow[:-1]).reshape(-1, 2)
-    lowest = np.minimum.reduceat(np.abs(v), edges[:, 0]) if edges.size else np.zeros(0)
-    found = []
-    for (begin, end), least in zip(edges.tolist(), lowest.tolist(), strict=True):
-        turns = begin > 0 and end < v.size and v[begin - 1] * v[end] < 0
-        if end - begin >= shortest and (turns or least <= blur):
-            found.append((begin, end))
-    return found
-
-
-def _hat_count(segment: Segment, samples: int) -> int:
-    length = samples * segment.interval_s * segment.highest / segment.duration_s
-    return max(1, int(np.ceil(_HATS * length)) - 1)
-
-
-def _hats(segment: Segment, begin: int, end: int, count: int) -> Complexes:
-    """Transforms (H, count) of hat functions between the ends of a stretch."""
-    N = segment.samples
-    width = (end - begin + 1) / (count + 1)
-    centre = begin - 1 + width * np.arange(1, count + 1)
-    turns = np.arange(1, segment.highest + 1)[:, None] / N
-    return np.asarray(
-        2j * width / N * np.sinc(turns * width) ** 2 * np.exp(-2j * np.pi * turns * centre)
-    )
+    bins = np.arange(1, H + 1)[:, None]
+    length, middle = np.diff(stretches, axis=1)[:, 0], stretches.mean(axis=1)
+    phase = np.pi * length / N
+    count = np.ceil(phase * H + _RESOLVED)
+    found = [np.zeros((H, 0), complex)]
+    for d in range(int(count.max(initial=0))):
+        own = count > d
+        shape = (-1j) ** d * spherical_jn(d, bins * phase[own])
+        found.append(length[own] * shape * np.exp(-2j * np.pi * bins * middle[own] / N))
+    return np.concatenate(found, axis=1) * (2j / N)

@@ -80,7 +80,7 @@ def coherence(record: JointRecord) -> Coherence:
     return Coherence(frequency, np.clip(1 - (1 - share) * free, 0.0, 1.0), above)
 
 
-def proposed_band(record: JointRecord) -> tuple[float, float]:
+def coherent_band(record: JointRecord) -> tuple[float, float]:
     """Return the widest band, lowest and highest frequency in Hz, with usable motion of some joint.
 
     Raises

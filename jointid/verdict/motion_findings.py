@@ -19,6 +19,7 @@ from jointid.verdict.rules_causes import half_a_sample, lag_size
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
+from jointid.verdict.rules_records import counted_twice
 
 _EXPLAINED = 3.0
 """Misfit up to which the given inertias explain the data."""
@@ -48,7 +49,9 @@ def motion_findings(
     """
     fit = next(iter(fits.values()))
     evidence = Evidence(tuple(records), inertias, fit.phasors, fit, fit, {})
-    found = [*_incoherent(evidence), *not_physical(evidence)]
+    motions = tuple(record for record in records if isinstance(record, MotionRecord))
+    of_motions = Evidence(motions, inertias, phasors.select(np.zeros(0, int)), fit, fit, {})
+    found = [*_incoherent(evidence), *not_physical(evidence), *counted_twice(of_motions)]
     sines = [k for k, record in enumerate(records) if isinstance(record, SineRecord)]
     if linear := fits.get("weighted"):
         chosen = tuple(record for record in records if isinstance(record, SineRecord))

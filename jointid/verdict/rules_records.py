@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
-from jointid.records import SineRecord
+from jointid.records import MotionRecord, SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import (
     Evidence,
@@ -31,6 +32,8 @@ _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _EXAMINED = 4096
 """Samples in which the encoder step is searched."""
+_SHARED = 0.5
+"""Share of the samples of a motion that another one has as well, from which it is counted twice."""
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
@@ -127,13 +130,17 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     """The study contains the same log more than once."""
     phasors = evidence.phasors
     z, pairs = phasors.z, []
-    for _, group in phasors.by_frequency():
+    for _, group in phasors.by_frequency() if len(z) else ():
         for place, i in enumerate(group):
             for k in group[place + 1 :]:
                 same = np.abs(z[i] - z[k]) <= 1e-12 * np.abs(z[i])
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
                     pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
-    if pairs and np.any(phasors.covariance != 0):
+    rows = [(record, _rows(record)) for record in evidence.records if isinstance(record, MotionRecord)]
+    for (one, first), (other, second) in itertools.combinations(rows, 2):
+        if len(first & second) > _SHARED * min(len(first), len(second)):
+            pairs.append(f"{one.label or 'A record'} and {other.label or 'another one'}")
+    if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
             f"{some(pairs)} hold the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
@@ -143,6 +150,11 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             0.4 * _worst_error(evidence),
             "edit runs",
         )
+
+
+def _rows(record: MotionRecord) -> set[bytes]:
+    """Distinct samples of all angles and torques."""
+    return {row.tobytes() for row in np.hstack([record.theta_rad, record.tau_Nm])[record.start :]}
 
 
 def same_experiment(evidence: Evidence) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ from jointid.importing.find.segment_search import SegmentSearch
 from jointid.importing.find.unused_spans import moving_spans, unused_spans, without_sweeps
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.importing.map.sample_times import GAP
-from jointid.phasors.coherence import proposed_band
+from jointid.phasors.coherence import coherent_band
 from jointid.records import MotionRecord
 from jointid.small_matrices import one_thread
 from jointid.wording import counted
@@ -246,7 +246,7 @@ def measure_motion(log: MappedLog, start_s: float, stop_s: float) -> Segment:
     time = log.time_s[part]
     place = f"{start_s:.2f} to {stop_s:.2f} s"
     record = MotionRecord(time, log.theta_rad[part], log.tau_Nm[part], label=place)
-    return Segment(float(time[0]), float(time[-1]), float("nan"), band_hz=proposed_band(record))
+    return Segment(float(time[0]), float(time[-1]), float("nan"), band_hz=coherent_band(record))
 
 
 def _spans(log: MappedLog) -> list[tuple[float, float]]:
