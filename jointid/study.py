@@ -74,6 +74,8 @@ class Study:
         The same for the torque constant of each joint. None: not stated, and taken as exact.
     robot_model : RobotModel, optional
         Rigid model of the robot.
+    changes : sequence of str, optional
+        Changes of the data as logged, see ``jointid.corrections``, oldest first.
     pose_angles_rad : mapping of str to (n,), optional
         Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
         inertia from the model; the others must agree with it.
@@ -98,6 +100,7 @@ class Study:
     torque_std: float | None = None
     robot_model: RobotModel | None = None
     pose_angles_rad: Mapping[str, Floats] = field(default_factory=dict)
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -107,6 +110,9 @@ class Study:
         if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
+        if isinstance(self.changes, str) or not all(isinstance(text, str) for text in self.changes):
+            raise JointIdError(f"changes = {self.changes!r:.60}: expected a list of sentences.")
+        object.__setattr__(self, "changes", tuple(self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: call it something, such as stretched.")

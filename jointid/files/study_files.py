@@ -142,6 +142,7 @@ def load_study(path_or_file: Source) -> Study:
             torque_std=torque_std,
             robot_model=model,
             pose_angles_rad=angles,
+            changes=tuple(top.texts("changes")) if "changes" in top else (),
         )
 
 

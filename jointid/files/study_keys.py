@@ -60,6 +60,7 @@ STUDY_KEYS = {
     "description": 'description = "Cold robot, no tool"',
     "robot": 'robot = "cell 7, robot A"',
     "date": "date = 2026-11-20",
+    "changes": 'changes = ["Left out: 05.csv"]  # changes of the data as logged',
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
     "torque": f"[torque], {TORQUE_KEYS['std']}",

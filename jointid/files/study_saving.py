@@ -108,6 +108,8 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
     head: dict[str, Any] = {"format": 1, "name": study.name}
     optional = ("origin", "description", "robot", "date")
     head |= {key: value for key in optional if (value := getattr(study, key))}
+    if study.changes:
+        head["changes"] = list(study.changes)
     if study.robot_model is not None:
         head["robot_model"] = _robot_table(study.robot_model)
     head["inertia"] = _angles(study, "") or inertia_table(study.inertia)

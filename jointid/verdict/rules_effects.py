@@ -11,7 +11,7 @@ from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
 from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.rounding import significant
 from jointid.verdict.evidence import Evidence, Finding, note
-from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
+from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
 from jointid.wording import capitalised, enumerated
 
 _REMEDIES = {
@@ -85,6 +85,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             + f". {CANNOT_TELL if others else ''}The answer accounts for it.",
             remedy,
             0.01,
+            "",
+            *(hold_change(evidence) if name in _TIMES else []),
         )
 
 

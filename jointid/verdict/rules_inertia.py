@@ -14,7 +14,17 @@ from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
-from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, some, warning
+from jointid.verdict.evidence import (
+    Change,
+    Evidence,
+    Finding,
+    number,
+    percent,
+    problem,
+    relative,
+    some,
+    warning,
+)
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.wrong_data import low_frequency_inertia
 
@@ -69,7 +79,13 @@ def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
+        *([] if absurd else [_fitted(evidence, judged, (_LOOSE,) if exact else ())]),
     )
+
+
+def _fitted(evidence: Evidence, judged: ElasticityFit, std: tuple[float, ...]) -> Change:
+    """Take the fitted inertias for the given ones."""
+    return Change("inertias", (), std, dict(zip(evidence.poses, judged.inertias, strict=True)))
 
 
 def _judged(evidence: Evidence) -> ElasticityFit | None:

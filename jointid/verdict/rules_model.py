@@ -22,7 +22,7 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.rules_causes import distortion, half_a_sample
+from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
 from jointid.wording import counted
 
 _EXPLAINED = 3.0
@@ -116,7 +116,12 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.inflation > 1:
         left += f". The part of the error bars that comes from noise is widened by {widened}"
     yield warning(
-        "The model, not the noise, limits the answer", f"{left}.", remedy, float(share), action
+        "The model, not the noise, limits the answer",
+        f"{left}.",
+        remedy,
+        float(share),
+        action,
+        *hold_change(evidence),
     )
 
 

@@ -17,7 +17,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import DEGREES, GOOD
-from jointid.verdict.evidence import Evidence, Finding, number, problem
+from jointid.verdict.evidence import Change, Evidence, Finding, number, problem
 from jointid.verdict.scorer import Scorer
 
 _LEFT = 0.02
@@ -78,7 +78,13 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
         "others. "
     )
     title, cause, remedy = _told(found, label, n)
-    return problem(title, detail + cause, remedy, 10.0, "edit runs")
+    changes = [Change("leave out", (found.record,))]
+    known = [1.0, *(factor for factor, *_ in _KNOWN)]
+    if found.factor is not None and np.isin(found.factor, known).all():
+        ones = np.ones(n)
+        scale = np.r_[1 / found.factor, ones] if found.by_angle else np.r_[ones, found.factor]
+        changes.insert(0, Change("scale", (found.record,), tuple(scale.tolist())))
+    return problem(title, detail + cause, remedy, 10.0, "edit runs", *changes)
 
 
 def find_outlier(

@@ -12,6 +12,7 @@ from jointid.phasors.sensor_steps import quantum
 from jointid.records import SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import (
+    Change,
     Evidence,
     Finding,
     note,
@@ -48,6 +49,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
             "frequency_hz in study.toml or the column time_s.",
             float(off[worst]),
             "edit runs",
+            Change("frequency", concerned),
         )
 
 
@@ -74,13 +76,15 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
         if len(names) > 1:
             which = f"{_concerned(len(names))[:-1]}: {some(names)}. In {names[0]}"
         steady, remedy = _later_starts(evidence, concerned[:_STARTS])
+        changes = [Change("start", tuple(concerned.tolist()))] if "start_s" in remedy else []
         yield warning(
             "The motion is still settling",
             f"{which} the first quarter differs by {percent(moving[worst])} from the second half. "
             f"{steady}",
             remedy,
             float(moving[worst]),
-            "edit runs" if "start_s" in remedy else "",
+            "edit runs" if changes else "",
+            *changes,
         )
 
 
@@ -126,13 +130,14 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
 def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     """The study contains the same log more than once."""
     phasors = evidence.phasors
-    z, pairs = phasors.z, []
+    z, pairs, second = phasors.z, [], set[int]()
     for _, group in phasors.by_frequency():
         for place, i in enumerate(group):
             for k in group[place + 1 :]:
                 same = np.abs(z[i] - z[k]) <= 1e-12 * np.abs(z[i])
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
                     pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
+                    second.add(int(k))
     if pairs and np.any(phasors.covariance != 0):
         yield warning(
             "A record is in the study twice",
@@ -142,6 +147,7 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             "measure again.",
             0.4 * _worst_error(evidence),
             "edit runs",
+            Change("leave out", tuple(sorted(second))),
         )
 
 
@@ -206,6 +212,8 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
             f"tau_m{j + 1}_Nm stays at {number(float(record.tau_Nm[record.start, j]))} N·m.",
             f"Check where tau_m{j + 1}_Nm comes from, or leave {which} out.",
             2.0,
+            "",
+            *([Change("leave out", tuple(concerned.tolist()))] if concerned.size < len(constant) else []),
         )
 
 
