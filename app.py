@@ -7,6 +7,8 @@ from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
+from jointid.ui.study.corrections import show_changes
+from jointid.ui.study.model_check import show_prediction
 from jointid.ui.study.overview import (
     freed_note,
     show_findings,
@@ -15,17 +17,17 @@ from jointid.ui.study.overview import (
     show_steps,
     show_tiles,
 )
-from jointid.ui.study.uncertainty_panels import show_error_parts
 
 page = open_page("Study")
 show_heading(page.study)
+show_changes(page)
 analysis = page.analysis()
 
 show_headline(analysis)
 show_tiles(analysis)
-show_error_parts(analysis)
+show_prediction(page, analysis)
 outcome_panel(page, analysis)
-show_findings(analysis.findings)
+show_findings(page, analysis)
 
 st.subheader("Model over measurement", anchor=False)
 second = ", H22 that of motor 2" if page.study.inertia.n > 1 else ""

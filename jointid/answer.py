@@ -67,6 +67,22 @@ def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
+def friction_note(fit: ElasticityFit) -> str:
+    """Meaning of a negative viscous friction; empty without one."""
+    if fit.friction is None:
+        return ""
+    viscous, error = fit.friction.viscous, fit.friction.standard_error[fit.n :]
+    negative = [f"joint {j + 1}" for j in np.flatnonzero(viscous < 0)]
+    if not negative:
+        return ""
+    if np.all(viscous > -2 * error):
+        return f"The negative viscous friction of {enumerated(negative)} agrees with 0."
+    return (
+        f"The viscous friction of {enumerated(negative)} is negative: friction falls with speed "
+        "(Stribeck effect), or another loss is attributed to it. It holds at the measured speeds only."
+    )
+
+
 def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     """Terms of gear catalogues for one joint, from 0, with values and units; motor side."""
     gear, curve = fit.gears[joint], fit.torsion_curves[joint]

@@ -110,9 +110,9 @@ class Study:
         if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
-        if isinstance(self.changes, str) or not all(isinstance(text, str) for text in self.changes):
+        if not isinstance(self.changes, list | tuple):
             raise JointIdError(f"changes = {self.changes!r:.60}: expected a list of sentences.")
-        object.__setattr__(self, "changes", tuple(self.changes))
+        object.__setattr__(self, "changes", tuple(str(change) for change in self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: call it something, such as stretched.")

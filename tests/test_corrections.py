@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from streamlit.testing.v1 import AppTest
 
 from jointid import (
     Analysis,
@@ -21,6 +22,8 @@ from jointid import (
 )
 from jointid.corrections.changes import corrected, label
 from jointid.files.digest import study_digest
+from jointid.files.study_files import pack_study
+from jointid.ui.shared import workspace
 from jointid.verdict.evidence import Change
 
 
@@ -164,3 +167,28 @@ def test_what_cannot_be_changed_is_said(right: Study) -> None:
         corrected(right, Change("leave out", everything))
     with pytest.raises(JointIdError, match="changes"):
         replace(right, changes="a text")  # type: ignore[arg-type]
+
+
+def test_a_finding_is_remedied_and_taken_back_on_the_page(
+    right: Study, sample_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workspace, "SAMPLES", sample_folder)
+    at = AppTest.from_file(str(Path(__file__).parents[1] / "app.py"), default_timeout=60).run()
+    wrong = pack_study(each(right, FAULTS["torques exchanged"]))
+    at.file_uploader(key="uploaded").set_value(("mine.zip", wrong, "application/zip"))
+    at = at.run()
+    assert "Not usable" in at.error[0].value
+    (fix,) = (b for b in at.button if b.label.startswith("Fix it"))
+    assert fix.label == "Fix it: Exchange the torques of joints 1 and 2"
+    at = fix.click().run()
+    table = next(t.value for t in at.table if "With the change" in t.value)
+    assert list(table.iloc[0]) == ["State", "not usable", "usable"]
+    at = at.button(key="apply_change").click().run()
+    assert not at.exception
+    assert not at.error
+    assert at.selectbox(key="study").value == "mine.zip, corrected"
+    assert any("Exchange the torques" in caption.value for caption in at.caption)
+    at = at.button(key="undo_change").click().run()
+    assert at.selectbox(key="study").value == "mine.zip"
+    assert "mine.zip, corrected" not in at.selectbox(key="study").options
+    assert "Not usable" in at.error[0].value

@@ -120,7 +120,7 @@ def _scale(study: Study, change: Change) -> tuple[Study, str]:
 def _order(study: Study, change: Change) -> tuple[Study, str]:
     column, n = np.array(change.values, int), study.inertia.n
 
-    def reordered(record: _Record, _: object) -> _Record:
+    def reordered(record: Any, _: object) -> Any:
         both = np.concatenate([record.theta_rad, record.tau_Nm], axis=1)[:, column]
         return replace(record, **_channels(both[:, :n], both[:, n:]))
 

@@ -13,6 +13,7 @@ from jointid.answer import (
     UNSTATED_TORQUE_SCALE,
     change_from,
     elasticity_quantities,
+    friction_note,
     further_quantities,
 )
 from jointid.cut.outcome import Outcome, millimetres, whose
@@ -96,6 +97,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Paragraph(analysis.caution)
     if study.description:
         yield Paragraph(study.description, "quiet")
+    if study.changes:
+        yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
     caption = f"Seen from the motor. {ERROR_BARS} Nominal: what the controller assumes today."
     rows: list[tuple[str, ...]] = []
@@ -127,4 +130,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     )
     if further := further_quantities(fit):
         rows = [(quantity.name, *quantity.shown) for quantity in further]
-        yield Table(("", "identified", "unit"), tuple(rows), "Fitted together with K and D.", "lrl")
+        yield Table(
+            ("", "identified", "unit"),
+            tuple(rows),
+            f"Fitted together with K and D. {friction_note(fit)}",
+            "lrl",
+        )

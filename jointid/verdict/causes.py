@@ -199,7 +199,9 @@ def finding_of(
         remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
     remedies.append("If the units are right, check the gear ratio.")  # of this size by chance
     title = capitalised("; ".join(titles))
-    return problem(title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping", *changes)
+    return problem(
+        title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping", *changes
+    )
 
 
 GOOD = 10.0

@@ -213,7 +213,7 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
             f"Check where tau_m{j + 1}_Nm comes from, or leave {which} out.",
             2.0,
             "",
-            *([Change("leave out", tuple(concerned.tolist()))] if concerned.size < len(constant) else []),
+            *[Change("leave out", tuple(concerned.tolist()))][: len(constant) - concerned.size],
         )
 
 

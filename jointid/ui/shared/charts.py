@@ -38,6 +38,15 @@ def side_by_side(count: int) -> list[DeltaGenerator]:
     return [place for row in rows for place in row][:count]
 
 
+def show_tabs(key: str, panels: Mapping[str, Callable[[], None]]) -> None:
+    """Show panels as tabs by their names; only the open one is computed, and the address keeps it."""
+    tabs = st.tabs([*panels], key=key, bind="query-params")
+    for tab, show in zip(tabs, panels.values(), strict=True):
+        if tab.open:
+            with tab:
+                show()
+
+
 def table(columns: Table, *, height: int | None = None) -> None:
     """Show a table that scrolls within its own frame."""
     rows = len(next(iter(columns.values())))

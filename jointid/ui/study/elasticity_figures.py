@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import streamlit as st
 
 from jointid import Analysis
@@ -24,47 +26,55 @@ _SPREAD = 1.5
 """Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
 
 
-def show_torsion(page: Page, analysis: Analysis) -> None:
-    """Show the torsion curve of every gear, and K over amplitude where the records differ in it."""
-    fit = analysis.fit
-    st.subheader("Torsion curve of each gear", anchor=False)
+def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
+    """Return the figures that a study allows by their names, the torsion curves first."""
+    found = {"Torsion curve": lambda: _show_torsion(page, analysis)}
+    if analysis.transfer_matrices:
+        found["Frequency response"] = lambda: _show_response(page, analysis)
+    if page.study.motion_records:  # the others look at every sine by itself
+        return found
+    found["Dynamic stiffness"] = lambda: _show_dynamic_stiffness(page, analysis)
+    amplitudes = [curve.amplitude_Nm for curve in analysis.fit.torsion_curves]
+    if all(a.max() > _SPREAD * a.min() for a in amplitudes):
+        found["K over amplitude"] = lambda: _show_amplitudes(page, analysis)
+    return found | {"Residual": lambda: _show_residual(page, analysis)}
+
+
+def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "Torque through the gear over its wind-up, from motor data alone: s = τ − Mθ̈ − friction, wound "
-        "up by θ − θₐ with M₂θ̈ₐ = s. Each loop is one record, or one segment of a motion, with a band "
-        "of ± two standard errors; damping opens it. The mean wind-up of a record is not observable and "
-        "set to 0. "
-        "Amplitudes beyond those tried are not known."
+        "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
+        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
     page.show_per_joint(
         "torsion",
-        lambda j: torsion_curve(fit, j, dark=page.dark),
+        lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    for j, place in enumerate(side_by_side(fit.n)):
-        with place:
-            terms = gear_terms(fit, j)
-            show_text_table({"": [*terms], f"Joint {j + 1}": [*terms.values()]})
-    download(
-        "Torsion curves (.csv)",
-        lambda: torsion_table(analysis).encode(),
-        f"{file_stem(page.study.name)}_torsion.csv",
-        "text/csv",
+    for j, place in enumerate(side_by_side(analysis.fit.n)):
+        terms = gear_terms(analysis.fit, j)
+        show_text_table({"": [*terms], f"Joint {j + 1}": [*terms.values()]}, place)
+    with st.container(horizontal=True):
+        download(
+            "Torsion curves (.csv)",
+            lambda: torsion_table(analysis).encode(),
+            f"{file_stem(page.study.name)}_torsion.csv",
+            "text/csv",
+            hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of "
+            "a record is not observable and set to 0.",
+        )
+
+
+def _show_amplitudes(page: Page, analysis: Analysis) -> None:
+    poses = [record.pose or "" for record in analysis.study.records]
+    st.caption("K of each record over its torque amplitude. A linear gear gives a level line.")
+    page.show_per_joint(
+        "amplitude",
+        lambda j: stiffness_over_amplitude(analysis.fit, j, poses, dark=page.dark),
+        "Stiffness of joint {0} over the torque amplitude of the records",
     )
-    largest = [curve.amplitude_Nm for curve in fit.torsion_curves]
-    sines = not analysis.study.motion_records
-    if sines and all(a.max() > _SPREAD * a.min() for a in largest):
-        with st.expander("K over amplitude and pose"):
-            poses = [record.pose or "" for record in analysis.study.records]
-            page.show_per_joint(
-                "amplitude",
-                lambda j: stiffness_over_amplitude(fit, j, poses, dark=page.dark),
-                "Stiffness of joint {0} over the torque amplitude of the records",
-            )
 
 
-def show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
-    """Show b/a of every record over frequency, with its equations."""
-    st.subheader("Dynamic stiffness of each record", anchor=False)
+def _show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
     st.latex(
         r"""\begin{gathered}
         (K_j + i\omega D_j)\,a_j = b_j \quad (8) \\
@@ -74,10 +84,8 @@ def show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
         \end{gathered}"""
     )
     st.caption(
-        "The real part of b/a is K at every frequency, the imaginary part grows as ωD. Bars: ± one "
-        "standard error. Points that leave the lines at some frequencies only tell of friction, a "
-        "torque delay, or inertias that are off; a joint that hardly moves in a record tells "
-        "little there."
+        "The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard "
+        "error. Deviations at some frequencies only indicate friction, a torque delay or wrong inertias."
     )
     page.show_per_joint(
         "stiffness",
@@ -86,25 +94,22 @@ def show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
     )
 
 
-def show_unexplained(page: Page, analysis: Analysis) -> None:
-    """Show the residual torque of every record against noise."""
-    st.subheader("What the model leaves unexplained", anchor=False)
+def _show_residual(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "Points at the height of the dashes: noise explains the rest. Points far above: there the model "
-        "is wrong, not the noise, and the error bars are widened accordingly."
+        "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; points "
+        "far above them show an effect that the model lacks, and the error bars are widened."
     )
     page.show_per_joint(
         "unexplained",
         lambda j: unexplained_torque(analysis.fit, j, dark=page.dark),
-        "Unexplained torque of joint {0} against noise",
+        "Residual torque of joint {0} against noise",
     )
 
 
-def show_response(page: Page, analysis: Analysis) -> None:
-    """Show the diagonal of H of the first pose, models over measurement."""
-    st.subheader("Fit over measurement", anchor=False)
+def _show_response(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "The identified and the nominal model over the transfer matrix." + freed_note(analysis.fit)
+        "Acceleration of each motor over its torque, the controllers removed: models as lines, measured "
+        "points." + freed_note(analysis.fit)
     )
     pose = next(iter(analysis.transfer_matrices))
     page.show_per_joint(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
@@ -15,6 +13,8 @@ from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
+from jointid.ui.shared.page import Page
+from jointid.ui.study.corrections import offer_changes
 from jointid.wording import counted, file_stem
 
 _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
@@ -87,23 +87,24 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
     )
 
 
-def show_findings(findings: Sequence[Finding]) -> None:
+def show_findings(page: Page, analysis: Analysis) -> None:
     """At most three findings, most important first; the others on demand."""
-    for finding in findings[:_MOST_FINDINGS]:
-        _finding(finding)
-    if rest := findings[_MOST_FINDINGS:]:
+    for finding in analysis.findings[:_MOST_FINDINGS]:
+        _finding(page, analysis, finding)
+    if rest := analysis.findings[_MOST_FINDINGS:]:
         with st.expander(counted(len(rest), "more finding")):
             for finding in rest:
-                _finding(finding)
+                _finding(page, analysis, finding)
 
 
-def _finding(finding: Finding) -> None:
+def _finding(page: Page, analysis: Analysis, finding: Finding) -> None:
     box = _BOXES[finding.level]
     remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
     if finding.action:
         step, part = ACTIONS[finding.action]
         remedy += f"  \nIn the app: page {step.name}, {part}"
     box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
+    offer_changes(page, analysis, finding)
 
 
 def freed_note(fit: ElasticityFit) -> str:

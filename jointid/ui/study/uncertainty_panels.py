@@ -63,25 +63,18 @@ def on_demand(label: str, key: str) -> ExpanderContainer:
 
 
 def show_errors(analysis: Analysis) -> None:
-    """K and D with their errors beside the paper's answer, the parts of the errors, and the inertias."""
+    """K and D with their errors beside the paper's answer, and the parts of the errors."""
     show_text_table(errors_table(analysis))
     show_error_parts(analysis)
-    st.markdown("**Inertias and torque scale**")
-    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
-    st.caption(
-        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
-        "study states. Fitted: together with K and D."
-    )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
 
 
 def show_error_parts(analysis: Analysis) -> None:
-    """The parts of the standard errors, one click away."""
-    with st.expander("Parts of the error bars"):
-        header, rows = error_table(analysis.fit)
-        show_text_table(dict(zip(header, _columns(rows), strict=True)))
-        st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
+    """The parts of the standard errors."""
+    header, rows = error_table(analysis.fit)
+    show_text_table(dict(zip(header, _columns(rows), strict=True)))
+    st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
 
 
 def errors_table(analysis: Analysis) -> Table:
@@ -120,8 +113,13 @@ def difference(other: float, value: float) -> str:
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
 
-def show_influence(page: Page, analysis: Analysis) -> None:
-    """Change of K and D by each given inertia and torque scale."""
+def show_inertias(analysis: Analysis) -> None:
+    """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
+    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
+    st.caption(
+        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
+        "study states. Fitted: together with K and D."
+    )
     try:
         found = prior_influence(analysis.fit)
     except JointIdError as error:
