@@ -1,5 +1,6 @@
 from .condition import torque_condition as torque_condition
 from .phasor_plane import phasor_plane as phasor_plane
+from .response import VIEWS as VIEWS
 from .response import compared_models as compared_models
 from .response import element_response as element_response
 from .response import model_over_measurement as model_over_measurement

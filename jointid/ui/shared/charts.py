@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid.exporting.tables import csv_text
+from jointid.wording import file_stem
 
 T = TypeVar("T")
 Table = Mapping[str, Sequence[Any]]
@@ -24,9 +26,28 @@ def is_dark() -> bool:
     return st.context.theme.type == "dark"
 
 
+_toolbar = st.components.v2.component(
+    "jointid_figure_toolbar", js=Path(__file__).with_name("figure_toolbar.js").read_text("utf-8")
+)
+
+
+def equip_figures() -> None:
+    """Add SVG and CSV to the toolbars of the figures of a page."""
+    _toolbar(key="figure_toolbar")
+
+
 def plot(figure: Any, description: str, *, key: str | None = None) -> None:
-    """Show a plotly figure over the full width, with a text for those who cannot see it."""
-    settings = {"displaylogo": False, "displayModeBar": False, "scrollZoom": False}
+    """Show a plotly figure over the full width, with a text for those who cannot see it.
+
+    The toolbar on hover saves it as PNG, SVG and CSV, and resets the axes.
+    """
+    settings = {
+        "displaylogo": False,
+        "displayModeBar": "hover",
+        "modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+        "toImageButtonOptions": {"filename": file_stem(description), "scale": 2},
+        "scrollZoom": False,
+    }
     st.plotly_chart(figure, config=settings, theme=None, alt=description, key=key)
 
 

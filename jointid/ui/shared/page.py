@@ -94,7 +94,8 @@ class Page:
         """
         for j, place in enumerate(side_by_side(self.study.inertia.n)):
             with place:
-                st.markdown(heading.format(j + 1))
+                if heading:
+                    st.markdown(heading.format(j + 1))
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
 

@@ -7,6 +7,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
+from jointid.ui.shared.charts import equip_figures
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
@@ -41,6 +42,7 @@ def choose_study() -> tuple[str, str] | None:
             + "; ".join(f"{name}: {line}" for name, line in cached.ESTIMATORS.items())
             + ". The page Elasticity compares them.",
         )
+        equip_figures()
     return None if key is None else (key, method)
 
 

@@ -16,7 +16,7 @@ from jointid.figures import (
     torsion_curve,
     unexplained_torque,
 )
-from jointid.ui.shared.charts import download, side_by_side
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
@@ -50,18 +50,20 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    for j, place in enumerate(side_by_side(analysis.fit.n)):
-        terms = gear_terms(analysis.fit, j)
-        show_text_table({"": [*terms], f"Joint {j + 1}": [*terms.values()]}, place)
-    with st.container(horizontal=True):
-        download(
-            "Torsion curves (.csv)",
-            lambda: torsion_table(analysis).encode(),
-            f"{file_stem(page.study.name)}_torsion.csv",
-            "text/csv",
-            hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of "
-            "a record is not observable and set to 0.",
-        )
+    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    names = dict.fromkeys(name for terms in each for name in terms)
+    show_text_table(
+        {"Joint": [f"{j}" for j in range(1, len(each) + 1)]}
+        | {name: [terms.get(name, "–") for terms in each] for name in names}
+    )
+    download(
+        "Torsion curves (.csv)",
+        lambda: torsion_table(analysis).encode(),
+        f"{file_stem(page.study.name)}_torsion.csv",
+        "text/csv",
+        hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of a "
+        "record is not observable and set to 0.",
+    )
 
 
 def _show_amplitudes(page: Page, analysis: Analysis) -> None:
