@@ -26,10 +26,9 @@ _RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, and on demand a map of a few hundred cuts."""
-    st.subheader("How well K must be known", anchor=False)
     st.write(
-        "The largest path error when the servo assumes K̂ where the robot has the identified K, with "
-        "this path and controller. On the map, lines join equal errors."
+        "Largest path error when the servo assumes K̂ and the robot has the identified K, with this path "
+        "and controller. On the map, lines join equal errors."
     )
     try:
         _show_costs(page, settings, outcome)
@@ -45,8 +44,8 @@ def _show_costs(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
     heads = ["exact", *(f"± {100 * offset:g} %" for offset in cached_cuts.OFFSETS)]
     st.markdown(
-        f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
-        f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
+        f"| Error of K̂, both joints | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
+        f"| Path error, worse sign | {' | '.join(map(millimetres, costs))} |"
     )
 
 

@@ -69,7 +69,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
             st.markdown(f"**All records together**{figure_number}: {name}")
             plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
         st.caption(
-            "Both figures have the same scale. A peak only in the left figure comes from the other "
+            "A peak only in the left figure comes from the other "
             "joints' controllers." + freed_note(analysis.fit)
         )
     else:
