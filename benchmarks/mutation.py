@@ -73,9 +73,7 @@ def main(arguments: list[str]) -> None:
         tree = Path(folder) / "tree"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(tree)], check=True)
         named = [tree / name for name in arguments[1 : arguments.index("--")]]
-        modules = [
-            m for path in named for m in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
-        ]
+        modules = [m for path in named for m in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
         every = mutants(modules, Path(folder))
         drawn = random.Random(SEED).sample(every, min(int(arguments[0]), len(every)))
         alive = list(survivors(drawn, tests, tree))
