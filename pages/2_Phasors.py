@@ -11,10 +11,9 @@ from jointid.ui.study.data_quality import phasor_columns, phasor_table
 page = open_page("Phasors")
 st.title("Phasors", anchor=False)
 st.write(
-    "A sine of known frequency is fully told by its amplitude and its phase, that is, by one complex "
-    "number: the phasor. Velocity and acceleration follow by multiplication with iω, so nothing is "
-    "differentiated numerically and encoder noise is not amplified. Torque that is held between "
-    "samples, or delayed, is corrected for."
+    "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
+    "phasor. Velocity and acceleration follow by multiplication with iω, without numerical "
+    "differentiation of encoder noise. Hold and delay of the torque are corrected."
 )
 st.latex(
     r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, "
@@ -47,8 +46,8 @@ with right:
     plot(figure, what, key="torques")
 st.caption(
     "Distance from the centre is the amplitude, on a logarithmic scale when it varies much; direction "
-    "is the phase against sin ωt on the record's clock. Two records of one frequency must differ, or "
-    "they tell the same thing twice."
+    "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
+    "add information."
 )
 table(phasor_table(phasors))
 download(

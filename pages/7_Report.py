@@ -11,10 +11,8 @@ from jointid.wording import file_stem
 page = open_page("Report and export")
 st.title("Report and export", anchor=False)
 st.write(
-    "Everything that was found, to hand to a colleague or to take into another tool. Each file says how "
-    "its numbers were obtained: version, settings, and the digest, a fingerprint by which the study is "
-    "known again. "
-    "The same study gives the same files, to the last byte."
+    "All results for a colleague or another tool. Each file states version, settings and the digest of "
+    "the study. The same study gives the same files, to the last byte."
 )
 analysis = page.analysis()
 stem, study = file_stem(page.study.name), page.study

@@ -140,7 +140,7 @@ def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
     return points(
         np.clip(value, low + 0.02 * (high - low), high - 0.02 * (high - low)),
         np.zeros(value.size),
-        "stands out",
+        "outlier",
         colour,
         marker={"symbol": symbols, "size": 10},
         text=text,

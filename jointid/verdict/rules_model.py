@@ -155,7 +155,7 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
             if count == 1
             else "K and D always fit a single frequency, whatever inertias and units are"
         )
-        + ". Nothing tells whether the model holds.",
+        + ". Whether the model holds cannot be tested.",
         "Add records at several frequencies, from well below to well above the resonances"
         + (", two or more at each with other relative phases of the joints." if n > 1 else "."),
         0.5,

@@ -69,11 +69,11 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     before = (
         "no positive stiffness comes out"
         if np.isinf(found.misfit_with)
-        else f"the equations leave {number(np.sqrt(found.misfit_with), 2)} times what noise explains"
+        else f"the residual is {number(np.sqrt(found.misfit_with), 2)} × noise"
     )
     detail = (
-        f"With it, {before}; without it, the other {evidence.phasors.omega.size - 1} records leave "
-        f"{number(np.sqrt(found.misfit_without), 2)} times what noise explains. Its own dynamic "
+        f"With it, {before}; without it, that of the other {evidence.phasors.omega.size - 1} records is "
+        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Its own dynamic "
         f"stiffness of joint {k + 1} is {number(float(found.stiffness[k]), 2)} times that of the "
         "others. "
     )

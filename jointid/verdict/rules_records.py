@@ -42,7 +42,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
-            f"{phasors.labels[worst]} says {number(stated[worst], 5)} Hz; the motor angle has "
+            f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor angle has "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
             "Correct the frequency of the run or the unit of time on import; of a study on disk, "
@@ -101,7 +101,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
     parts = [f"Steady: {'; '.join(steady)}."] if steady else []
     if never:
         verb = "does" if len(never) == 1 else "do"
-        parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
+        parts.append(f"{'; '.join(never)} {verb} not become steady.")
     if not steady:
         return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(steady) == 1 else "these times"
@@ -121,7 +121,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Some records are only a few periods long",
             f"{names}: {number(periods[short].min(), 2)} periods. Their noise is taken as white, since "
-            "slow disturbances cannot be told from the sine itself.",
+            "slow disturbances cannot be separated from the sine.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
         )
@@ -168,7 +168,7 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Two records are the same experiment",
             f"{some(found)}: angles and torques are in the same proportion, so that the second record "
-            f"averages noise but tells nothing new. {_concerned(len(found), 'frequency')}",
+            f"averages noise but adds no information. {_concerned(len(found), 'frequency')}",
             "Measure with other relative amplitudes or phases, for instance with one joint reversed: "
             "the transfer matrix needs it, and so does friction.",
             0.01 + 0.3 * _worst_error(evidence),

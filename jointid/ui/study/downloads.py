@@ -100,9 +100,9 @@ def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
     """Offer phasors and transfer matrix as CSV."""
     st.subheader("Tables", anchor=False)
     st.write(
-        "CSV with a header line, every number with all its digits. H stands there as measured"
+        "CSV with a header line, every number with all its digits. H as measured"
         + (
-            f", and from torques {without(analysis.fit)} in columns of their own."
+            f", and in separate columns from torques {without(analysis.fit)}."
             if without_friction_and_delay(analysis)
             else "."
         )
@@ -129,9 +129,9 @@ def show_simulator_files(results: Results, n: int, stem: str) -> None:
     st.subheader("For robot simulators", anchor=False)
     st.write(
         "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
-        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: of a "
-        "nonlinear gear they get the secant of its torsion curve at the largest torque tried, stated "
-        "in the file."
+        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: a "
+        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque tried, "
+        "which the file states."
     )
     entered = st.text_input(
         "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),
@@ -155,9 +155,7 @@ def show_simulator_files(results: Results, n: int, stem: str) -> None:
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption(
-            "Without them there is no snippet: a ratio that was guessed would be wrong by its square."
-        )
+        st.caption("Without gear ratios there is no snippet: an error in a ratio counts by its square.")
 
 
 def show_study_files(study: Study, stem: str) -> None:
