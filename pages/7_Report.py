@@ -17,7 +17,7 @@ st.write(
 analysis = page.analysis()
 stem, study = file_stem(page.study.name), page.study
 try:
-    results = downloads.results(page.digest, page.method, analysis)
+    found = downloads.results(page.digest, page.method, analysis)
 except JointIdError as error:
     show_error(error)
     st.stop()
@@ -32,9 +32,9 @@ if made is not None:
 else:
     report_panel.offer_report(button, at_work=asked)
 
-downloads.show_identification_files(results, stem)
-downloads.show_tables(results, analysis, stem)
-downloads.show_simulator_files(results, study.inertia.n, stem)
+downloads.show_identification_files(found, analysis, stem)
+downloads.show_tables(found, analysis, stem)
+downloads.show_simulator_files(found, study.inertia.n, stem)
 downloads.show_study_files(study, stem)
 
 if asked:  # last: the rest of the page is drawn first

@@ -19,7 +19,7 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.figures.plan import worst_error
+from jointid.figures.uncertainty import worst_error
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.uncertainty.plan import (
     PlannedRecords,

@@ -91,7 +91,6 @@ class TestErrorBars:
         shown = [bar(text) for text in column(at, "Estimate")]
         assert shown == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
         for name, errors in (
-            ("whole error", analysis.fit.standard_error),
             ("noise", analysis.fit.noise_error),
             ("inertias and torque scale", analysis.fit.prior_error),
         ):

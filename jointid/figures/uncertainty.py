@@ -1,4 +1,4 @@
-"""Uncertainty: ellipses, influence, prediction, residuals, harmonics."""
+"""Uncertainty: ellipses, influence, prediction, residuals, harmonics, planned records."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
+from jointid.uncertainty.plan import Suggestion
 from jointid.uncertainty.resampling import Jackknife
 from jointid.uncertainty.sensitivity import ConfidenceEllipse
 from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
@@ -180,4 +181,29 @@ def harmonic_bars(
         xaxis=linear_axis("Record"),
         yaxis=linear_axis("Harmonics (%)", rangemode="tozero"),
         bargap=0.3,
+    )
+
+
+def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
+    """Largest relative standard error of K and D over the number of records that are added."""
+    ink = colours(dark)
+    count = np.arange(suggestion.worst.size)
+    names = [suggestion.names[k] for k in suggestion.relative_error.argmax(axis=1)]
+    trace = {
+        "type": "scatter",
+        "mode": "lines+markers",
+        "x": count,
+        "y": np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan),
+        "line": {"color": ink.identified, "width": 2, "dash": "dot"},
+        "marker": {"color": ink.identified, "size": 8},
+        "customdata": names,
+        "hovertemplate": "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>",
+        "showlegend": False,
+    }
+    return figure(
+        [trace],
+        height=300,
+        dark=dark,
+        xaxis=linear_axis("Records added", tickformat="d", nticks=min(count.size, 10) + 1),
+        yaxis=linear_axis("Worst error of K and D (%)", rangemode="tozero"),
     )

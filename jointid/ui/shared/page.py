@@ -73,6 +73,10 @@ class Page:
         """
         return _figure(self.digest, self.method, self.dark, what, draw)
 
+    def show(self, what: str, draw: Callable[[], Any], description: str) -> None:
+        """Show a figure from the cache, see ``drawn``, with a text for those who cannot see it."""
+        plot(self.drawn(what, draw), description, key=what.split()[0])
+
     def show_per_joint(
         self,
         what: str,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import streamlit as st
 
@@ -24,20 +25,62 @@ from jointid.wording import file_stem
 
 _SPREAD = 1.5
 """Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
+_DYNAMIC_STIFFNESS = r"""
+$(K_j + i\omega D_j)\,a_j = b_j$ (8) with
+$\mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q - \mathbf M_2^{-1}\boldsymbol\tau$ (9)
+and $\mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q$ (11).
+The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard error.
+Deviations at some frequencies only indicate friction, a torque delay or wrong inertias.
+"""
 
 
 def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
     """Return the figures that a study allows by their names, the torsion curves first."""
-    found = {"Torsion curve": lambda: _show_torsion(page, analysis)}
-    if analysis.transfer_matrices:
-        found["Frequency response"] = lambda: _show_response(page, analysis)
-    if page.study.motion_records:  # the others look at every sine by itself
-        return found
-    found["Dynamic stiffness"] = lambda: _show_dynamic_stiffness(page, analysis)
-    amplitudes = [curve.amplitude_Nm for curve in analysis.fit.torsion_curves]
-    if all(a.max() > _SPREAD * a.min() for a in amplitudes):
-        found["K over amplitude"] = lambda: _show_amplitudes(page, analysis)
-    return found | {"Residual": lambda: _show_residual(page, analysis)}
+    fit, dark, nominal = analysis.fit, page.dark, page.study.nominal
+    only_sines = not page.study.motion_records  # most figures look at every sine separately
+    pose = next(iter(analysis.transfer_matrices), "")
+    poses = [record.pose or "" for record in analysis.study.records]
+    amplitudes = [curve.amplitude_Nm for curve in fit.torsion_curves]
+
+    def show(
+        what: str, draw: Callable[[int], Any], caption: str, heading: str = "**Joint {0}**"
+    ) -> None:
+        st.caption(caption)
+        page.show_per_joint(f"{what} {pose}", draw, what, heading=heading)
+
+    found = {
+        "Torsion curve": lambda: _show_torsion(page, analysis),
+        "Frequency response": lambda: show(
+            "H{0}{0} over frequency, measured and modelled",
+            lambda j: element_response(analysis, j, j, pose=pose, dark=dark),
+            "Acceleration of each motor over its torque, the controllers removed." + freed_note(fit),
+            heading="**H{0}{0}**",
+        ),
+        "Dynamic stiffness": lambda: show(
+            "Dynamic stiffness of joint {0}",
+            lambda j: dynamic_stiffness(fit, j, nominal, dark=dark),
+            _DYNAMIC_STIFFNESS,
+        ),
+        "K over amplitude": lambda: show(
+            "Stiffness of joint {0} over the torque amplitude of the records",
+            lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
+            "K of each record over its torque amplitude. A linear gear gives a level line.",
+        ),
+        "Residual": lambda: show(
+            "Residual torque of joint {0} against noise",
+            lambda j: unexplained_torque(fit, j, dark=dark),
+            "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; "
+            "points far above them show an effect that the model lacks, and the error bars are widened.",
+        ),
+    }
+    allowed = {
+        "Torsion curve": True,
+        "Frequency response": bool(analysis.transfer_matrices),
+        "Dynamic stiffness": only_sines,
+        "K over amplitude": only_sines and all(a.max() > _SPREAD * a.min() for a in amplitudes),
+        "Residual": only_sines,
+    }
+    return {name: show for name, show in found.items() if allowed[name]}
 
 
 def _show_torsion(page: Page, analysis: Analysis) -> None:
@@ -63,60 +106,4 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "text/csv",
         hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of a "
         "record is not observable and set to 0.",
-    )
-
-
-def _show_amplitudes(page: Page, analysis: Analysis) -> None:
-    poses = [record.pose or "" for record in analysis.study.records]
-    st.caption("K of each record over its torque amplitude. A linear gear gives a level line.")
-    page.show_per_joint(
-        "amplitude",
-        lambda j: stiffness_over_amplitude(analysis.fit, j, poses, dark=page.dark),
-        "Stiffness of joint {0} over the torque amplitude of the records",
-    )
-
-
-def _show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
-    st.latex(
-        r"""\begin{gathered}
-        (K_j + i\omega D_j)\,a_j = b_j \quad (8) \\
-        \mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q
-        - \mathbf M_2^{-1}\boldsymbol\tau \quad (9) \\
-        \mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q \quad (11)
-        \end{gathered}"""
-    )
-    st.caption(
-        "The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard "
-        "error. Deviations at some frequencies only indicate friction, a torque delay or wrong inertias."
-    )
-    page.show_per_joint(
-        "stiffness",
-        lambda j: dynamic_stiffness(analysis.fit, j, page.study.nominal, dark=page.dark),
-        "Dynamic stiffness of joint {0}",
-    )
-
-
-def _show_residual(page: Page, analysis: Analysis) -> None:
-    st.caption(
-        "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; points "
-        "far above them show an effect that the model lacks, and the error bars are widened."
-    )
-    page.show_per_joint(
-        "unexplained",
-        lambda j: unexplained_torque(analysis.fit, j, dark=page.dark),
-        "Residual torque of joint {0} against noise",
-    )
-
-
-def _show_response(page: Page, analysis: Analysis) -> None:
-    st.caption(
-        "Acceleration of each motor over its torque, the controllers removed: models as lines, measured "
-        "points." + freed_note(analysis.fit)
-    )
-    pose = next(iter(analysis.transfer_matrices))
-    page.show_per_joint(
-        f"fit {pose}",
-        lambda j: element_response(analysis, j, j, pose=pose, dark=page.dark),
-        "H{0}{0} over frequency, measured and modelled",
-        heading="**H{0}{0}**",
     )

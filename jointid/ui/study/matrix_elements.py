@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -51,36 +52,28 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
     view = choose_segment("View", VIEWS, "view", hide_label=True)
     drawn: dict[str, Any] = {"pose": pose, "dark": page.dark, "view": view}
-    figure = page.drawn(
-        f"element {i} {j} {pose} {view}", lambda: element_response(analysis, i, j, **drawn)
-    )
+    what = f"{name} over frequency, measured and modelled"
+    draw = partial(element_response, analysis, i, j, **drawn)
     if i == j and n > 1 and page.study.of_pose(pose).any():
         left, right = st.columns(2)
         with left:
             st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
-            alone = page.drawn(f"single {i} {pose} {view}", lambda: single_record(analysis, i, **drawn))
-            plot(
-                alone,
+            page.show(
+                f"alone {i} {pose} {view}",
+                partial(single_record, analysis, i, **drawn),
                 f"Acceleration over torque of joint {i + 1} from single records, over frequency",
-                key="alone",
             )
         with right:
             figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
             st.markdown(f"**All records together**{figure_number}: {name}")
-            plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
-        st.caption(
-            "A peak only in the left figure comes from the other "
-            "joints' controllers." + freed_note(analysis.fit)
-        )
+            page.show(f"H {i} {j} {pose} {view}", draw, what)
+        note = "A peak only in the left figure comes from the other joints' controllers."
     else:
-        if i == j:
-            st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
-        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
+        page.show(f"H {i} {j} {pose} {view}", draw, what)
+        note = "Measured points with ± one standard error."
         if i != j:
-            st.caption(
-                f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."
-                + freed_note(analysis.fit)
-            )
+            note = f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
+    st.caption(note + freed_note(analysis.fit))
 
 
 def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:

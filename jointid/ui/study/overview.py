@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
@@ -11,7 +13,7 @@ from jointid.rounding import plain
 from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.messages import show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.ui.study.corrections import offer_changes
@@ -21,6 +23,8 @@ _ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not st
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
 _MOST_FINDINGS = 3
+_MOST_TILES = 4
+"""Joints; more are shown in a table."""
 _TILE_GAP = 16  # px, streamlit's
 _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
 
@@ -49,27 +53,42 @@ def show_tiles(analysis: Analysis) -> None:
     """K and D of every joint with ± one standard error, against the nominal values."""
     n = analysis.fit.n
     found = elasticity_quantities(analysis.fit)
-    if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
-        with st.container(horizontal=True):
-            for j in range(n):
-                with st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
-                    for k in (j, n + j):
-                        _tile(analysis, found[k], k)
+    if n > _MOST_TILES:
+        show_text_table(_values_table(analysis, found))
         return
-    for first in (0, n):
-        with st.container(horizontal=True):
-            for k in range(first, first + n):
+    for j in range(n):  # a joint's two tiles stay together; a row holds two joints
+        if j % 2 == 0:
+            row = st.container(horizontal=True)
+        with row, st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
+            for k in (j, n + j):
                 _tile(analysis, found[k], k)
 
 
-def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
+def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:
+    """One row per joint, for many joints."""
+    n = analysis.fit.n
+    columns: dict[str, list[str]] = {"Joint": [f"{j + 1}" for j in range(n)]}
+    for name, own in (("K", found[:n]), ("D", found[n:])):
+        columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
+        if analysis.study.nominal is not None and analysis.state != NOT_USABLE:
+            first = 0 if name == "K" else n
+            columns[f"nominal {name}"] = [_nominal(analysis, q, first + j) for j, q in enumerate(own)]
+    return columns
+
+
+def _nominal(analysis: Analysis, found: Quantity, k: int) -> str:
+    """Nominal value with its change, empty without one."""
     n, nominal = analysis.fit.n, analysis.study.nominal
-    assumed = None
-    if nominal is not None:
-        reference = float((nominal.K if k < n else nominal.D)[k % n])
-        assumed = f"nominal {plain(reference)}"
-        if reference > 0:
-            assumed += f" ({change_from(found.value, found.error, reference)})"
+    if nominal is None:
+        return ""
+    reference = float((nominal.K if k < n else nominal.D)[k % n])
+    change = f" ({change_from(found.value, found.error, reference)})" if reference > 0 else ""
+    return plain(float(f"{reference:.5g}")) + change
+
+
+def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
+    n = analysis.fit.n
+    assumed = f"nominal {text}" if (text := _nominal(analysis, found, k)) else None
     label = f"{found.name} ({found.unit})"
     if analysis.state == NOT_USABLE:
         label, assumed = f":red[Not usable:] {label}", None

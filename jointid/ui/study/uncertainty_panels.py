@@ -11,7 +11,7 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
-from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, Quantity, elasticity_quantities
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import UNDETERMINED, significant
@@ -63,40 +63,31 @@ def on_demand(label: str, key: str) -> ExpanderContainer:
 
 
 def show_errors(analysis: Analysis) -> None:
-    """K and D with their errors beside the paper's answer, and the parts of the errors."""
+    """K and D with the parts of their errors, beside the paper's answer."""
     show_text_table(errors_table(analysis))
-    show_error_parts(analysis)
+    st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
 
 
-def show_error_parts(analysis: Analysis) -> None:
-    """The parts of the standard errors."""
-    header, rows = error_table(analysis.fit)
-    show_text_table(dict(zip(header, _columns(rows), strict=True)))
-    st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
-
-
 def errors_table(analysis: Analysis) -> Table:
-    """One row per parameter, with the paper's answer."""
-    found = elasticity_quantities(analysis.fit)
-    columns: dict[str, list[str]] = {
+    """One row per parameter: estimate, parts of its error, and the paper's answer."""
+    fit, found = analysis.fit, elasticity_quantities(analysis.fit)
+    header, rows = error_table(fit)
+    columns: dict[str, Sequence[str]] = {
         "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
         "Estimate": [quantity.shown[0] for quantity in found],
     }
-    if "least-squares" not in analysis.fits:
+    columns |= dict(list(zip(header, _columns(rows), strict=True))[2:])  # after name and whole error
+    if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
     paper = elasticity_quantities(analysis.fits["least-squares"])
-
-    def apart(one: Quantity, other: Quantity) -> str:
-        if analysis.fit.method == "least-squares":
-            return "the same"
-        known = np.isfinite([one.error, other.error]).all()
-        return difference(other.value, one.value) if known else "–"
-
+    pairs = list(zip(paper, found, strict=True))
+    known = [np.isfinite([one.error, other.error]).all() for one, other in pairs]
+    apart = [difference(one.value, other.value) for one, other in pairs]
     return columns | {
         "Paper's least squares": [quantity.shown[0] for quantity in paper],
-        "Difference": [apart(one, other) for one, other in zip(found, paper, strict=True)],
+        "Difference": [text if is_known else "–" for text, is_known in zip(apart, known, strict=True)],
     }
 
 
