@@ -22,7 +22,7 @@ show_heading(page.study)
 show_changes(page)
 analysis = page.analysis()
 
-show_headline(analysis)
+show_headline(analysis, page)
 show_tiles(analysis)
 show_prediction(page, analysis)
 outcome_panel(page, analysis)

@@ -14,6 +14,7 @@ from jointid.cut.servo import Servo
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.style import colours
 from jointid.rounding import significant
+from jointid.study import NOT_USABLE
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
@@ -223,7 +224,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     try:
         outcome = cached_cuts.overview(page.digest, page.method, analysis)
     except JointIdError as error:
-        show_note(f"What this is worth on a path is not known. {error}")
+        if analysis.state != NOT_USABLE:  # the headline gives the reason
+            show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
         st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")

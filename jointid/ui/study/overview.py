@@ -38,10 +38,17 @@ def show_heading(study: Study) -> None:
         st.caption(markdown_escape(study.description))
 
 
-def show_headline(analysis: Analysis) -> None:
-    """The answer as a sentence, or why it is not usable; what limits it."""
+def show_headline(analysis: Analysis, page: Page | None = None) -> None:
+    """The answer as a sentence, or why it is not usable; what limits it.
+
+    With a page, the reason comes with its finding and the changes that may remedy it.
+    """
     if analysis.state == NOT_USABLE:
-        st.error(f"#### {markdown_escape(analysis.headline)}")
+        lead = f"#### {markdown_escape(analysis.headline)}"
+        if page is None:
+            st.error(lead)
+        else:
+            _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
     st.subheader(analysis.headline, anchor=False)
@@ -107,22 +114,27 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
 
 
 def show_findings(page: Page, analysis: Analysis) -> None:
-    """At most three findings, most important first; the others on demand."""
-    for finding in analysis.findings[:_MOST_FINDINGS]:
+    """At most three findings, most important first; the others on demand.
+
+    That of an unusable answer is in the headline.
+    """
+    findings = analysis.findings[analysis.state == NOT_USABLE :]
+    for finding in findings[:_MOST_FINDINGS]:
         _finding(page, analysis, finding)
-    if rest := analysis.findings[_MOST_FINDINGS:]:
+    if rest := findings[_MOST_FINDINGS:]:
         with st.expander(counted(len(rest), "more finding")):
             for finding in rest:
                 _finding(page, analysis, finding)
 
 
-def _finding(page: Page, analysis: Analysis, finding: Finding) -> None:
+def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
     remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
     if finding.action:
         step, part = ACTIONS[finding.action]
         remedy += f"  \nIn the app: page {step.name}, {part}"
-    box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
+    lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
+    box(f"{lead}{markdown_escape(finding.detail)}{remedy}")
     offer_changes(page, analysis, finding)
 
 

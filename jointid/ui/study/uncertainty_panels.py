@@ -65,7 +65,9 @@ def on_demand(label: str, key: str) -> ExpanderContainer:
 def show_errors(analysis: Analysis) -> None:
     """K and D with the parts of their errors, beside the paper's answer."""
     show_text_table(errors_table(analysis))
-    st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
+    st.caption(
+        f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its square."
+    )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
 
