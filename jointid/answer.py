@@ -22,6 +22,8 @@ UNSTATED_TORQUE_SCALE = (
     "The uncertainty of the torque scale is not stated: K, D and the inertias hold if the torque "
     "constants are exact. If they are known to 2 %, set std = 0.02 under [torque] in study.toml."
 )
+UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+"""Unit of each quantity."""
 ERROR_BARS = "± is one standard error from all causes."
 EFFECT_PARAMETERS = {
     name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
@@ -47,7 +49,7 @@ class Quantity:
 
 def elasticity_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
     """K1 ... Kn and D1 ... Dn with the whole standard error."""
-    units = ["N·m/rad"] * fit.n + ["N·m·s/rad"] * fit.n
+    units = [UNITS[name[0]] for name in elasticity_labels(fit.n)]
     return _quantities(elasticity_labels(fit.n), fit.estimate, fit.standard_error, units)
 
 

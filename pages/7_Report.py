@@ -5,7 +5,8 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
-from jointid.ui.study import downloads, report_panel
+from jointid.ui.study import downloads
+from jointid.ui.study.report_panel import show_report
 from jointid.wording import file_stem
 
 page = open_page("Report and export")
@@ -24,19 +25,9 @@ except JointIdError as error:
 
 st.subheader("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
-button, place = st.empty(), st.empty()
-made = report_panel.made_report(page.digest, page.method)
-asked = made is None and report_panel.asked_for_report()
-if made is not None:
-    report_panel.show_report(place, made, stem)
-else:
-    report_panel.offer_report(button, at_work=asked)
+show_report(page, analysis, stem)
 
 downloads.show_identification_files(found, analysis, stem)
 downloads.show_tables(found, analysis, stem)
 downloads.show_simulator_files(found, study.inertia.n, stem)
 downloads.show_study_files(study, stem)
-
-if asked:  # last: the rest of the page is drawn first
-    report_panel.make_report_at(place, page.digest, page.method, analysis, stem)
-    button.empty()

@@ -21,7 +21,7 @@ from jointid.exporting import (
 from jointid.files.digest import study_digest
 from jointid.ui.shared import workspace
 from jointid.ui.shared.results import result_cache
-from jointid.ui.study import downloads, report_panel
+from jointid.ui.study import downloads
 
 APP = Path(__file__).parents[1] / "app.py"
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
@@ -65,7 +65,7 @@ def test_the_report_is_made_on_demand_and_kept(
     assert not at.error
     assert {"Report as PDF", "Report as HTML"} <= set(offered(at))
     digest = study_digest(studies[joints])
-    made = report_panel.made_report(digest, at.selectbox(key="estimator").value)
+    made = result_cache().get(("report", digest, at.selectbox(key="estimator").value))
     assert made is not None
     assert made.pdf.startswith(b"%PDF-")
     assert digest in made.html

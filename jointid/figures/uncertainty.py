@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.answer import UNITS
 from jointid.figures.style import (
     Trace,
     colours,
@@ -24,7 +25,6 @@ from jointid.uncertainty.resampling import Jackknife
 from jointid.uncertainty.sensitivity import ConfidenceEllipse
 from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
 
-_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _SIGNIFICANT = 4.0
 
 
@@ -46,7 +46,7 @@ def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = F
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = np.maximum(0.06 * (high - low), 1e-9 * np.abs(high))  # without noise it is a point
     axes = [
-        linear_axis(f"{name} ({_UNITS[name[0]]})", nticks=5, range=[a, b])
+        linear_axis(f"{name} ({UNITS[name[0]]})", nticks=5, range=[a, b])
         for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
     ]
     return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])

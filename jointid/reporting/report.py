@@ -31,8 +31,6 @@ from jointid.version import __version__
 
 __all__ = ["make_report", "to_html", "to_pdf"]
 
-_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
-
 
 def make_report(
     analysis: Analysis,
@@ -87,7 +85,7 @@ def make_report(
 
 
 def _facts(study: Study) -> str:
-    return " · ".join([_ORIGINS[study.origin], *study.facts])
+    return " · ".join([study.origin or "origin not stated", *study.facts])
 
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:

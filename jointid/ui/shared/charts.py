@@ -17,8 +17,6 @@ Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
 NO_POSE = "as in [inertia]"
 """Label of records without a pose."""
-UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
-"""Unit of each quantity."""
 
 
 def is_dark() -> bool:

@@ -7,7 +7,6 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Study
 from jointid.answer import without
-from jointid.arrays import Floats
 from jointid.exporting import (
     LANGUAGES,
     Identification,
@@ -29,11 +28,11 @@ from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.parse_numbers import numbers_in
 
-_SNIPPETS = {
-    "MuJoCo": (".xml", mujoco_snippet),
-    "URDF": (".urdf", urdf_snippet),
-    "SDF": (".sdf", sdf_snippet),
-}
+_SNIPPETS = (
+    ("MuJoCo", ".xml", mujoco_snippet),
+    ("URDF", ".urdf", urdf_snippet),
+    ("SDF", ".sdf", sdf_snippet),
+)
 _HINTS = {
     "Gear laws": "Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
     "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller."
@@ -44,11 +43,6 @@ _HINTS = {
 def results(digest: str, method: str, _analysis: Analysis) -> Identification:
     """Collect the results of an analysis for its files, which are written when they are saved."""
     return identification(_analysis)
-
-
-def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, str]]:
-    """Return each simulator's file ending and text, by the simulator's name."""
-    return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
 
 
 def show_identification_files(found: Identification, analysis: Analysis, stem: str) -> None:
@@ -118,11 +112,8 @@ def show_simulator_files(found: Identification, n: int, stem: str) -> None:
     if entered.strip():
         try:
             ratio = np.array(numbers_in("Gear ratios", entered, count=n))
-            for tab, (name, (ending, text)) in zip(
-                st.tabs(["MuJoCo", "URDF", "SDF"]),
-                snippets(found, ratio).items(),
-                strict=True,
-            ):
+            texts = [(name, ending, write(found, ratio)) for name, ending, write in _SNIPPETS]
+            for tab, (name, ending, text) in zip(st.tabs([x[0] for x in texts]), texts, strict=True):
                 with tab:
                     download(f"{name} ({ending})", text, f"{stem}{ending}", "application/xml")
                     st.code(text, language="xml", height=360)

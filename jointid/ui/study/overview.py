@@ -19,7 +19,6 @@ from jointid.ui.shared.page import Page
 from jointid.ui.study.corrections import offer_changes
 from jointid.wording import counted, file_stem
 
-_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
 _MOST_FINDINGS = 3
@@ -32,7 +31,7 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 def show_heading(study: Study) -> None:
     """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
-    badge = f":gray-badge[{_ORIGINS[study.origin]}]"
+    badge = f":gray-badge[{study.origin or 'origin not stated'}]"
     st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
     if study.description:
         st.caption(markdown_escape(study.description))

@@ -18,13 +18,12 @@ from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
-    show_error,
     show_info,
     show_progress,
     show_text_table,
 )
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import computed_on_click
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
@@ -32,12 +31,6 @@ from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
 _PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
-
-
-def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
-    """Return a function that shows progress at ``place`` after half a second."""
-    began, show = monotonic(), steps_at(place)
-    return lambda done: show(done, what) if monotonic() > began + _PATIENCE_S and done > 0 else None
 
 
 def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
@@ -66,7 +59,8 @@ def show_errors(analysis: Analysis) -> None:
     """K and D with the parts of their errors, beside the paper's answer."""
     show_text_table(errors_table(analysis))
     st.caption(
-        f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its square."
+        f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
+        "square."
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
@@ -143,34 +137,23 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks that do not use the stated error bars. The bootstrap draws the noise and the given "
-        "inertias again and repeats the estimate: compare it with the stated error. The jackknife "
-        "leaves out one frequency at a time and takes the scatter for the error, from any cause but the "
-        "inertias, which all records share: compare it with the part from noise. A factor of two is no "
-        "reason for concern. A jackknife far above that part indicates a model that does not hold; a "
-        "bootstrap far above the range of 68 % of its draws indicates an estimate that some noise "
-        "throws far off."
+        "Two checks independent of the stated errors. The bootstrap repeats the estimate with new noise "
+        "and new given inertias: compare it with the stated error. The jackknife leaves out one "
+        "frequency at a time; its scatter includes every cause but the inertias, which all records "
+        "share: compare it with the part from noise. A factor of two is normal. A jackknife far above "
+        "it indicates a wrong model; a bootstrap far above the range of 68 % of its draws indicates "
+        "outliers by noise."
     )
-    key = ("checks", page.digest, page.method)
-    checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
+    slow = analysis.fit.friction is not None or analysis.fit.delay is not None
+    draws = _SLOW_DRAWS if slow else _FAST_DRAWS
+    checks = computed_on_click(
+        ("checks", page.digest, page.method),
+        f"Check the error bars ({draws} draws)",
+        "check_errors",
+        lambda bar: _checks(page, analysis, draws, steps_at(bar)),
+    )
     if checks is None:
-        place, working = st.empty(), st.empty()
-        slow = analysis.fit.friction is not None or analysis.fit.delay is not None
-        draws = _SLOW_DRAWS if slow else _FAST_DRAWS
-        if not place.button(f"Check the error bars ({draws} draws)", key="check_errors"):
-            return
-        place.button("Checking the error bars", key="checking_errors", disabled=True)
-        with working.container():
-            bar = st.progress(0.0, "Drawing noise")
-            st.button("Stop", key="stop_checks", help="Ends the check; nothing is kept of it.")
-        try:
-            checks = _checks(page, analysis, draws, bar)
-        except JointIdError as error:
-            show_error(error, working)
-            return
-        result_cache().put(key, checks)
-        place.empty()
-        working.empty()
+        return
     drawn, left_out = checks
     names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
@@ -186,20 +169,22 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if isinstance(left_out, str):
         show_info(left_out)
         return
-    st.write("What leaving out a frequency changes, in standard errors:")
+    st.write("Change by leaving out a frequency, in standard errors:")
     plot(
         influence_strip(left_out, names, dark=page.dark), "Influence of each frequency", key="influence"
     )
 
 
 def _checks(
-    page: Page, analysis: Analysis, draws: int, bar: DeltaGenerator
+    page: Page, analysis: Analysis, draws: int, show: Callable[[float, str], None]
 ) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
-    drawn = run_in_background(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
+    drawn = run_in_background(
+        bootstrap, *given, draws=draws, progress=lambda done: show(done, "Drawing noise")
+    )
     try:
         return drawn, run_in_background(
-            jackknife, *given, progress=reporter(bar, "Leaving out frequencies")
+            jackknife, *given, progress=lambda done: show(done, "Leaving out frequencies")
         )
     except JointIdError as error:
         return drawn, str(error)
