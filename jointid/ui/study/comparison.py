@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -28,8 +29,7 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     names = list(names_by_address().values())
     left, right = st.columns(2)
-    following = (names.index(page.key) + 1) % len(names)
-    key = left.selectbox("Compare with", names, index=following, key="compare_study")
+    key = left.selectbox("Compare with", names, index=_similar(page, names), key="compare_study")
     method = right.selectbox(
         "Its estimator", list(cached.ESTIMATORS), key="compare_estimator", help="See the sidebar."
     )
@@ -39,6 +39,16 @@ def choose_other(page: Page) -> Page:
         show_error(error)
         st.stop()
     return replace(page, key=opened.key, study=opened.study, digest=opened.digest, method=method)
+
+
+def _similar(page: Page, names: list[str]) -> int:
+    """Index of the next study with as many joints, by default the chosen one."""
+    own = names.index(page.key)
+    for name in names[own + 1 :] + names[:own]:
+        with suppress(JointIdError):
+            if open_study(name).study.inertia.n == page.study.inertia.n:
+                return names.index(name)
+    return own
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
