@@ -21,8 +21,10 @@ from jointid import (
     save_study,
 )
 from jointid.corrections.changes import corrected, label
+from jointid.exporting import from_json, from_toml, identification, to_json, to_toml
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
+from jointid.reporting.report import make_report, to_html
 from jointid.ui.shared import workspace
 from jointid.verdict.evidence import Change
 
@@ -159,6 +161,15 @@ def test_changes_are_kept_on_disk_and_in_the_digest(right: Study, tmp_path: Path
     again = load_study(tmp_path / "made.zip")
     assert again.changes == made.changes
     assert study_digest(again) == study_digest(made) != study_digest(replace(made, changes=()))
+
+
+def test_report_and_exports_list_the_changes(right: Study) -> None:
+    made = analyse(corrected(right, Change("leave out", (1,))))
+    (sentence,) = made.study.changes
+    assert sentence in to_html(make_report(made, cut=False))
+    found = identification(made)
+    for read in (from_json(to_json(found)), from_toml(to_toml(found))):
+        assert read.obtained.changes == (sentence,)
 
 
 def test_what_cannot_be_changed_is_said(right: Study) -> None:
