@@ -82,7 +82,9 @@ def phasor_plane(
         shown = [float(np.log10(low / 2)), float(np.log10(high * 1.3))]
         radial |= {"type": "log", "range": shown, "dtick": 1, "exponentformat": "power"}
     else:
-        radial |= {"range": [0, 1.1 * high]}
+        decade = 10.0 ** np.floor(np.log10(high))  # the outermost circle is one of the ticks
+        step = next(m * decade for m in (0.2, 0.5, 1, 2, 5) if high <= 5 * m * decade)
+        radial |= {"range": [0, float(step * np.ceil(1.02 * high / step))], "dtick": float(step)}
     return figure(
         traces,
         height=430,
