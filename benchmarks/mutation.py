@@ -4,7 +4,7 @@
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
 Draws so many mutants of the modules (cosmic-ray: one operator, comparison, number or condition changed),
-in a copy of the tracked files, and runs the named tests on each until the first failure. Prints the share
+Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
 that the tests find and the diff of every mutant that survives. Install ``'.[benchmarks]'``.
 """
 
@@ -73,7 +73,9 @@ def main(arguments: list[str]) -> None:
         tree = Path(folder) / "tree"
         subprocess.run(["git", "clone", "--quiet", "--shared", str(ROOT), str(tree)], check=True)
         named = [tree / name for name in arguments[1 : arguments.index("--")]]
-        modules = [m for path in named for m in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
+        modules = [
+            m for path in named for m in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
+        ]
         every = mutants(modules, Path(folder))
         drawn = random.Random(SEED).sample(every, min(int(arguments[0]), len(every)))
         alive = list(survivors(drawn, tests, tree))

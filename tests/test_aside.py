@@ -244,3 +244,13 @@ def test_equal_computations_are_one_and_failed_ones_are_none(pool: Pool) -> None
     assert kept.begin("d", counts).result(PATIENCE_S) == 5
     assert kept.begin("b", counts).result(PATIENCE_S) == 3, "what was asked for last stays longest"
     assert kept.begin("c", counts).result(PATIENCE_S) == 6
+
+
+def test_the_cache_has_a_limit_whatever_is_kept() -> None:
+    kept = ResultCache(most_bytes=0, always_kept=64, limit_bytes=3 << 20)
+    for key in range(5):
+        kept.put(key, np.zeros(1 << 17))  # 1 MiB
+    assert [key for key in range(5) if kept.get(key) is not None] == [2, 3, 4]
+    kept.put("large", np.zeros(1 << 20))
+    assert kept.get("large") is not None
+    assert kept.get(4) is None

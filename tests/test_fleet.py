@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
@@ -25,12 +27,12 @@ from jointid import JointIdError, analyse, load_study, save_study
 from jointid.background.child_process import Child, Ended
 from jointid.files import container_limits as contained
 from jointid.files import study_parts
+from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import WORKER, Done, Job
+from jointid.fleet.jobs import WORKER, Done, Job, Local
 from jointid.fleet.journal import Journal
-from jointid.fleet.local import Local
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
 from jointid.fleet.studies import path_text
@@ -229,6 +231,18 @@ def test_nothing_to_do_is_said(tmp_path: Path) -> None:
         find_studies([])
     # What is named outright gets its row, which says what is wrong.
     assert find_studies([tmp_path / "gone.zip"]) == (tmp_path / "gone.zip",)
+
+
+def test_the_robot_model_is_one_of_the_files(tmp_path: Path) -> None:
+    save_study(small_study(0), tmp_path / "s")
+    with zipfile.ZipFile(sample_studies()["six_axes"]) as sample:
+        (tmp_path / "s" / "robot.toml").write_bytes(sample.read("robot.toml"))
+    first = content_digest(tmp_path / "s")
+    with zipfile.ZipFile(io.BytesIO(packed(tmp_path / "s"))) as sent:
+        assert "robot.toml" in sent.namelist()
+    with (tmp_path / "s" / "robot.toml").open("a") as robot:
+        robot.write("# another payload\n")
+    assert content_digest(tmp_path / "s") != first
 
 
 def test_the_digest_of_the_files_changes_with_any_byte(tmp_path: Path) -> None:

@@ -17,10 +17,9 @@ from jointid.figures.fleet import distribution, drift_over_time
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
-from jointid.fleet.reading import read_untrusted
 from jointid.fleet.row import Row, failed_row
 from jointid.fleet.spread import few_values, fleet_spread, robot_drift, robust_spread, seconds
-from jointid.fleet.table import to_parquet
+from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.fleet import files as fleet_files
 from jointid.ui.shared import workspace
 

@@ -15,8 +15,7 @@ from jointid import Study, load_study
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping
-from jointid.importing.map.joined_logs import join_logs, joined_table
-from jointid.importing.map.simultaneous_logs import simultaneous_groups
+from jointid.importing.map.simultaneous_logs import join_logs, joined_table, simultaneous_groups
 from jointid.study import analyse
 from jointid.ui.shared import workspace
 

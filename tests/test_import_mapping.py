@@ -36,7 +36,7 @@ from jointid.importing.columns.units import (
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
-from jointid.importing.map.more_joints import propose_joint
+from jointid.importing.map.guess import propose_joint
 
 
 def table_of(**columns: object) -> LogTable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import subprocess
@@ -17,6 +18,7 @@ from hypothesis import strategies as some
 
 from jointid import JointIdError
 from jointid.files import store
+from jointid.files.atomic_write import write_file
 from jointid.files.store import Store, new_workspace
 
 ROOT = Path(__file__).parents[1]
@@ -341,3 +343,49 @@ class TestManyAtOnce:
         assert kept.notes(mine) == ()
         assert not (kept.folder / "damaged").exists()
         assert files(kept, "*.new") == []
+
+
+class TestNames:
+    def test_a_damaged_name_is_no_name(self, kept: Store, mine: str) -> None:
+        entry = kept.put(mine, "first name", "1", b"data")
+        kept.rename(mine, entry.id, "second name")
+        (renamed,) = files(kept, "*.name")
+        renamed.write_bytes(renamed.read_bytes().replace(b"second", b"secand"))
+        assert [e.name for e in kept.entries(mine)] == ["first name"]
+        (described,) = files(kept, "*.json")
+        described.write_bytes(described.read_bytes().replace(b"first", b"firzt"))
+        assert kept.entries(mine) == ()
+        assert "was damaged" in kept.notes(mine)[0].text
+
+    def test_entries_without_a_checksum_of_the_name_are_read(self, kept: Store, mine: str) -> None:
+        entry = kept.put(mine, "old", "1", b"data")
+        (described,) = files(kept, "*.json")
+        plain = json.loads(described.read_bytes())
+        del plain["seal"]
+        described.write_text(json.dumps(plain))
+        described.with_suffix(".name").write_text("renamed before")
+        assert [e.name for e in kept.entries(mine)] == ["renamed before"]
+        assert kept.read(mine, entry.id) == b"data"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the folders of Linux")
+@pytest.mark.parametrize("home", ["", "relative/home"])
+def test_the_folder_of_a_user_without_a_home_is_absolute(
+    home: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("JOINTID_DATA_DIR", raising=False)
+    monkeypatch.setenv("HOME", home)
+    monkeypatch.setenv("XDG_DATA_HOME", "relative")
+    import pwd
+
+    assert store.user_folder() == Path(pwd.getpwuid(os.getuid()).pw_dir, ".local/share/jointid")
+
+
+def test_what_a_killed_write_left_is_removed_by_a_later_one(tmp_path: Path) -> None:
+    left, fresh, own = (tmp_path / f".{c * 16}.new" for c in "abx")
+    for file in (left, fresh, own):
+        file.write_bytes(b"half")
+    aged(left, 7200)
+    aged(own, 7200)  # no name that a write gives
+    write_file(tmp_path / "table.csv", b"1,2")
+    assert sorted(tmp_path.iterdir()) == sorted([fresh, own, tmp_path / "table.csv"])

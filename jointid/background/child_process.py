@@ -1,7 +1,5 @@
 """A worker process with memory and time limits; a crash or hang affects one request only."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -57,13 +55,8 @@ class Ended(Exception):
 class Child:
     """One worker process, started lazily and restarted after a crash.
 
-    Parameters
-    ----------
-    module : str
-        Module whose ``main`` serves requests; see ``serving.py``.
-    limits : Limits
-    preload : sequence of str, optional
-        Modules to import at the start, so that the first request need not wait for them.
+    ``main`` of its module serves requests; see ``serving.py``. It imports ``preload`` at its start, so
+    that the first request need not wait for them.
     """
 
     def __init__(self, module: str, limits: Limits, preload: Sequence[str] = ()) -> None:
@@ -79,28 +72,13 @@ class Child:
         return self._process is not None and self._process.poll() is None
 
     def ask(
-        self,
-        request: dict[str, Any],
-        body: bytes = b"",
-        progress: Callable[..., object] | None = None,
+        self, request: dict[str, Any], body: bytes = b"", progress: Callable[..., object] | None = None
     ) -> tuple[dict[str, Any], bytes]:
-        """Send a request and return its response.
+        """Send a request, JSON and bytes, and return its response.
 
-        Parameters
-        ----------
-        request : dict
-            JSON-serialisable.
-        body : bytes
-        progress : callable, optional
-            Called with the fraction done, and any text the process adds. An exception it raises kills
-            the process.
-
-        Raises
-        ------
-        Ended
-            When the process crashed or exceeded the time limit.
-        JointIdError
-            When no process can be started.
+        ``progress`` is called with the fraction done, and any text the process adds; an exception it
+        raises kills the process. Raises Ended when the process crashed or exceeded the time limit;
+        JointIdError when no process can be started.
         """
         for attempt in range(2):
             process = self.start()
@@ -156,13 +134,7 @@ class Child:
         self._end()
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Start the process unless it runs.
-
-        Raises
-        ------
-        JointIdError
-            When no process can be started.
-        """
+        """Start the process unless it runs. Raises JointIdError when no process can be started."""
         if self._process is not None and self.is_running:
             return self._process
         self._end()

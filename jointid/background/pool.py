@@ -1,25 +1,29 @@
-"""A pool of worker processes for function calls."""
+"""A pool of worker processes for function calls, with both ends of the pipe to them.
 
-from __future__ import annotations
+Both ends are this software on this computer, connected by a private pipe: pickle is safe there.
+"""
 
+import copyreg
+import io
 import math
+import os
+import pickle
 import queue
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any
 
-from jointid.background.calls import packed_call, unpacked_result
 from jointid.background.child_process import Child, Ended, Limits
+from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 
-_MODULE = "jointid.background.calls"
+_MODULE = "jointid.background.pool"
 _LIMITS = Limits(time_s=3600.0)
-_START_WAIT_S = 20.0
-"""Wait for a process that is starting; it loads the numerical libraries, s."""
-_BACK_OFF_S = 30.0
-"""Back-off after a failed start, s."""
+_START_WAIT_S = 20.0  # wait for a process that is starting; it loads the numerical libraries, s
+_BACK_OFF_S = 30.0  # back-off after a failed start, s
 
 
 class NoWorkerError(Exception):
@@ -27,15 +31,7 @@ class NoWorkerError(Exception):
 
 
 class Pool:
-    """Worker processes for calls, started lazily.
-
-    Parameters
-    ----------
-    most : int
-        Largest number of processes.
-    preload : sequence of str, optional
-        Modules that a process imports at its start.
-    """
+    """Up to ``most`` worker processes for calls, started lazily; each imports ``preload`` first."""
 
     def __init__(self, most: int, preload: Sequence[str] = ()) -> None:
         self._most = most
@@ -63,25 +59,12 @@ class Pool:
         progress: Callable[..., object] | None = None,
         patience_s: float = 0.0,
     ) -> Any:
-        """Call ``function(*arguments)`` in a process.
+        """Call ``function(*arguments)`` in a process, and wait up to ``patience_s`` for a free one.
 
-        Parameters
-        ----------
-        function : callable
-            A function of a module, or a ``functools.partial`` of one.
-        *arguments
-            An argument that is part of the result comes back as the same object.
-        progress : callable, optional
-            Passed on as ``progress`` if given. An exception it raises ends the call.
-        patience_s : float
-            Wait for a process that is busy, s.
-
-        Raises
-        ------
-        NoWorkerError
-            When no process runs, or none becomes free in time.
-        JointIdError
-            When the call crashes its process; and whatever the call raises.
+        The function is one of a module, or a ``functools.partial`` of one. An argument that is part of
+        the result comes back as the same object. ``progress`` is passed on if given; an exception it
+        raises ends the call. Raises NoWorkerError when no process runs or none becomes free in time;
+        JointIdError when the call crashes its process; and whatever the call raises.
         """
         if not self._ready:
             raise NoWorkerError
@@ -114,11 +97,13 @@ class Pool:
         progress: Callable[..., object] | None,
     ) -> Any:
         try:
-            call = packed_call(function, arguments, progress is not None)
-            _, result = child.ask({}, call, progress)
+            _, data = child.ask({}, _packed((function, arguments, progress is not None)), progress)
         finally:
             self._put_back(child)
-        return unpacked_result(result, arguments)
+        raised, result = _Unpickler(data, arguments).load()
+        if raised:
+            raise result
+        return result
 
     def _start_one(self) -> None:
         child = Child(_MODULE, _LIMITS, self._preload)
@@ -139,22 +124,15 @@ class Pool:
     def _free(self, patience_s: float, *, starting: bool = False) -> Child:
         """Return an idle process; with ``starting``, wait for one that is starting as well."""
         while True:
-            try:
-                child = self._idle.get_nowait()
-            except queue.Empty:
+            if self._idle.empty():
                 self.start()
-                if not self._ready and not starting:
-                    raise NoWorkerError from None
-                child = self._awaited(patience_s)
+            try:
+                child = self._idle.get(timeout=patience_s if self._ready or starting else 0.0)
+            except queue.Empty:
+                raise NoWorkerError from None
             if child.is_running:
                 return child
             self._put_back(child)  # it had idled out, or was killed from outside
-
-    def _awaited(self, patience_s: float) -> Child:
-        try:
-            return self._idle.get(timeout=patience_s)
-        except queue.Empty:
-            raise NoWorkerError from None
 
     def _put_back(self, child: Child) -> None:
         if child.is_running and self._most:
@@ -164,3 +142,63 @@ class Pool:
         with self._lock:
             self._started -= 1
             self._ready -= 1
+
+
+_PROTOCOL = 5  # preserves read-only arrays
+
+
+def _frozen(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)  # pickle cannot import the type by name
+
+
+class _Pickler(pickle.Pickler):
+    """Pickles frozen mappings, and arguments held by both sides as references."""
+
+    dispatch_table: Any = copyreg.dispatch_table | {
+        MappingProxyType: lambda mapping: (_frozen, (dict(mapping),))
+    }
+
+    def __init__(self, file: io.BytesIO, held: Sequence[Any] = ()) -> None:
+        super().__init__(file, _PROTOCOL)
+        self._held = {id(value): k for k, value in enumerate(held)}
+
+    def persistent_id(self, value: Any) -> int | None:
+        return self._held.get(id(value))
+
+
+class _Unpickler(pickle.Unpickler):
+    def __init__(self, data: bytes, held: Sequence[Any]) -> None:
+        super().__init__(io.BytesIO(data))
+        self._held = held
+
+    def persistent_load(self, number: int) -> Any:
+        return self._held[number]
+
+
+def answer(_: dict[str, Any], body: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
+    """Make a call; return its result or exception."""
+    function, arguments = None, ()
+    try:
+        function, arguments, with_progress = pickle.loads(body)
+        options = {"progress": progress} if with_progress else {}
+        result = (False, function(*arguments, **options))
+    except (Exception, MemoryError) as error:
+        result = (True, error)
+    try:
+        return {}, _packed(result, arguments)
+    except Exception as error:  # exceptions and results of other libraries may not be picklable
+        reason = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
+        return {}, _packed((True, TypeError(reason)))
+
+
+def _packed(value: Any, held: Sequence[Any] = ()) -> bytes:
+    file = io.BytesIO()
+    _Pickler(file, held).dump(value)
+    return file.getvalue()
+
+
+def main(memory_bytes: int) -> None:
+    """Serve calls at a lower priority than the process that answers clicks."""
+    with suppress(AttributeError, OSError):
+        os.nice(5)
+    serve_here(answer, memory_bytes)

@@ -4,8 +4,6 @@ A request is one line of JSON on standard input, followed by as many bytes as it
 response has the same form on standard output. Progress messages may precede it.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -24,8 +22,7 @@ Answer = Callable[[dict[str, Any], bytes, Progress], tuple[dict[str, Any], bytes
 
 IDLE_S = 600.0
 """Idle time after which the process ends itself: its parent may have died silently, s."""
-_WATCH_S = 1.0
-"""Interval at which the process looks for its parent, s."""
+_WATCH_S = 1.0  # interval at which the process looks for its parent, s
 GRACE_S = 10.0
 """Delay beyond the time limit after which the process ends itself if its parent has not, s."""
 
@@ -33,11 +30,8 @@ GRACE_S = 10.0
 def serve_here(answer: Answer, memory_bytes: int) -> None:
     """Serve on this process's standard input and output.
 
-    Parameters
-    ----------
-    answer : callable
-    memory_bytes : int
-        Address space for requests beyond that of the program itself, where the system can limit it.
+    ``memory_bytes`` is the address space for requests beyond that of the program itself, where the
+    system can limit it.
     """
     if hasattr(signal, "SIGINT"):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent

@@ -23,10 +23,8 @@ from jointid.wording import counted
 if TYPE_CHECKING:
     from jointid.fleet import Progress, Summary
 
-_MOST_FAILURES = 10
-"""Failures printed; the table has them all."""
-_REPORT_EVERY_S = 30.0
-"""Interval of progress lines in a log file."""
+_MOST_FAILURES = 10  # failures printed; the table has them all
+_REPORT_EVERY_S = 30.0  # interval of progress lines in a log file
 
 
 @reported

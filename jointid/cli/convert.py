@@ -1,7 +1,5 @@
 """jointid convert."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -39,12 +37,10 @@ _NOT_STATED = (
 @reported
 def convert(
     logs: Annotated[
-        list[Path],
-        typer.Argument(parser=named, help="Logs with the same columns.", show_default=False),
+        list[Path], typer.Argument(parser=named, help="Logs with the same columns.", show_default=False)
     ],
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip."),
+        Path | None, typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip.")
     ] = None,
     mapping: Annotated[
         Path | None, typer.Option(help="JSON that says which column is what, as --guess writes it.")
@@ -91,7 +87,7 @@ def convert(
         require_free(output, overwrite, [*logs, mapping, inertia])
     from jointid import save_study
     from jointid.importing import guess_mapping, mapping_from_json, mapping_to_json, read_log
-    from jointid.importing.map.joined_logs import join_logs
+    from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
     with status("Reading", quiet=as_json):

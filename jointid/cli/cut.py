@@ -1,7 +1,5 @@
 """jointid cut."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -84,15 +82,7 @@ def cut(
 def cut_results(
     robot: Any, assumption: str, zones_mm: Sequence[float], progress: Callable[[float], None]
 ) -> tuple[dict[str, Any], list[Any]]:
-    """Simulate the paper's rectangle with several corner zones, before and after.
-
-    Returns
-    -------
-    document : dict
-        Path errors in mm, zone by zone.
-    outcomes : list of Outcome
-        One per zone.
-    """
+    """Simulate the paper's rectangle with several corner zones: path errors in mm, and the outcomes."""
     from jointid.cut.outcome import cut_outcome
     from jointid.cut.rectangle import rectangle
     from jointid.cut.robot import CUTTING_POINT_M, assumed_elasticity

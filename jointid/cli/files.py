@@ -88,13 +88,11 @@ def require_spared(path: Path, overwrite: bool, reads: Iterable[Path | None]) ->
 
 def _in_study(path: Path) -> bool:
     """Whether a file may be part of a study's folder."""
+    from jointid.files.study_parts import STUDY_PARTS
     from jointid.files.study_saving import STUDY_FILE
 
-    at = path.absolute()
-    if at.name == STUDY_FILE:
-        return True
-    in_folder = any((parent / STUDY_FILE).is_file() for parent in at.parents)
-    return in_folder and at.suffix.lower() in (".csv", ".parquet")
+    in_folder = any((parent / STUDY_FILE).is_file() for parent in path.absolute().parents)
+    return in_folder and path.suffix.lower() in STUDY_PARTS
 
 
 def _same_file(source: Path, target: Path) -> bool:

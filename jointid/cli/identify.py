@@ -1,7 +1,5 @@
 """jointid identify."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,5 +71,5 @@ def identify_document(analysis: Analysis) -> dict[str, Any]:
         "findings": [
             {"level": f.level, "title": f.title, "detail": f.detail, "remedy": f.remedy}
             for f in analysis.findings
-        ],
+        ]
     }

@@ -1,7 +1,5 @@
 """Arguments, options and checks that several commands share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import typer
@@ -58,7 +56,7 @@ METHOD = typer.Option(callback=known_method, help=f"Estimator: {', '.join(METHOD
 JSON = typer.Option("--json", help="Print only JSON.")
 OVERWRITE = typer.Option("--overwrite", help="Replace an existing study or file.")
 INERTIA_STD = typer.Option(
-    help="How well M and M2 are known: relative standard deviation, 0.03 for 3 %, 0 exact, inf unknown.",
+    help="How well M and M2 are known: relative standard deviation, 0.03 for 3 %, 0 exact, inf unknown."
 )
 TORQUE_STD = typer.Option(help="The same for the torque constant of each joint.")
 NOMINAL_K = typer.Option("--nominal-K", help="The controller's stiffness, N·m/rad.")

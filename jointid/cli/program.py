@@ -1,7 +1,5 @@
 """The program: help, version, and one clear message instead of a traceback."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """jointid simulate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,8 +25,7 @@ from jointid.errors import JointIdError
 @reported
 def simulate(
     output: Annotated[
-        Path,
-        typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False),
+        Path, typer.Argument(parser=named, help="New study: a folder or a .zip.", show_default=False)
     ],
     inertia: Annotated[
         Path | None,
@@ -49,8 +46,7 @@ def simulate(
     count: Annotated[int, typer.Option(min=1, max=500, help="Number of frequencies.")] = 18,
     periods: Annotated[float, typer.Option(help="Length of each record, periods.")] = 12.5,
     motion: Annotated[
-        str,
-        typer.Option(help="In place of sines: sweep, multisine, random or moves."),
+        str, typer.Option(help="In place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[bool, typer.Option(help="Multisine on odd lines, which shows distortion.")] = False,
     duration: Annotated[float, typer.Option(help="Length of each record of a motion, s.")] = 20.0,

@@ -1,7 +1,5 @@
 """jointid app."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Where the app is, with its pages and sample studies: in a checkout or in an installed package."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 
@@ -9,10 +7,7 @@ from pathlib import Path
 def application_folder() -> Path:
     """Return the folder of app.py, pages/, sample_data/ and .streamlit/.
 
-    Returns
-    -------
-    Path
-        ``jointid/app/``, where the wheel has them (see pyproject.toml), else the root of the checkout.
+    It is ``jointid/app/``, where the wheel has them (see pyproject.toml), else the root of the checkout.
     """
     package = Path(str(files("jointid")))
     packaged = package / "app"
@@ -20,17 +15,9 @@ def application_folder() -> Path:
 
 
 def sample_studies(folder: Path | None = None) -> dict[str, Path]:
-    """Return the sample studies by name, the paper's first.
+    """Return the sample studies by name, file or folder without suffix, the paper's first.
 
-    Parameters
-    ----------
-    folder : Path, optional
-        Where they are; default: ``sample_data/`` of the app.
-
-    Returns
-    -------
-    dict of Path
-        A study's name is that of its file or folder, without suffix. Empty without the folder.
+    They are in ``folder``, by default ``sample_data/`` of the app; none without the folder.
     """
     folder = folder or application_folder() / "sample_data"
     found: dict[str, Path] = {}

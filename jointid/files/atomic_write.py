@@ -1,9 +1,9 @@
 """Files that appear complete or not at all."""
 
-from __future__ import annotations
-
 import os
+import re
 import secrets
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -11,26 +11,19 @@ from typing import BinaryIO
 
 from jointid.errors import JointIdError
 
+_FRESH = re.compile(r"\.[0-9a-f]{16}\.new")
+_LEFT_OVER_S = 3600.0
+
 
 @contextmanager
 def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
     """Open a binary file that replaces ``path`` at the end of the block, unless the block fails.
 
     The data reach the disk before the name does: after a crash or a power cut ``path`` holds the old
-    content or the new one.
-
-    Parameters
-    ----------
-    path : Path
-        File to write or replace.
-    private : bool, default False
-        Whether only this user may read it.
-
-    Raises
-    ------
-    OSError
-        When it cannot be written; the file of before is unchanged.
+    content or the new one. A ``private`` file is readable by this user only. Raises OSError when it
+    cannot be written; the file of before is unchanged.
     """
+    _remove_left_over(path.parent)
     fresh = path.with_name(f".{secrets.token_hex(8)}.new")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     handle = os.open(fresh, flags, 0o600 if private else 0o666)
@@ -48,13 +41,7 @@ def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
 
 def write_file(path: Path, data: bytes) -> None:
-    """Write a file atomically.
-
-    Raises
-    ------
-    JointIdError
-        When it cannot be written.
-    """
+    """Write a file atomically. Raises JointIdError when it cannot be written."""
     if not path.parent.is_dir():
         raise JointIdError(f"{path.parent} is not a folder: make it first, or choose another path.")
     try:
@@ -71,6 +58,14 @@ def write_error(path: Path, error: OSError) -> JointIdError:
         file=str(path),
         hint="Make room or check the permissions, or choose another path.",
     )
+
+
+def _remove_left_over(folder: Path) -> None:
+    """Remove files of writes that were killed: no write takes an hour."""
+    with suppress(OSError):
+        for file in folder.glob(".*.new"):
+            if _FRESH.fullmatch(file.name) and time.time() - file.stat().st_mtime > _LEFT_OVER_S:
+                file.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,7 +1,5 @@
 """What folders and archives share: safe file names, and limits on what is read."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Iterable, Iterator
@@ -42,10 +40,8 @@ class Container(Protocol):
 def safe_name(name: str) -> str:
     """Return ``name`` as a plain relative path, or refuse it.
 
-    Raises
-    ------
-    JointIdError
-        When it is empty or absolute, has a drive letter, "..", a backslash or a control character.
+    Raises JointIdError when it is empty or absolute, has a drive letter, "..", a backslash or a control
+    character.
     """
     path = PurePosixPath(name)
     if "\\" in name:

@@ -1,7 +1,5 @@
 """Columns of numbers from a CSV file: a fast reader, and the exact place of the first fault."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -51,26 +49,10 @@ def parquet_faults(file: str) -> Iterator[None]:
 
 
 def read_header(file: str, data: bytes) -> tuple[list[str], int]:
-    """Read the column names.
+    """Read the column names of a file that is not empty, and the offset of the line after them.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    data : bytes
-        The file's content, not empty.
-
-    Returns
-    -------
-    names : list of str
-        The cells of the first line that is not blank nor a comment (#), without blanks around them.
-    body : int
-        Where the line after it begins.
-
-    Raises
-    ------
-    JointIdError
-        When it is not UTF-8 text, has no rows, or is not separated by commas.
+    They are the cells of the first line that is not blank nor a comment (#), without blanks around them.
+    Raises JointIdError when it is not UTF-8 text, has no rows, or is not separated by commas.
     """
     begin = len(_BYTE_ORDER_MARK) if data.startswith(_BYTE_ORDER_MARK) else 0
     while True:
@@ -125,22 +107,11 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
 def read_columns(
     file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
 ) -> list[Floats]:
-    """Read columns of finite numbers, the first of them strictly increasing.
+    """Read the columns at some positions: finite numbers, the first column strictly increasing.
 
-    Parameters
-    ----------
-    file, data
-        As for ``read_header``.
-    header, body
-        What ``read_header`` returned.
-    positions : sequence of int
-        Which columns; the others are ignored, whatever they hold.
-
-    Raises
-    ------
-    JointIdError
-        For the first row that does not fit, with line (the file's first line is 1), column,
-        value and remedy.
+    ``header`` and ``body`` are from ``read_header``; other columns are ignored, whatever they hold.
+    Raises JointIdError for the first row that does not fit, with line (the file's first line is 1),
+    column, value and remedy.
     """
     try:
         # By position, not by name: the header was read above, with its blanks and quotes.

@@ -1,7 +1,5 @@
 """Digest of a study: equal for equal studies only."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable
 from hashlib import blake2b
@@ -20,19 +18,10 @@ class _Hash(Protocol):
 
 
 def study_digest(study: Study) -> str:
-    """Return a key for caching the results of a study.
+    """Return a key, 32 hexadecimal digits (blake2b), for caching the results of a study.
 
     It depends on every bit of samples, frequencies, timing, inertias with their uncertainty, nominal
     values, names, robot and date.
-
-    Parameters
-    ----------
-    study : Study
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits (blake2b).
     """
     state = blake2b(digest_size=16)
     _texts(state, (study.name, study.origin, study.description))

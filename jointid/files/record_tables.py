@@ -1,7 +1,5 @@
 """The table of one record, CSV or Parquet: from bytes to arrays and back."""
 
-from __future__ import annotations
-
 import io
 import math
 import re
@@ -41,30 +39,12 @@ def _arm_name(joint: int) -> str:
 
 
 def read_record_table(file: str, data: bytes, joints: int, *, arm: bool = False) -> dict[str, Floats]:
-    """Read the columns of one record; others are ignored.
+    """Read the columns of one record from a .csv or .parquet file; others are ignored.
 
-    Parameters
-    ----------
-    file : str
-        Name, which ends in .csv or .parquet.
-    data : bytes
-        The file's content.
-    joints : int
-        Number of joints of the study.
-    arm : bool
-        Also read the angles at the arm side, where there are such columns.
-
-    Returns
-    -------
-    dict
-        Arguments of a record: time_s, shape (N,), ascending; theta_rad and tau_Nm, shape (N, n),
-        motor side, finite; arm_rad, shape (N, n), NaN for a joint without a column, if ``arm``.
-
-    Raises
-    ------
-    JointIdError
-        When the table cannot be read, a column is missing, a value is not a finite number or
-        the times do not increase; with file, row, column, value and remedy.
+    Returns the arrays of a record: time_s (N,), ascending; theta_rad and tau_Nm (N, n), motor side,
+    finite; with ``arm`` also arm_rad (N, n), NaN for a joint without a column. Raises JointIdError when
+    the table cannot be read, a column is missing, a value is not a finite number or the times do not
+    increase; with file, row, column, value and remedy.
     """
     if not data:
         raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
@@ -162,10 +142,7 @@ def _conversion(name: str, found: Sequence[str]) -> str:
 def numeric_columns(file: str, schema: pa.Schema, joints: int, arm: bool = False) -> dict[str, int]:
     """Positions of a Parquet record's columns by name: time, motor angles, torques, arm angles.
 
-    Raises
-    ------
-    JointIdError
-        When one is missing or holds no numbers.
+    Raises JointIdError when one is missing or holds no numbers.
     """
     positions = _find_columns(file, list(schema.names), joints, arm)
     for k in positions.values():
@@ -218,24 +195,11 @@ def empty_cell(file: str, row: int, column: str) -> JointIdError:
 
 
 def explain_fault(
-    file: str,
-    names: Sequence[str],
-    columns: Sequence[Floats],
-    above: int = 0,
-    before: float = -math.inf,
+    file: str, names: Sequence[str], columns: Sequence[Floats], above: int = 0, before: float = -math.inf
 ) -> NoReturn:
-    """Raise for the first fault of columns that ``are_usable`` refuses.
+    """Raise for the first fault of columns, time first, that ``are_usable`` refuses.
 
-    Parameters
-    ----------
-    file : str
-    names : sequence of str
-    columns : sequence of ndarray
-        The first is time.
-    above : int, default 0
-        Rows of the file above these.
-    before : float, optional
-        Time of the row above the first one.
+    ``above`` is the number of rows of the file above these, ``before`` the time of the last of them.
     """
     for name, column in zip(names, columns, strict=True):
         if not np.isfinite(column).all():

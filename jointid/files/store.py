@@ -16,8 +16,6 @@ damaged database can cost all; network drives without locks work; removing an en
 once, where a database on a full disk needs as much again for a VACUUM.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -44,6 +42,7 @@ from jointid.files.store_files import (
     read_entry,
     user_folder,
     write_entry,
+    write_name,
     write_whole,
 )
 
@@ -61,10 +60,8 @@ _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")
 _LEFT_OVER_S = 3600.0
 """Age at which an incomplete entry counts as left over by a crash: no write takes that long."""
-_ENDINGS = (".json", ".data", ".name")
-"""Files of an entry, in the order of their removal."""
-_TOUCH_EVERY_S = 60.0
-"""Resolution of the time of last use."""
+_ENDINGS = (".json", ".data", ".name")  # files of an entry, in the order of their removal
+_TOUCH_EVERY_S = 60.0  # resolution of the time of last use
 
 
 def new_workspace() -> str:
@@ -110,24 +107,11 @@ class Store:
         return tuple(sorted(found, key=lambda entry: (entry.created_s, entry.id), reverse=True))
 
     def put(self, workspace: str, name: str, digest: str, data: bytes) -> Entry:
-        """Store data; they are on the disk when this returns.
+        """Store data under the caller's key of their content; they are on the disk when this returns.
 
-        An entry with the same digest moves to the front under the new name.
-
-        Parameters
-        ----------
-        workspace : str
-            From ``new_workspace``.
-        name : str
-            Displayed name; cut to ``MAX_NAME`` characters.
-        digest : str
-            The caller's key of the content.
-        data : bytes
-
-        Raises
-        ------
-        JointIdError
-            When they exceed the capacity of the store, or cannot be written.
+        An entry with the same digest moves to the front under the new name, which is cut to ``MAX_NAME``
+        characters. Raises JointIdError when the data exceed the capacity of the store, or cannot be
+        written.
         """
         place = self._place(workspace)
         if len(data) > self.limit_bytes:
@@ -151,10 +135,7 @@ class Store:
     def read(self, workspace: str, entry: str) -> bytes:
         """Return an entry's data and update the time of its last use.
 
-        Raises
-        ------
-        JointIdError
-            When there is no such entry, or its data are damaged; these are set aside.
+        Raises JointIdError when there is no such entry, or its data are damaged; these are set aside.
         """
         file = self._file(workspace, entry)
         with self._failing("read"):
@@ -181,17 +162,14 @@ class Store:
     def rename(self, workspace: str, entry: str, name: str) -> None:
         """Rename an entry; of two simultaneous renamings the last one wins.
 
-        Raises
-        ------
-        JointIdError
-            When the name is empty, or there is no such entry.
+        Raises JointIdError when the name is empty, or there is no such entry.
         """
         if not (new_name := one_line(name)):
             raise JointIdError("The name is empty: give at least one character.")
         file = self._file(workspace, entry)
         with self._failing("written"):
             if file.exists():
-                write_whole(file.with_suffix(".name"), new_name.encode("utf-8", "replace"))
+                write_name(file, new_name)
             if not file.exists():  # deleted meanwhile
                 file.with_suffix(".name").unlink(missing_ok=True)
                 raise JointIdError(

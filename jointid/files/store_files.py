@@ -1,7 +1,5 @@
 """Files of a store's entries: atomic writing, checked reading."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
@@ -21,17 +19,26 @@ DAMAGED = (ValueError, KeyError, TypeError, RecursionError)
 """Exceptions for a damaged .json of an entry."""
 
 
+_USUAL = {"win32": ("LOCALAPPDATA", "AppData/Local"), "darwin": ("", "Library/Application Support")}
+
+
 def user_folder() -> Path:
     """Return the default folder of a store: JOINTID_DATA_DIR, else the user's data directory."""
     if chosen := os.environ.get("JOINTID_DATA_DIR"):
         return Path(chosen)
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
-    elif sys.platform == "darwin":
-        base = "~/Library/Application Support"
-    else:
-        base = os.environ.get("XDG_DATA_HOME") or "~/.local/share"
-    return Path(base).expanduser() / "jointid"
+    variable, usual = _USUAL.get(sys.platform, ("XDG_DATA_HOME", ".local/share"))
+    stated = Path(os.environ.get(variable, ""))  # a relative one is invalid
+    return (stated if stated.is_absolute() else _home() / usual) / "jointid"
+
+
+def _home() -> Path:
+    """Home of this account, also where a service runs with an empty or relative HOME."""
+    if os.name == "posix" and not os.path.isabs(os.environ.get("HOME", "")):
+        with suppress(ImportError, KeyError):
+            import pwd
+
+            return Path(pwd.getpwuid(os.getuid()).pw_dir)
+    return Path.home()
 
 
 def part_of(workspace: str, part: str) -> str:
@@ -70,14 +77,12 @@ class Note:
 def read_entry(file: Path) -> Entry:
     """Read an entry's .json and compare it with its data's size.
 
-    Raises
-    ------
-    OSError
-        When one of them is missing or cannot be read.
-    DAMAGED
-        When the .json is damaged, or the data have another size.
+    Raises OSError when one of them is missing or cannot be read; DAMAGED when the .json is damaged, or
+    the data have another size.
     """
     meta: dict[str, Any] = json.loads(file.read_bytes())
+    if "seal" in meta and meta.pop("seal") != _seal(meta):  # entries of version 0.1 have none
+        raise ValueError(file.name)
     stat = file.with_suffix(".data").stat()
     entry = Entry(
         id=file.stem,
@@ -102,23 +107,15 @@ def holds(file: Path, data: bytes) -> bool:
 
 
 def write_entry(file: Path, name: str, digest: str, data: bytes) -> Entry:
-    """Write an entry's data, unless they exist, then its .json, which commits the entry.
-
-    Parameters
-    ----------
-    file : Path
-        Path of the .json; the data are beside it.
-    name, digest : str
-        As for ``Store.put``.
-    data : bytes
-    """
+    """Write an entry's data, unless they exist, then its .json beside them, which commits the entry."""
     now = time.time()
     entry = Entry(file.stem, one_line(name), digest, len(data), checksum(data), now, now)
     there = holds(file.with_suffix(".data"), data)
     if not there:
         write_whole(file.with_suffix(".data"), data)
     meta = {key: value for key, value in asdict(entry).items() if key not in ("id", "opened_s")}
-    write_whole(file, json.dumps({"format": 1} | meta).encode())
+    meta["format"] = 1
+    write_whole(file, json.dumps(meta | {"seal": _seal(meta)}).encode())
     if there:
         file.with_suffix(".name").unlink(missing_ok=True)
         with suppress(FileNotFoundError):
@@ -135,16 +132,28 @@ def write_whole(file: Path, data: bytes) -> None:
 
 
 def latest_name(file: Path) -> str:
-    """Return an entry's name after a renaming, else an empty text."""
+    """Return an entry's name after a renaming, else an empty text; also for a damaged one."""
     try:
-        return one_line(file.with_suffix(".name").read_text("utf-8", "replace"))
+        name, _, seal = file.with_suffix(".name").read_text("utf-8", "replace").partition("\n")
     except FileNotFoundError:
         return ""
+    return one_line(name) if not seal or seal == checksum(name.encode()) else ""
+
+
+def write_name(file: Path, name: str) -> None:
+    """Write an entry's new name beside its .json, with a checksum."""
+    data = name.encode("utf-8", "replace")
+    write_whole(file.with_suffix(".name"), data + f"\n{checksum(data)}".encode())
 
 
 def one_line(name: str) -> str:
     """Return a name as one line of at most ``MAX_NAME`` printable characters."""
     return " ".join("".join(c if c.isprintable() else " " for c in name).split())[:MAX_NAME]
+
+
+def _seal(meta: dict[str, Any]) -> str:
+    """Checksum of an entry's description, its name included."""
+    return checksum(json.dumps(meta, sort_keys=True).encode())
 
 
 def checksum(data: bytes) -> str:

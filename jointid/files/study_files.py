@@ -19,8 +19,6 @@ band_hz = [2.5, 38]            # optional: frequencies to use
 
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -40,13 +38,9 @@ from jointid.files.study_keys import (
     RECORD_KEYS,
     STUDY_KEYS,
     TIMING_KEYS,
-    in_file,
     in_place,
     read_angles,
-    read_deviations,
-    read_inertia,
-    read_nominal,
-    read_poses,
+    read_known,
     read_robot_model,
 )
 from jointid.files.study_parts import is_long, read_long_record
@@ -55,15 +49,14 @@ from jointid.files.table_preview import peek_table
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import MAX_FILE_BYTES
-from jointid.study import INERTIA_STD, Study
+from jointid.study import Study
 from jointid.wording import listed, nearest, shown
 
 __all__ = ["PEEK_ROWS", "PeekedTable", "load_study", "pack_study", "peek_study", "save_study"]
 
 PEEK_ROWS = 500
 """Rows of a table in a preview."""
-_PEEK_BYTES = 1 << 20
-"""Beginning of a CSV file that a preview reads, bytes."""
+_PEEK_BYTES = 1 << 20  # beginning of a CSV file that a preview reads, bytes
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,62 +100,30 @@ def load_study(path_or_file: Source) -> Study:
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)
         _require_format_1(top)
-        name, origin, description, robot = (
-            top.text(key, "") for key in ("name", "origin", "description", "robot")
-        )
-        date = top.date("date") if "date" in top else None
+        known: dict[str, Any] = {key: top.text(key, "") for key in ("origin", "description", "robot")}
+        known["date"] = top.date("date") if "date" in top else None
         table = top.table("inertia", INERTIA_KEYS)
         model = read_robot_model(top, lambda file: container.read(file, at_most=MAX_FILE_BYTES + 1))
-        inertia, (inertia_std, torque_std) = (
-            read_inertia(table, robot=model),
-            read_deviations(top, table),
-        )
-        poses, nominal = read_poses(top, inertia, model), read_nominal(top)
+        known |= read_known(top, table, model) | {"robot_model": model}
         named = {"": table, **top.named_tables("poses", POSE_KEYS)}
         angles = {pose: q for pose, of in named.items() if (q := read_angles(of)) is not None}
         timing = top.table("timing", TIMING_KEYS) if "timing" in top else None
         tables = top.tables("records", RECORD_KEYS)
         files = _record_files(tables, container)
         records = [
-            _record(table, file, timing, container, inertia.n, tuple(poses))
+            _record(table, file, timing, container, known["inertia"].n, tuple(known["poses"]))
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
-        return Study(
-            records=tuple(records),
-            inertia=inertia,
-            nominal=nominal,
-            name=name,
-            origin=origin,
-            description=description,
-            poses=poses,
-            robot=robot,
-            date=date,
-            inertia_std=INERTIA_STD if inertia_std is None else inertia_std,
-            torque_std=torque_std,
-            robot_model=model,
-            pose_angles_rad=angles,
-            changes=tuple(top.texts("changes")) if "changes" in top else (),
-        )
+        changes = tuple(top.texts("changes")) if "changes" in top else ()
+        return Study(records=tuple(records), pose_angles_rad=angles, changes=changes, **known)
 
 
 def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:
     """Return the beginning of every table in a study, also of one that ``load_study`` refuses.
 
-    Parameters
-    ----------
-    path_or_file : path, bytes or binary file
-        As for ``load_study``; study.toml may be missing or wrong.
-
-    Returns
-    -------
-    tuple of PeekedTable
-        One for each .csv or .parquet file, by name, with at most PEEK_ROWS rows.
-
-    Raises
-    ------
-    JointIdError
-        When the folder or archive itself cannot be read.
+    There is one for each .csv or .parquet file, by name, with at most PEEK_ROWS rows; study.toml may be
+    missing or wrong. Raises JointIdError when the folder or archive itself cannot be read.
     """
     tables, culprit, line = [], None, None
     try:
@@ -247,11 +208,14 @@ def _record(
         kind = MotionRecord
         known["band_hz"] = table.numbers("band_hz") if "band_hz" in table else None
     path = container.path(file)
-    if kind is SineRecord and path is not None and is_long(file, path, joints):
+    if kind is SineRecord and path is not None and is_long(file, path):
         with in_place(file, file):
             return read_long_record(file, path, joints, **known)
-    with in_file(file):
+    try:
         arrays = read_record_table(file, container.read(file), joints, arm=kind is MotionRecord)
+    except JointIdError as error:
+        error.file = error.file or file  # its message begins with it
+        raise
     try:
         return kind(**(known | arrays))
     except JointIdError as error:

@@ -1,7 +1,5 @@
 """Keys of a study.toml with an example of each, and the values that several readers share."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -76,13 +74,9 @@ def read_inertia(
 ) -> Inertia:
     """Return the inertia of a table; a pose without M has the rotors of ``default``.
 
-    Joint angles in place of M2 take the inertia and the gravity from the robot's model.
-
-    Raises
-    ------
-    JointIdError
-        When M or M2 is missing or is no inertia, or joint angles are given beside them or without a
-        model.
+    Joint angles in place of M2 take the inertia and the gravity from the robot's model. Raises
+    JointIdError when M or M2 is missing or is no inertia, or joint angles are given beside them or
+    without a model.
     """
     angles = read_angles(table)
     if angles is not None:
@@ -104,10 +98,7 @@ def read_inertia(
 def read_angles(table: CheckedTable) -> Floats | None:
     """Return the joint angles of a pose in rad; None without.
 
-    Raises
-    ------
-    JointIdError
-        When they are given both in degrees and in radians.
+    Raises JointIdError when they are given both in degrees and in radians.
     """
     if "angles_deg" in table and "angles_rad" in table:
         raise table.error("angles_deg and angles_rad are both given: leave one of them out.")
@@ -117,18 +108,9 @@ def read_angles(table: CheckedTable) -> Floats | None:
 
 
 def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotModel | None:
-    """Return the robot's model; None without [robot_model].
+    """Return the robot's model, None without [robot_model]; ``read`` returns a file by its name.
 
-    Parameters
-    ----------
-    top : CheckedTable
-    read : callable
-        Returns the content of a file of the study by its name.
-
-    Raises
-    ------
-    JointIdError
-        When the file is missing or is no robot.
+    Raises JointIdError when the file is missing or is no robot.
     """
     if "robot_model" not in top:
         return None
@@ -146,25 +128,20 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
         return robot.with_payload(**values)
 
 
-def read_deviations(
-    top: CheckedTable, inertia: CheckedTable | None = None
-) -> tuple[float | None, float | None]:
-    """Return the relative standard deviations of inertias and torque scales; None where not stated.
+def read_known(
+    top: CheckedTable, inertia: CheckedTable, robot: RobotModel | None = None
+) -> dict[str, Any]:
+    """Return what a file says of a robot: inertia, standard deviations if stated, poses, nominal, name.
 
-    Parameters
-    ----------
-    top : CheckedTable
-    inertia : CheckedTable, optional
-        Table of the inertias, by default ``top`` itself.
-
-    Raises
-    ------
-    JointIdError
-        When one of them is no number, or negative.
+    ``inertia`` is the table with M and M2. Raises JointIdError when one of them is invalid.
     """
-    inertia = inertia or top
-    torque = top.table("torque", TORQUE_KEYS).deviation("std") if "torque" in top else None
-    return inertia.deviation("std") if "std" in inertia else None, torque
+    given = read_inertia(inertia, robot=robot)
+    known: dict[str, Any] = {"inertia": given, "name": top.text("name", "")}
+    if "std" in inertia:
+        known["inertia_std"] = inertia.deviation("std")
+    if "torque" in top:
+        known["torque_std"] = top.table("torque", TORQUE_KEYS).deviation("std")
+    return known | {"poses": read_poses(top, given, robot), "nominal": read_nominal(top)}
 
 
 def read_poses(
@@ -172,19 +149,9 @@ def read_poses(
 ) -> dict[str, Inertia]:
     """Return the inertia of each named pose, none when there is no [poses.NAME].
 
-    Parameters
-    ----------
-    top : CheckedTable
-    default : Inertia, optional
-        Inertia of records without a pose: gives the rotors of a pose without M, and M2 of a pose that
-        adds to it.
-    robot : RobotModel, optional
-        Gives the inertia of poses with joint angles.
-
-    Raises
-    ------
-    JointIdError
-        When one of them is no inertia, or adds to a pose that is not there.
+    ``default``, the inertia of records without a pose, gives the rotors of a pose without M, and M2 of a
+    pose that adds to it; ``robot`` gives the inertia of poses with joint angles. Raises JointIdError
+    when one of them is no inertia, or adds to a pose that is not there.
     """
     tables = top.named_tables("poses", POSE_KEYS)
     additions = {name for name, table in tables.items() if "M2" not in table and "added" in table}
@@ -223,10 +190,7 @@ def _sum(table: CheckedTable, default: Inertia | None, poses: Mapping[str, Inert
 def read_nominal(top: CheckedTable) -> Elasticity | None:
     """Return the controller's present values; None without [nominal].
 
-    Raises
-    ------
-    JointIdError
-        When K or D is missing or is no spring.
+    Raises JointIdError when K or D is missing or is no spring.
     """
     if "nominal" not in top:
         return None
@@ -234,16 +198,6 @@ def read_nominal(top: CheckedTable) -> Elasticity | None:
     K, D = table.numbers("K"), table.numbers("D")
     with in_place(table.where, table.file):
         return Elasticity(K=K, D=D)
-
-
-@contextmanager
-def in_file(file: str) -> Iterator[None]:
-    """Name the file in an error whose message already begins with it."""
-    try:
-        yield
-    except JointIdError as error:
-        error.file = error.file or file
-        raise
 
 
 @contextmanager

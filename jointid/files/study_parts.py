@@ -1,6 +1,4 @@
-"""Long records: Parquet files of any size, read in parts."""
-
-from __future__ import annotations
+"""A record in parts: Parquet files of any size; and the endings of all files of a study."""
 
 import math
 from collections.abc import Iterator
@@ -20,50 +18,37 @@ from jointid.files.record_tables import column_names, empty_cell, explain_fault,
 from jointid.phasors.long_records import LongRecord
 from jointid.records import SineRecord
 
+STUDY_PARTS = (".csv", ".parquet", ".toml", ".urdf", ".xml")
+"""Endings of the files of a study: study.toml, tables and robot models."""
 LONG_BYTES = 256 << 20
 """Largest record that is read at once, bytes of its numbers unpacked."""
 
-_PART_SAMPLES = 1 << 20
-"""Fewest samples of a part."""
+_PART_SAMPLES = 1 << 20  # fewest samples of a part
 _PART_PERIODS = 32
 """Fewest periods of a part: they determine its noise and separate 31 harmonics from its drift."""
-_SHOWN_SAMPLES = 1 << 17
-"""Samples kept in memory, for plots."""
-_BATCH = 1 << 16
-"""Rows that Arrow decodes at a time."""
+_SHOWN_SAMPLES = 1 << 17  # samples kept in memory, for plots
+_BATCH = 1 << 16  # rows that Arrow decodes at a time
 _BUFFER_BYTES = 1 << 20
 """Buffer for a column's packed pages; without it Arrow reads a whole row group at once."""
 
 
-def is_long(name: str, path: Path, joints: int) -> bool:
+def is_long(name: str, path: Path) -> bool:
     """Whether a record is read in parts: a large Parquet file."""
     if not name.lower().endswith(".parquet"):
         return False
     try:
-        rows = pa_parquet.read_metadata(path).num_rows
+        metadata = pa_parquet.read_metadata(path)
+        joints = sum(column.startswith("theta_m") for column in metadata.schema.names)
     except ARROW_FAULTS:
         return False  # the reader reports the fault
-    return bool(rows * (1 + 2 * joints) * 8 > LONG_BYTES)
+    return bool(metadata.num_rows * (1 + 2 * joints) * 8 > LONG_BYTES)
 
 
 def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRecord:
-    """Open a record that is read in parts.
+    """Open a Parquet record of a study of some joints that is read in parts.
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    path : Path
-        The Parquet file.
-    joints : int
-        Number of joints of the study.
-    **known
-        Arguments of ``SineRecord`` other than its arrays.
-
-    Raises
-    ------
-    JointIdError
-        When the columns or the first part cannot be used; later parts are checked as they are read.
+    ``known`` are arguments of ``SineRecord`` other than its arrays. Raises JointIdError when the columns
+    or the first part cannot be used; later parts are checked as they are read.
     """
     start = known.pop("start_s")
     with _opened(name, path) as source:

@@ -1,7 +1,5 @@
 """Writing a study: atomically, exact to the last bit, equal bytes for equal studies."""
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil
@@ -68,12 +66,8 @@ def save_study(
 def pack_study(study: Study, *, record_format: Literal["csv", "parquet"] = "csv") -> bytes:
     """Return a study as the bytes of a zip archive, as ``save_study`` writes it, for a download.
 
-    Equal studies give equal bytes.
-
-    Raises
-    ------
-    JointIdError
-        When the study exceeds what ``load_study`` accepts.
+    Equal studies give equal bytes. Raises JointIdError when the study exceeds what ``load_study``
+    accepts.
     """
     buffer = BytesIO()
     _write_zip(study, buffer, record_format)

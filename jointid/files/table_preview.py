@@ -1,7 +1,5 @@
 """Preview of a record's table, also of one that is refused."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from itertools import islice
@@ -24,29 +22,11 @@ from jointid.files.csv_tables import (
 
 
 def peek_table(file: str, data: bytes, rows: int, *, around: int = 0) -> pd.DataFrame:
-    """Return some rows of a table, valid or not.
+    """Return at most ``rows`` rows of a .csv or .parquet table, valid or not; a CSV may be cut.
 
-    Parameters
-    ----------
-    file : str
-        Name, which ends in .csv or .parquet.
-    data : bytes
-        The file's content; for CSV its beginning is enough.
-    rows : int
-        Largest number of rows.
-    around : int
-        Line of the file, for Parquet its row, to include; by default the first rows.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns that hold only numbers as numbers, also with decimal commas; others as text. The
-        index is the "Line" of a CSV file or the "Row" of a Parquet file, from 1.
-
-    Raises
-    ------
-    JointIdError
-        When no preview is possible.
+    They include the line or row ``around``, by default the first ones. Columns that hold only numbers
+    are numbers, also with decimal commas; others are text. The index is the "Line" of a CSV file or the
+    "Row" of a Parquet file, from 1. Raises JointIdError when no preview is possible.
     """
     if not data:
         raise JointIdError(f"{file} is empty (0 bytes).")

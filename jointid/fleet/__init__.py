@@ -5,7 +5,7 @@
     summary = analyse_fleet(["cells/*/2026-*.zip"], "results.parquet", workers=4)
     rows = read_fleet(summary.out)
 
-``worker.py`` turns a study into its row; ``local.py`` and ``cluster.py`` run it.
+``worker.py`` turns a study into its row; ``jobs.py`` and ``cluster.py`` run it.
 """
 
 import lazy_loader

@@ -4,8 +4,7 @@ A child process reads the files here, and child processes analyse them on the wo
 affects one study only. When a worker is lost, the scheduler gives its studies to others.
 """
 
-from __future__ import annotations
-
+import math
 import queue
 import threading
 import time
@@ -25,8 +24,7 @@ from jointid.fleet.jobs import WORKER, Done, Job, ask_child, do_job
 from jointid.fleet.row import LOST, Row, failed_row, from_plain
 from jointid.version import __version__
 
-_CONNECT_S = 20.0
-"""Longest wait for the scheduler and its first worker."""
+_CONNECT_S = 20.0  # longest wait for the scheduler and its first worker
 _POLL_S = 1.0
 _SENT_PER_THREAD = 3
 """Studies sent ahead for each thread of the cluster: they stay busy, few studies are in memory."""
@@ -44,25 +42,17 @@ class _Client(Client):
 
 
 class Cluster:
-    """The workers of a Dask scheduler.
+    """The workers of a Dask scheduler, at such as "tcp://10.0.0.5:8786"; limits are for one study.
 
-    Parameters
-    ----------
-    address : str
-        Such as "tcp://10.0.0.5:8786".
-    limits : Limits
-        Time and memory for one study.
-
-    Raises
-    ------
-    JointIdError
-        When the scheduler cannot be reached, has no worker, or a worker lacks this version of jointid.
+    Raises JointIdError when the scheduler cannot be reached, has no worker, or a worker lacks this
+    version of jointid.
     """
 
     def __init__(self, address: str, limits: Limits) -> None:
         self._limits = limits
         self._address = address
         self._batch = uuid.uuid4().hex
+        self._size, self._asked_s = 1, -math.inf
         try:
             connect: Any = _Client
             self._client = connect(address, timeout=_CONNECT_S, set_as_default=False)
@@ -101,84 +91,58 @@ class Cluster:
 
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
         """Yield finished jobs; closing the generator cancels the others."""
-        done = queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception]()
-        slots, stopped = _Slots(), threading.Event()
-        reader = Child(WORKER, self._limits)
-
-        def send() -> None:
-            try:
-                for job in jobs:
-                    slots.wait()
-                    if stopped.is_set():
-                        return
+        reader, todo, away = Child(WORKER, self._limits), iter(jobs), 0
+        done = queue.SimpleQueue[tuple[Job, Future[Any]]]()
+        try:
+            while True:
+                while away < _SENT_PER_THREAD * self._threads() and (job := next(todo, None)):
                     read = _read(reader, job)
                     if isinstance(read, Done):
-                        done.put(read)
-                        continue
-                    # A unique key: equal ones share a result, or its loss.
-                    future = self._client.submit(
-                        _analysed,
-                        read,
-                        self._limits,
-                        self._batch,
-                        key=f"jointid-{uuid.uuid4().hex}",
-                        retries=2,
-                    )
-                    future.add_done_callback(lambda future, job=job: done.put((job, future)))
-            except Exception as error:
-                if not stopped.is_set():
-                    done.put(error)
-            finally:
-                reader.stop()
+                        yield read
+                    else:
+                        self._send(read, done)
+                        away += 1
+                if away == 0:
+                    return
+                with suppress(queue.Empty):
+                    finished = done.get(timeout=_POLL_S)
+                    away -= 1
+                    yield self._received(*finished)
+        finally:
+            reader.stop()
+            self._leave()
 
-        sender = threading.Thread(target=send, daemon=True)
-        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 GiB"}):
-            sender.start()
-            try:
-                for _ in jobs:
-                    result = self._next(done, slots)
-                    slots.leave()
-                    yield result
-            finally:
-                stopped.set()
-                slots.open()
-                reader.kill()
-                sender.join()
-                self._leave()
+    def _threads(self) -> int:
+        """Threads of the cluster, one or more; asked for every second."""
+        if time.monotonic() - self._asked_s > _POLL_S:
+            self._asked_s = time.monotonic()
+            if self._client.status == "closed":
+                raise self._lost_connection()
+            with suppress(OSError, TimeoutError):
+                self._size = max(1, sum(dict(self._client.nthreads()).values()))
+        return self._size
 
-    def _next(
-        self, done: queue.SimpleQueue[Done | tuple[Job, Future[Any]] | Exception], slots: _Slots
-    ) -> Done:
-        """Return the next result; update the number of threads while waiting."""
-        looked = 0.0
-        while True:
-            if time.monotonic() - looked > _POLL_S:
-                looked = time.monotonic()
-                with suppress(OSError, TimeoutError):
-                    slots.size = max(1, sum(dict(self._client.nthreads()).values()))
-            try:
-                result = done.get(timeout=_POLL_S)
-            except queue.Empty:
-                if self._client.status == "closed":
-                    raise self._lost_connection() from None
-                continue
-            if isinstance(result, Exception):
-                raise self._lost_connection() from result
-            if isinstance(result, Done):
-                return result
-            return self._received(*result)
+    def _send(self, job: Job, done: queue.SimpleQueue[tuple[Job, Future[Any]]]) -> None:
+        # A unique key: equal ones share a result, or its loss.
+        key = f"jointid-{uuid.uuid4().hex}"
+        arguments = job, self._limits, self._batch
+        try:
+            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 GiB"}):
+                future = self._client.submit(_analysed, *arguments, key=key, retries=2)
+        except Exception as error:
+            raise self._lost_connection() from error
+        future.add_done_callback(lambda future: done.put((job, future)))
 
     def _received(self, job: Job, future: Future[Any]) -> Done:
         try:
             return Done(job, future.result())
         except KilledWorker:
             text = "Every worker that it was given to was lost: it may take more memory than they have."
-            return Done(job, failed_row(job.study, job.method, LOST, text))
         except Exception as error:
-            if future.status == "error":
-                text = f"The worker failed: {type(error).__name__}: {error!s:.300}"
-                return Done(job, failed_row(job.study, job.method, LOST, text))
-            raise self._lost_connection() from error
+            if future.status != "error":
+                raise self._lost_connection() from error
+            text = f"The worker failed: {type(error).__name__}: {error!s:.300}"
+        return Done(job, failed_row(job.study, job.method, LOST, text))
 
     def _lost_connection(self) -> JointIdError:
         return JointIdError(
@@ -193,34 +157,6 @@ class Cluster:
                 self._client.run(_stop_children, self._batch, on_error="ignore")
         with suppress(Exception):
             self._client.close()
-
-
-class _Slots:
-    """Limit of studies sent but not finished; follows the size of the cluster."""
-
-    def __init__(self) -> None:
-        self.size = 1
-        self._inside = 0
-        self._open = False
-        self._changed = threading.Condition()
-
-    def wait(self) -> None:
-        """Take a slot when one is free."""
-        with self._changed:
-            while not self._open and self._inside >= _SENT_PER_THREAD * self.size:
-                self._changed.wait(0.1)
-            self._inside += 1
-
-    def leave(self) -> None:
-        with self._changed:
-            self._inside -= 1
-            self._changed.notify()
-
-    def open(self) -> None:
-        """Remove the limit."""
-        with self._changed:
-            self._open = True
-            self._changed.notify()
 
 
 def _read(reader: Child, job: Job) -> Job | Done:

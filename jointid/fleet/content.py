@@ -1,48 +1,25 @@
 """The files of a study on disk: their digest, and one zip of them to send."""
 
-from __future__ import annotations
-
 import io
 import os
 import zipfile
 from collections.abc import Iterator
-from contextlib import suppress
 from hashlib import blake2b
 from pathlib import Path
 from typing import BinaryIO
 
-import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
-
 from jointid.errors import JointIdError
 from jointid.files.container_limits import MAX_TOTAL_BYTES, chunks
 from jointid.files.containers import Folder
-from jointid.files.csv_tables import ARROW_FAULTS
-from jointid.files.study_parts import is_long
-from jointid.files.study_saving import STUDY_FILE
-
-_RECORDS = (".csv", ".parquet")
+from jointid.files.study_parts import STUDY_PARTS, is_long
 
 
 def content_digest(source: Path | bytes) -> str:
-    """Return a key that changes with any byte of a study's files.
+    """Return a key, 32 hexadecimal digits (blake2b), that changes with any byte of a study's files.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A folder or a .zip by its path, or the zip itself. Of a folder, only study.toml and the tables
-        count.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits (blake2b).
-
-    Raises
-    ------
-    JointIdError
-        When the path does not exist, or the folder cannot be listed.
-    OSError
-        When a zip cannot be read.
+    ``source`` is a folder or .zip by its path, or the zip itself. Of a folder, only study.toml, tables
+    and robot models count. Raises JointIdError when the path does not exist, or the folder cannot be
+    listed; OSError when a zip cannot be read.
     """
     state = blake2b(digest_size=16)
     if isinstance(source, bytes):
@@ -63,15 +40,11 @@ def content_digest(source: Path | bytes) -> str:
 
 
 def packed(path: Path) -> bytes:
-    """Return a study as one zip: a .zip unchanged, a folder's study.toml and tables uncompressed.
+    """Return a study as one zip: a .zip unchanged, of a folder what ``content_digest`` counts.
 
-    Raises
-    ------
-    JointIdError
-        When the path does not exist, the folder cannot be listed, a file cannot be read, a record is so
-        long that it is read in parts, or the files exceed the limit of an archive.
-    OSError
-        When a zip cannot be read.
+    Raises JointIdError when the path does not exist, the folder cannot be listed, a file cannot be read,
+    a record is so long that it is read in parts, or the files exceed the limit of an archive; OSError
+    when a zip cannot be read.
     """
     if not path.is_dir():
         return path.read_bytes()
@@ -85,7 +58,7 @@ def packed(path: Path) -> bytes:
                     raise file
                 size = os.fstat(file.fileno()).st_size
                 left -= size
-                if left < 0 or _is_long(name, Path(file.name)):
+                if left < 0 or is_long(name, Path(file.name)):
                     raise JointIdError(
                         f"{path} cannot be sent to a cluster, {name} is too long. Analyse it on this "
                         "computer, without a scheduler: here it is read in parts when it is Parquet."
@@ -100,20 +73,11 @@ def packed(path: Path) -> bytes:
     return buffer.getvalue()
 
 
-def _is_long(name: str, file: Path) -> bool:
-    """Whether a record of as many joints as its columns say is read in parts."""
-    if name.lower().endswith(".parquet"):
-        with suppress(*ARROW_FAULTS):  # the reader reports the fault
-            columns = pa_parquet.read_schema(file).names
-            return is_long(name, file, sum(column.startswith("theta_m") for column in columns))
-    return False
-
-
 def _files(path: Path) -> Iterator[tuple[str, BinaryIO | JointIdError | OSError]]:
     """Name of every file of a study, and the open file or the error instead."""
     folder = Folder(path)
     for name in folder.names():
-        if name != STUDY_FILE and not name.lower().endswith(_RECORDS):
+        if not name.lower().endswith(STUDY_PARTS):
             continue
         try:
             file = folder.path(name).open("rb")

@@ -1,13 +1,14 @@
-"""A study to analyse, its result, and the interface of what analyses it."""
+"""A study to analyse, its result, and the interface of what analyses it, here by child processes."""
 
-from __future__ import annotations
-
-from collections.abc import Generator, Sequence
+import queue
+import threading
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from jointid.background.child_process import Child, Ended
+from jointid.background.child_process import Child, Ended, Limits
+from jointid.errors import JointIdError
 from jointid.fleet.row import CRASH, TIME, Row, failed_row, from_plain, to_plain
 
 WORKER = "jointid.fleet.worker"
@@ -44,20 +45,14 @@ class Executor(Protocol):
     def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
         """Yield finished jobs; closing the generator cancels the others.
 
-        Raises
-        ------
-        JointIdError
-            When no further job of any study is possible.
+        Raises JointIdError when no further job of any study is possible.
         """
 
 
 def do_job(child: Child, job: Job) -> Done:
     """Analyse a study in a child process, on this computer or on a cluster.
 
-    Raises
-    ------
-    JointIdError
-        When no process can be started.
+    Raises JointIdError when no process can be started.
     """
     by_path = isinstance(job.source, Path)
     request = {"do": "analyse", "path": str(job.source) if by_path else "", "content": job.content}
@@ -75,3 +70,64 @@ def ask_child(
     except Ended as ended:
         failure = TIME if ended.late else CRASH
         return {"row": to_plain(failed_row(job.study, job.method, failure, str(ended)))}, b""
+
+
+_POLL_S = 0.2
+
+
+class Local:
+    """Child processes on this computer, one for each worker, each with one BLAS thread.
+
+    ``limits`` are time and memory for one study. ``waiting`` is called a few times a second between
+    results; its exceptions leave ``run`` and end the processes at once. Raises JointIdError without a
+    worker.
+    """
+
+    def __init__(
+        self, workers: int, limits: Limits, *, waiting: Callable[[], None] | None = None
+    ) -> None:
+        if workers < 1:
+            raise JointIdError(f"workers = {workers}: at least one is needed.")
+        self._workers = workers
+        self._limits = limits
+        self._waiting = waiting
+
+    def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
+        """Yield finished jobs; closing the generator ends the processes."""
+        todo, done = iter([*jobs]), queue.SimpleQueue[Done | Exception]()  # next of a list's is atomic
+        stopped = threading.Event()
+        children = [Child(WORKER, self._limits) for _ in range(min(self._workers, len(jobs)))]
+
+        def work(child: Child) -> None:
+            try:
+                while not stopped.is_set() and (job := next(todo, None)) is not None:
+                    done.put(do_job(child, job))
+            except Exception as error:  # without it the generator would wait forever
+                done.put(error)
+            finally:
+                child.stop()
+
+        threads = [threading.Thread(target=work, args=(child,), daemon=True) for child in children]
+        for thread in threads:
+            thread.start()
+        try:
+            for _ in jobs:
+                yield self._next(done)
+        finally:
+            stopped.set()
+            for child in children:
+                child.kill()
+            for thread in threads:
+                thread.join()
+
+    def _next(self, done: queue.SimpleQueue[Done | Exception]) -> Done:
+        while True:
+            try:
+                result = done.get(timeout=None if self._waiting is None else _POLL_S)
+            except queue.Empty:
+                assert self._waiting is not None
+                self._waiting()
+                continue
+            if isinstance(result, Exception):
+                raise result
+            return result

@@ -5,8 +5,6 @@ costs one row. An SQLite database needs the same code for errors, removal and fo
 every row to one damaged page, and fails on network drives without locks.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator
@@ -22,17 +20,9 @@ _HEAD = b'{"jointid fleet journal": 1}\n'
 
 
 class Journal:
-    """An append-only file of rows, held by one process at a time.
+    """An append-only file of rows, held by one process at a time; it is created when missing.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it is created when missing.
-
-    Raises
-    ------
-    JointIdError
-        When another process holds it, it is no journal, or cannot be written.
+    Raises JointIdError when another process holds it, it is no journal, or cannot be written.
     """
 
     def __init__(self, path: Path) -> None:

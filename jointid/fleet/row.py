@@ -105,17 +105,8 @@ def row_of(
 ) -> Row:
     """Return the row of an analysis, its numbers to the last bit.
 
-    Parameters
-    ----------
-    analysis : Analysis
-    study : str
-        Path, or name of the file.
-    content : str
-        Digest of the study's files, see ``jointid.fleet.content``.
-    method : str
-        Requested estimator.
-    time_s : float
-        Time of reading and analysis, s.
+    ``study`` is its path or the name of its file, ``content`` the digest of its files, ``method`` the
+    requested estimator and ``time_s`` the time of reading and analysis.
     """
     fit, known = analysis.fit, analysis.study
     n = fit.n
@@ -169,10 +160,7 @@ def to_plain(row: Row) -> dict[str, Any]:
 def from_plain(document: Any) -> Row:
     """Return a row from the values of ``to_plain``.
 
-    Raises
-    ------
-    TypeError
-        When it is not an object, or a field is unknown or missing.
+    Raises TypeError when it is not an object, or a field is unknown or missing.
     """
     if not isinstance(document, dict):
         raise TypeError(f"{document!r:.60} is no row")
@@ -183,10 +171,7 @@ def from_plain(document: Any) -> Row:
 def checked(row: Row) -> Row:
     """Return the row if its values are valid.
 
-    Raises
-    ------
-    ValueError
-        When a field has the wrong type or an impossible value.
+    Raises ValueError when a field has the wrong type or an impossible value.
     """
     for f in fields(Row):
         value = getattr(row, f.name)

@@ -1,7 +1,5 @@
 """A batch: analyse the new and changed studies, journal every row, write one table."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping
@@ -12,9 +10,8 @@ from pathlib import Path
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import require_method
-from jointid.fleet.jobs import Executor, Job
+from jointid.fleet.jobs import Executor, Job, Local
 from jointid.fleet.journal import Journal
-from jointid.fleet.local import Local
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows

@@ -3,8 +3,6 @@
 All statistics are robust (medians): a few broken robots or bad studies must not mask themselves.
 """
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,8 +22,7 @@ _NORMAL = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution, 1 / Φ⁻¹(3/4)."""
 _THEIL_SEN = float(np.sqrt(np.pi / 3))
 """Standard error of the Theil-Sen slope over that of least squares, for normal errors."""
-_MAX_PAIRED = 300
-"""Most values of which all pairs are formed; of more, an evenly spaced selection."""
+_MAX_PAIRED = 300  # most values of which all pairs are formed; of more, an evenly spaced selection
 _YEAR_S = 365.25 * 86400.0
 
 
@@ -59,20 +56,12 @@ class Spread:
 def fleet_spread(
     rows: Sequence[Row], quantity: str, joint: int, *, within_robot: bool = False
 ) -> Spread:
-    """Return the spread and the outliers of one quantity over a fleet.
+    """Return the spread and the outliers of one quantity ("K" or "D") of a joint, from 1, over a fleet.
 
     The expected distance from the centre is √(s² + e²): s is the robust spread of the compared values, e
     the value's own standard error. Neither the fleet's variation nor an uncertain study makes outliers.
-
-    Parameters
-    ----------
-    rows : sequence of Row
-        Rows without an answer, with fewer joints or without a finite value are skipped.
-    quantity : {"K", "D"}
-    joint : int
-        From 1.
-    within_robot : bool, default False
-        Compare a study with those of the same robot, not with the whole fleet.
+    Studies are compared with the whole fleet, or with those of the same robot. Rows without an answer,
+    with fewer joints or without a finite value are skipped.
     """
     having = tuple(row for row in rows if _has(row, quantity, joint))
     value, error = _of_joint(having, quantity, joint), _of_joint(having, f"{quantity}_error", joint)
@@ -175,16 +164,9 @@ class Drift:
 
 
 def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> Drift:
-    """Return the drift of a quantity of one robot over the dates of its studies.
+    """Return the drift of "K" or "D" of a joint, from 1, of one robot over its studies' dates.
 
-    Parameters
-    ----------
-    rows : sequence of Row
-        Rows of other robots, with an error or without a date are skipped.
-    quantity : {"K", "D"}
-    joint : int
-        From 1.
-    robot : str
+    Rows of other robots, with an error or without a date are skipped.
     """
     of_robot = (row for row in rows if row.robot == robot and row.date and _has(row, quantity, joint))
     having = sorted(of_robot, key=lambda row: (seconds(row.date), row.study))
@@ -207,10 +189,7 @@ def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> D
 def seconds(date: str) -> float:
     """Return a row's date as seconds since 1970; without an offset it is UTC.
 
-    Raises
-    ------
-    ValueError
-        When it is not ISO 8601.
+    Raises ValueError when it is not ISO 8601.
     """
     at = datetime.datetime.fromisoformat(date)
     return (at if at.tzinfo else at.replace(tzinfo=datetime.UTC)).timestamp()

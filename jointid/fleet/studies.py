@@ -1,7 +1,5 @@
 """The studies of a batch: folders, zips, patterns, and folders of studies."""
 
-from __future__ import annotations
-
 import glob
 import os
 import re

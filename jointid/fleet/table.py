@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -11,27 +12,20 @@ from typing import Any
 import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.parquet as pa_parquet  # type: ignore[import-untyped]
 
+from jointid.background.child_process import Child, Ended, Limits
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
-from jointid.fleet.row import MAX_JOINTS, Row, checked
+from jointid.fleet.jobs import WORKER
+from jointid.fleet.row import MAX_JOINTS, Row, checked, from_plain
 
 MAX_ROWS = 1_000_000
 """Most rows of a table that is read; larger ones must be split."""
 
 _KIND = {b"kind": b"jointid fleet", b"format": b"1"}
 _HEAD = ("study", "name", "robot", "date", "origin", "joints", "records")
-_JOINTWISE = {
-    "K": "K{}",
-    "K_error": "K{}_error",
-    "D": "D{}",
-    "D_error": "D{}_error",
-    "K_unseen": "K{}_unseen",
-    "D_unseen": "D{}_unseen",
-    "K_nominal": "K{}_nominal",
-    "D_nominal": "D{}_nominal",
-    "coulomb": "coulomb{}_Nm",
-    "viscous": "viscous{}_Nms_rad",
-}
+_OF_SPRINGS = ("K", "K_error", "D", "D_error", "K_unseen", "D_unseen", "K_nominal", "D_nominal")
+_JOINTWISE = {name: f"{name[0]}{{}}{name[1:]}" for name in _OF_SPRINGS}
+_JOINTWISE |= {"coulomb": "coulomb{}_Nm", "viscous": "viscous{}_Nms_rad"}
 _TAIL = (
     "delay_s", "delay_error_s", "model", "misfit", "verdict", "findings", "error", "failure", "time_s",
     "method", "version", "digest", "content",
@@ -50,10 +44,7 @@ _UNITS = {"K": b"N.m/rad", "D": b"N.m.s/rad", "c": b"N.m", "v": b"N.m.s/rad"}
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
     """Write a table atomically; its columns are K1, K1_error, D1 and so on.
 
-    Raises
-    ------
-    JointIdError
-        When it cannot be written.
+    Raises JointIdError when it cannot be written.
     """
     write_file(path, to_parquet(rows))
 
@@ -90,7 +81,7 @@ def as_table(rows: Sequence[Row]) -> Any:
 def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
     """Return the rows of a table that ``write_rows`` wrote.
 
-    ``jointid.fleet.reading`` reads tables from unknown sources in a child process.
+    ``read_untrusted`` reads tables from unknown sources in a child process.
 
     Raises
     ------
@@ -150,3 +141,23 @@ def _text(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_text(item) for item in value]
     return value
+
+
+_LIMITS = Limits(time_s=60.0, memory_bytes=2 << 30)
+
+
+def read_untrusted(data: bytes) -> tuple[Row, ...]:
+    """Return the rows of a table of a fleet's results from any bytes.
+
+    Raises JointIdError when it is another kind of file, damaged, or needs too much memory or time.
+    """
+    child = Child(WORKER, _LIMITS)
+    try:
+        answer, body = child.ask({"do": "read"}, data)
+    except Ended as ended:
+        raise JointIdError(f"The table cannot be read, it is damaged. {ended}") from None
+    finally:
+        child.stop()
+    if "error" in answer:
+        raise JointIdError(answer["error"])
+    return tuple(from_plain(row) for row in json.loads(body))

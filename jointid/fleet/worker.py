@@ -1,7 +1,5 @@
 """Isolated worker process: a crash or hang affects one study only."""
 
-from __future__ import annotations
-
 import json
 import time
 from pathlib import Path
@@ -18,25 +16,11 @@ from jointid.study import analyse
 def study_row(
     source: Path | bytes, study: str, method: str, known: str = "", content: str = ""
 ) -> Row | None:
-    """Analyse one study; every failure becomes a row.
+    """Analyse one study; every failure becomes a row. None when its files are unchanged.
 
-    Parameters
-    ----------
-    source : Path or bytes
-        A folder or .zip by its path, or a zip.
-    study : str
-        Its name in the table.
-    method : str
-        Estimator, one of ``jointid.estimation.elasticity.METHODS``.
-    known : str
-        Digest of the files of an existing row.
-    content : str
-        Digest of the files that ``source`` was made from; by default that of ``source``.
-
-    Returns
-    -------
-    Row or None
-        None when the files are unchanged.
+    ``source`` is a folder or .zip by its path, or a zip, and ``study`` its name in the table; ``known``
+    the digest of the files of an existing row, ``content`` that of the files ``source`` was made from,
+    by default of ``source``.
     """
     begin = time.perf_counter()
     try:

@@ -1,11 +1,11 @@
 from .columns.log_table import LogColumn as LogColumn
 from .columns.log_table import LogTable as LogTable
 from .columns.log_table import main_tables as main_tables
-from .find.motions import find_runs as find_runs
-from .find.motions import measure_run as measure_run
 from .find.segment import Segment as Segment
 from .find.segments import common_frequencies as common_frequencies
+from .find.segments import find_runs as find_runs
 from .find.segments import find_segments as find_segments
+from .find.segments import measure_run as measure_run
 from .find.segments import measure_segment as measure_segment
 from .map.guess import Guess as Guess
 from .map.guess import guess_mapping as guess_mapping
@@ -15,8 +15,8 @@ from .map.mapping import Channel as Channel
 from .map.mapping import JointMapping as JointMapping
 from .map.mapping import Mapping as Mapping
 from .map.mapping import TimeColumn as TimeColumn
-from .map.mapping_json import mapping_from_json as mapping_from_json
-from .map.mapping_json import mapping_to_json as mapping_to_json
+from .map.mapping import mapping_from_json as mapping_from_json
+from .map.mapping import mapping_to_json as mapping_to_json
 from .map.reasons import Reason as Reason
 from .read.logs import read_log as read_log
 from .read.logs import read_logs as read_logs

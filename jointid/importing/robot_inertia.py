@@ -1,7 +1,5 @@
 """Inertias, which no log contains: from TOML, or converted from the joint side of the gears."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -10,14 +8,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.files.study_keys import (
-    INERTIA_KEYS,
-    STUDY_KEYS,
-    read_deviations,
-    read_inertia,
-    read_nominal,
-    read_poses,
-)
+from jointid.files.study_keys import INERTIA_KEYS, STUDY_KEYS, read_known
 from jointid.joints import Elasticity, Inertia
 from jointid.parsing.checked_toml import parse_toml
 from jointid.wording import counted
@@ -54,44 +45,24 @@ class KnownRobot:
 
 
 def robot_from_toml(text: str | bytes, file: str = "The TOML") -> KnownRobot:
-    """Read inertias, and optional standard deviations, poses, nominal values and name.
+    """Read ``M``, ``M2`` and ``std``, at the top or under ``[inertia]``; a whole study.toml will do.
 
-    Parameters
-    ----------
-    text : str or bytes
-        ``M``, ``M2`` and ``std`` at the top or under ``[inertia]``; a whole study.toml will do.
-    file : str, optional
-        For messages.
-
-    Raises
-    ------
-    JointIdError
-        When the text is not TOML, or M or M2 is missing or invalid.
+    Standard deviations, poses, nominal values and name are optional. Raises JointIdError when the text
+    is not TOML, or M or M2 is missing or invalid.
     """
     data = text.encode() if isinstance(text, str) else text
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:
         raise JointIdError(f"{file}: [inertia] is missing. Example: {_TOP['inertia']}.")
     table = top.table("inertia", INERTIA_KEYS) if "inertia" in top else top
-    inertia, deviations = read_inertia(table), read_deviations(top, table)
-    poses, nominal = read_poses(top, inertia), read_nominal(top)
-    return KnownRobot(inertia, poses, nominal, top.text("name", ""), *deviations)
+    return KnownRobot(**read_known(top, table))
 
 
 def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
-    """Return M2 = N⁻¹ M N⁻¹: the arm's inertia matrix on the motor side.
+    """Return M2 = N⁻¹ M N⁻¹: the arm's inertia matrix (n, n), kg·m², on the motor side.
 
-    Parameters
-    ----------
-    joint_inertia : array_like, shape (n, n)
-        On the joints' side of the gears, kg·m².
-    gear_ratio : array_like, shape (n,)
-        Motor turns over joint turns; a negative ratio reverses the sign of its couplings.
-
-    Raises
-    ------
-    JointIdError
-        When shapes disagree, or a ratio is 0.
+    ``gear_ratio`` (n,) is motor turns over joint turns; a negative ratio reverses the sign of its
+    couplings. Raises JointIdError when shapes disagree, or a ratio is 0.
     """
     n = _ratios(gear_ratio)
     M = _per_joint("M2 on the joint side (kg·m²)", joint_inertia, (n.size, n.size))
@@ -99,17 +70,9 @@ def motor_side(joint_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
 
 
 def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Floats:
-    """Return the rotor inertia J_m from its value on the joint side, n² J_m.
+    """Return the rotor inertia J_m (n,) from its value on the joint side, n² J_m, kg·m².
 
-    Parameters
-    ----------
-    reflected_inertia, gear_ratio : array_like, shape (n,)
-        In kg·m², and motor turns over joint turns.
-
-    Raises
-    ------
-    JointIdError
-        When shapes disagree, or a ratio is 0.
+    Raises JointIdError when shapes disagree, or a ratio of motor turns over joint turns is 0.
     """
     n = _ratios(gear_ratio)
     J = _per_joint("M seen from the joints (kg·m²)", reflected_inertia, n.shape)

@@ -1,7 +1,5 @@
 """From segments of logs to the records of a study."""
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Mapping, Sequence
 from pathlib import PurePosixPath
@@ -11,7 +9,7 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import log_path
-from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.lines import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
@@ -184,13 +182,7 @@ def run_counts(segments: Sequence[Segment], sine: str = "sine segment") -> str:
 
 
 def parse_date(text: str) -> datetime.date | None:
-    """Parse a date; None for an empty text.
-
-    Raises
-    ------
-    JointIdError
-        When it is not an ISO date.
-    """
+    """Parse a date; None for an empty text. Raises JointIdError when it is not an ISO date."""
     if not text.strip():
         return None
     try:
@@ -204,10 +196,7 @@ def parse_date(text: str) -> datetime.date | None:
 def study_name(logs: Sequence[str]) -> str:
     """Name a study after its logs, "cell 3" or "cell 3 and 2 more", or after their common archive.
 
-    Parameters
-    ----------
-    logs : sequence of str
-        Names such as "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
+    Names of logs are such as "cell_3.csv", "logs.zip/1.csv", "book.xlsx: Sheet1".
     """
     paths = [log_path(log) for log in logs if log]
     archives = {path.parts[0] if len(path.parts) > 1 else "" for path in paths}

@@ -17,8 +17,7 @@ T = TypeVar("T")
 MAX_TOML_BYTES = 1 << 20
 """Largest TOML file that is parsed, bytes."""
 
-_LARGEST = 1e300
-"""Above it, an integer may exceed what a float can hold."""
+_LARGEST = 1e300  # above it, an integer may exceed what a float can hold
 
 # The parser's memory grows with the square of a dotted key's length: one line of 200 kB fills gigabytes.
 _KEY = r"""(?:"(?:[^"\\\n]|\\.){0,200}+"|'[^'\n]{0,200}+'|[\w-]{1,200}+)"""
@@ -31,18 +30,9 @@ class CheckedTable:
     def __init__(
         self, file: str, values: Mapping[str, object], examples: Mapping[str, str], table: str = ""
     ) -> None:
-        """Refuse unknown keys.
+        """Refuse unknown keys; ``examples`` has every valid key with an example of its value.
 
-        Parameters
-        ----------
-        file : str
-            Name of the file, for messages.
-        values : mapping
-            The parsed table.
-        examples : mapping of str to str
-            Every valid key with an example of its value.
-        table : str
-            Name of the table, as in "[inertia]"; "" for the top of the file.
+        ``table`` is the name as in "[inertia]"; "" for the top of the file.
         """
         self.file = file
         self.where = f"{file}, {table}" if table else file
@@ -65,24 +55,15 @@ class CheckedTable:
 
     def text(self, key: str, default: str | None = None) -> str:
         """Return a string."""
-        value = self._get(key, default)
-        if not isinstance(value, str):
-            raise self._wrong_type(key, value, "a text in quotes")
-        return value
+        return self._typed(key, str, "a text in quotes", default)
 
     def flag(self, key: str, default: bool) -> bool:
         """Return true or false."""
-        value = self._get(key, default)
-        if not isinstance(value, bool):
-            raise self._wrong_type(key, value, "true or false")
-        return value
+        return self._typed(key, bool, "true or false", default)
 
     def integer(self, key: str) -> int:
         """Return a whole number."""
-        value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self._wrong_type(key, value, "a whole number")
-        return value
+        return self._typed(key, int, "a whole number")
 
     def number(self, key: str, default: float | None = None) -> float:
         """Return a finite number."""
@@ -137,9 +118,7 @@ class CheckedTable:
 
     def named_tables(self, key: str, examples: Mapping[str, str]) -> dict[str, CheckedTable]:
         """Return the tables [key.NAME] by name, none when the key is absent."""
-        value = self._get(key, {})
-        if not isinstance(value, dict):
-            raise self._wrong_type(key, value, f"tables [{key}.NAME]")
+        value = self._typed(key, dict, f"tables [{key}.NAME]", {})
         return {
             name: self._subtable(f"[{key}.{name[:60]}]", key, item, examples)
             for name, item in value.items()
@@ -147,17 +126,21 @@ class CheckedTable:
 
     def tables(self, key: str, examples: Mapping[str, str]) -> list[CheckedTable]:
         """Return the tables [[key]] in their order."""
-        value = self._get(key)
-        if not isinstance(value, list):
-            raise self._wrong_type(key, value, f"tables [[{key}]]")
+        value = self._typed(key, list, f"tables [[{key}]]")
         return [
             self._subtable(f"[[{key}]] number {number}", key, item, examples)
             for number, item in enumerate(value, start=1)
         ]
 
+    def _typed(self, key: str, kind: type[T], expected: str, default: object = None) -> T:
+        value = self._get(key, default)
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+            raise self._wrong_type(key, value, expected)
+        return value
+
     def _list(self, key: str, kind: type[T], expected: str) -> list[T]:
-        value = self._get(key)
-        if not isinstance(value, list) or not all(isinstance(item, kind) for item in value):
+        value = self._typed(key, list, expected)
+        if not all(isinstance(item, kind) for item in value):
             raise self._wrong_type(key, value, expected)
         return value
 
@@ -191,21 +174,9 @@ class CheckedTable:
 
 
 def parse_toml(file: str, data: bytes, examples: Mapping[str, str]) -> CheckedTable:
-    """Parse a TOML file.
+    """Parse a TOML file, UTF-8; ``examples`` has every valid top-level key with an example of its value.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    data : bytes
-        UTF-8 text.
-    examples : mapping of str to str
-        Every valid top-level key with an example of its value.
-
-    Raises
-    ------
-    JointIdError
-        When it is not UTF-8 or not TOML, too large, or has an unknown key.
+    Raises JointIdError when it is not UTF-8 or not TOML, too large, or has an unknown key.
     """
     if len(data) > MAX_TOML_BYTES:
         raise JointIdError(

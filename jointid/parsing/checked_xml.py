@@ -1,7 +1,5 @@
 """XML files under limits: no document type, no entities, so that nothing expands or is fetched."""
 
-from __future__ import annotations
-
 import math
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
@@ -13,20 +11,9 @@ _MAX_DEPTH = 200
 
 
 def parse_xml(file: str, data: bytes, root: str) -> Element:
-    """Parse an XML file; comments are dropped.
+    """Parse an XML file whose outermost element is ``root``; comments are dropped.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    data : bytes
-    root : str
-        Expected name of the outermost element.
-
-    Raises
-    ------
-    JointIdError
-        When it is not XML, has a document type or another root, or is nested too deeply.
+    Raises JointIdError when it is not XML, has a document type or another root, or is nested too deeply.
     """
     parser, builder, depth = expat.ParserCreate(), TreeBuilder(), 0
 
@@ -67,10 +54,7 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
 def require_numbers(file: str, place: str, text: str, count: range) -> list[float]:
     """Return the finite numbers of an attribute, separated by spaces.
 
-    Raises
-    ------
-    JointIdError
-        When one is no finite number, or their count is not in ``count``.
+    Raises JointIdError when one is no finite number, or their count is not in ``count``.
     """
     try:
         values = [float(part) for part in text.split()]

@@ -1,7 +1,5 @@
 """Meaning of column names, in several languages."""
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """A log as it was written: named columns of numbers, with units where the file states them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
@@ -13,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.importing.columns.units import split_unit, unit_of
 from jointid.wording import counted, listed, nearest
 
 MAX_LOG_BYTES = 256 << 20
@@ -138,6 +137,12 @@ def numbers(values: ArrayLike) -> Floats:
     array[~np.isfinite(array)] = np.nan
     array.setflags(write=False)
     return array
+
+
+def named_column(name: str, values: ArrayLike, unit: str = "", *, number: int = 0) -> LogColumn:
+    """Return a column with the stated unit, else that in its name; ``number`` of several of one name."""
+    bare, own = split_unit(name)
+    return LogColumn(f"{bare} {number}" if number else bare, numbers(values), unit_of(unit) or own, name)
 
 
 def require_small(file: str, size: int) -> None:

@@ -1,7 +1,5 @@
 """Units in their usual spellings, with their factors to SI."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -105,13 +103,7 @@ def unit_of(text: str) -> str:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """Split a column's name from its unit: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s".
-
-    Returns
-    -------
-    bare, unit : str
-        Without a recognised unit, the whole name and "".
-    """
+    """Split a column's name from its unit: "Zeit [ms]", "torque (Nm)", "angle_deg", "t in s"; or ""."""
     name = name.strip()
     bracket = _BRACKETS.search(name)
     if bracket:

@@ -5,16 +5,13 @@ frames are fitted with all of them, and the steadiest frames grow to both sides 
 lines are constant. So neither a rest nor another pattern nor a series of single sines is part of a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.importing.find.line_fit import fit_lines
-from jointid.importing.find.lines import MOST_LINES, find_lines, in_lines
-from jointid.importing.find.segment import lines_worth
+from jointid.importing.find.lines import MOST_LINES, find_lines, fit_lines, in_lines
+from jointid.importing.find.segment import FEWEST_PERIODS, lines_worth
 from jointid.importing.find.steady_state import SEED_FRAMES, frames_of, grown, weighted
 
 _SHORTEST = 512  # samples of a window
@@ -27,28 +24,12 @@ _MIN_EXPLAINED = 0.9  # share of the motion that the lines must explain
 
 
 def multisines(
-    time: Floats,
-    signals: Floats,
-    fewest_periods: float,
-    progress: Callable[[float], None],
+    time: Floats, signals: Floats, progress: Callable[[float], None]
 ) -> Iterator[tuple[int, int, list[float]]]:
-    """Yield the spans in which several lines are constant, and their lines in Hz.
+    """Yield begin and end of the spans in which several lines are constant, and these lines in Hz.
 
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-        Evenly spaced.
-    signals : ndarray, shape (N, 2n)
-        Positions, then torques.
-    fewest_periods : float
-        Of the lowest line.
-    progress : callable
-        Called with the share done, 0 to 1.
-
-    Yields
-    ------
-    begin, end : int
-    lines_hz : list of float
+    ``time`` (N,) is evenly spaced; ``signals`` (N, 2n) are positions, then torques. ``progress``
+    gets the share done.
     """
     free = np.ones(len(time), bool)
     lengths = [len(time), *(1 << k for k in reversed(range(len(time).bit_length())))]
@@ -68,7 +49,7 @@ def multisines(
             if found is None:
                 continue
             first, last, lines = found
-            if (last - first) * (time[1] - time[0]) * min(lines) < fewest_periods:
+            if (last - first) * (time[1] - time[0]) * min(lines) < FEWEST_PERIODS:
                 continue
             free[part.start + first : part.start + last] = False
             yield part.start + first, part.start + last, lines

@@ -1,7 +1,5 @@
 """One steady span of a log, and the sizes of the lines in it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,10 +7,12 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.lines import fit_lines
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.wording import listed, shown
 
+FEWEST_PERIODS = 5
+"""Fewest periods of a segment that is found automatically, of its lowest line."""
 HARMONICS = 3
 """Highest harmonic fitted to a single sine, so that friction does not shift its frequency."""
 MIN_SNR = 5.0
@@ -109,17 +109,7 @@ class Segment:
 def measured(
     time: Floats, theta: Floats, tau: Floats, lines_hz: Sequence[float], *, free: bool = True
 ) -> Segment:
-    """Fit lines to positions and torques together and return the segment.
-
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-    theta, tau : ndarray, shape (N, n)
-    lines_hz : sequence of float
-        Initial values, see ``fit_lines``.
-    free : bool, default True
-        False keeps the frequencies.
-    """
+    """Fit lines to positions and torques (N, n) together and return the segment; see ``fit_lines``."""
     signals = np.column_stack([theta, tau])
     fit = fit_lines(time, signals, lines_hz, harmonics=HARMONICS if len(lines_hz) == 1 else 1, free=free)
     n = theta.shape[1]
@@ -137,18 +127,11 @@ def measured(
 
 
 def lines_worth(time: Floats, theta: Floats, tau: Floats, lines: Sequence[float]) -> list[float]:
-    """Keep the excited lines: drop harmonics of other lines, noise, and very small lines.
+    """Keep the excited lines (Hz): drop harmonics of other lines, noise, and very small lines.
 
     The position amplitude of an excited line falls with the square of its frequency and its torque does
     not, so a line counts by the larger of its shares. A harmonic due to friction is large in torque at
     most, one due to rounding in acceleration at most; a line excited at a multiple of another in both.
-
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-    theta, tau : ndarray, shape (N, n)
-    lines : sequence of float
-        At least one, Hz.
     """
     n = theta.shape[1]
     hz = np.asarray(lines, float)
@@ -186,19 +169,9 @@ def _is_harmonic(k: int, g: int, hz: Floats, position: Floats, torque: Floats, s
 
 
 def line_sizes(time: Floats, signals: Floats, hz: Floats) -> tuple[Floats, Floats, Floats]:
-    """Amplitudes of lines and of the noise around them, with a Hann window against leakage.
+    """Amplitudes of lines and of the noise around them (L, c), with a Hann window against leakage.
 
-    Parameters
-    ----------
-    time : ndarray, shape (N,)
-    signals : ndarray, shape (N, c)
-    hz : ndarray, shape (L,)
-
-    Returns
-    -------
-    size, floor : ndarray, shape (L, c)
-    moved : ndarray, shape (c,)
-        Root mean square of each windowed signal without offset and drift.
+    Also the root mean square of each windowed signal without offset and drift (c,).
     """
     count = len(time)
     window = np.hanning(count)[:, None]

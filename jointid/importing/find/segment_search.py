@@ -1,19 +1,28 @@
-"""Search for segments in a part of a log without gaps: candidates, then steady and settled runs."""
+"""Search for segments in a part of a log without gaps: candidates, then steady and settled runs.
 
-from __future__ import annotations
+For candidates, every frequency of a fine geometric grid is fitted, with offset and drift, in windows of
+a few periods that slide by one period. The share of the motion that the sine explains separates sines
+from rest, noise and travel. Low frequencies are searched in averaged samples, so that a long log needs
+few passes.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from jointid.arrays import Floats, true_runs
-from jointid.importing.find.line_fit import fit_lines
-from jointid.importing.find.lines import evenly_sampled
+from jointid.importing.find.lines import evenly_sampled, fit_lines
 from jointid.importing.find.multisines import multisines
-from jointid.importing.find.segment import HARMONICS, MIN_SNR, Segment, line_sizes, measured
-from jointid.importing.find.sine_search import SHARE, Candidate, sine_candidates
+from jointid.importing.find.segment import (
+    FEWEST_PERIODS,
+    HARMONICS,
+    MIN_SNR,
+    Segment,
+    line_sizes,
+    measured,
+)
 from jointid.importing.find.steady_state import (
     Frames,
     frames_of,
@@ -40,6 +49,99 @@ _EDGE = 5  # part of a run at each end that does not count for its frequency: on
 _MULTISINE_WORK = 0.15  # share of the work, for the progress
 _CANDIDATE_WORK = 0.4  # the same up to the end of the search for candidates
 
+WINDOW_PERIODS = 4
+"""Periods in one window: with fewer, a sine is like any other motion."""
+SHARE = 0.6
+"""Least share of the motion that a sine must explain."""
+
+_GRID = 1.06  # ratio of neighbouring frequencies; half a step costs 2 % of the share
+_FEWEST_PER_PERIOD = 8  # samples; at higher frequencies a window is too short to exclude noise
+_COARSE_PER_PERIOD = 16  # samples per period that averaging leaves
+_CHUNK = 1 << 21  # numbers of the windows in memory at a time
+_ROUND_OFF = 1e-12  # variance over the mean square below which a signal is constant
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A span in which one frequency explains most of the motion."""
+
+    begin: int
+    """First sample, of the original ones."""
+    end: int
+    """One past the last sample."""
+    frequency: float
+    """Cycles per sample, within a few per cent."""
+    score: float
+    """Number of periods, weighted by the share of the motion explained."""
+
+
+def sine_candidates(signals: Floats, progress: Callable[[float], None]) -> list[Candidate]:
+    """Find all spans that a sine explains, at every frequency that explains them, the best first.
+
+    Neighbouring frequencies explain the same span: take the best, then the rest. Signals (N, n) are
+    evenly sampled; in each window the signal counts that a sine explains best. ``progress`` gets the
+    share done.
+    """
+    found: list[Candidate] = []
+    mean = signals - np.median(signals, axis=0)
+    power = mean**2
+    samples = len(signals)
+    width = 1
+    highest = 1 / _FEWEST_PER_PERIOD
+    lowest = (WINDOW_PERIODS + 0.5) / samples
+    frequency = highest
+    while frequency > lowest:
+        progress(1 - frequency / highest)  # with averaging, the cost is proportional to the frequency
+        while frequency * width * 2 * _COARSE_PER_PERIOD <= 1 and len(mean) >= 8:
+            mean, power = _halved(mean), _halved(power)
+            width *= 2
+        found += _at_frequency(mean, power, width, frequency)
+        frequency /= _GRID
+    return sorted(found, key=lambda c: -c.score)
+
+
+def _halved(values: Floats) -> Floats:
+    even = len(values) // 2 * 2
+    return np.asarray(0.5 * (values[0:even:2] + values[1:even:2]))
+
+
+def _at_frequency(mean: Floats, power: Floats, width: int, frequency: float) -> Iterator[Candidate]:
+    period = 1 / (frequency * width)
+    length = round(WINDOW_PERIODS * period)
+    hop = max(1, round(period))
+    if len(mean) < length:
+        return
+    share = _shares(mean, power, length, hop, 2 * np.pi / period)
+    for first, last in true_runs(share >= SHARE):
+        begin, end = first * hop * width, ((last - 1) * hop + length) * width
+        score = float((share[first:last] - 0.5).sum()) * hop / period
+        score += WINDOW_PERIODS * float(share[first:last].mean() - 0.5)
+        yield Candidate(begin, end, frequency, score)
+
+
+def _shares(mean: Floats, power: Floats, length: int, hop: int, x: float) -> Floats:
+    """Share of the variance about offset and drift that a sine explains, best signal of each window."""
+    clock = np.arange(length, dtype=float) - (length - 1) / 2
+    columns: Floats = sine_basis(x * clock, clock)[:, ::-1]  # drift and offset first
+    basis, _ = np.linalg.qr(columns)
+    count = (len(mean) - length) // hop + 1
+    best = np.zeros(count)
+    step = max(1, _CHUNK // length)
+    for signal, square in zip(mean.T, power.T, strict=True):
+        windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::hop]
+        squares = np.concatenate([[0.0], np.cumsum(square)])
+        start = hop * np.arange(count)
+        total = squares[start + length] - squares[start]
+        for begin in range(0, count, step):
+            part = slice(begin, begin + step)
+            energy = (windows[part] @ basis) ** 2
+            about_line = total[part] - energy[:, 0] - energy[:, 1]
+            moves = about_line > _ROUND_OFF * np.maximum(total[part], 1e-300)
+            explained = energy[:, 2:].sum(axis=1)
+            share = np.divide(explained, about_line, out=np.zeros_like(explained), where=moves)
+            best[part] = np.maximum(best[part], share)
+    return best
+
 
 def _repeats(candidate: Candidate, tried: Candidate) -> bool:
     """Whether a candidate covers the same span at nearly the same frequency as one tried before."""
@@ -48,21 +150,11 @@ def _repeats(candidate: Candidate, tried: Candidate) -> bool:
 
 
 class SegmentSearch:
-    """Search a part of a log without gaps: on an even grid, measured at the original samples.
+    """Search rows of a log without gaps: on an even grid, measured at the original samples."""
 
-    Parameters
-    ----------
-    log : MappedLog
-    begin, end : int
-        First row of the part, and one past the last.
-    fewest_periods : float
-        Shorter runs are left out.
-    """
-
-    def __init__(self, log: MappedLog, begin: int, end: int, fewest_periods: float) -> None:
+    def __init__(self, log: MappedLog, begin: int, end: int) -> None:
         self._time = log.time_s[begin:end]
         self._theta, self._tau = log.theta_rad[begin:end], log.tau_Nm[begin:end]
-        self._fewest = fewest_periods
         self._grid, self._even = evenly_sampled(self._time, np.column_stack([self._theta, self._tau]))
         self._interval = float(self._time[-1] - self._time[0]) / (self._time.size - 1)
 
@@ -72,7 +164,7 @@ class SegmentSearch:
         taken = np.zeros(self._time.size, bool)
         found: list[Segment] = []
         for begin, end, lines in multisines(
-            self._grid, self._even, self._fewest, lambda share: progress(_MULTISINE_WORK * share)
+            self._grid, self._even, lambda share: progress(_MULTISINE_WORK * share)
         ):
             taken[begin:end] = True
             found.append(self._settled(begin, end, lines))
@@ -122,7 +214,7 @@ class SegmentSearch:
             begin, end = candidate.begin, min(candidate.end, self._time.size)
             for first, last in true_runs(~(taken[begin:end] | done[begin:end])):
                 part = replace(candidate, begin=begin + first, end=begin + last)
-                too_short = (last - first) * part.frequency < self._fewest
+                too_short = (last - first) * part.frequency < FEWEST_PERIODS
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
                 rows = slice(part.begin, part.end)
@@ -139,7 +231,7 @@ class SegmentSearch:
         part = self._even[candidate.begin : candidate.end]
         frames = frames_of(part, [candidate.frequency], periods=2, hop_periods=_HOP_PERIODS)
         hop = _HOP_PERIODS / candidate.frequency
-        for begin, end, turn in steady_runs(frames, max(3, round(2 * self._fewest) - 3)):
+        for begin, end, turn in steady_runs(frames, max(3, round(2 * FEWEST_PERIODS) - 3)):
             frequency = candidate.frequency + turn / (2 * np.pi * hop)
             if frequency > 0:  # rounding noise of a joint at rest turns either way
                 yield candidate.begin + begin, candidate.begin + end, frequency / self._interval
@@ -158,7 +250,7 @@ class SegmentSearch:
         chance = min(shares) < _CHANCE_SHARE / (part.stop - part.start)
         if change > _SAME_FREQUENCY or max(shares) < SHARE or chance:
             return None
-        if segment.periods < self._fewest - 0.5 or not self._moves_at(part, segment.frequency_hz):
+        if segment.periods < FEWEST_PERIODS - 0.5 or not self._moves_at(part, segment.frequency_hz):
             return None
         return segment if self._others(part, segment.frequency_hz) < _MAX_OTHERS else None
 
@@ -185,7 +277,7 @@ class SegmentSearch:
         if len(frames.z):
             # A multisine was grown by frames with half overlap: it began within the first two.
             outer = 2 * (several and len(frames.z) >= 12)
-            fewest = np.ceil(self._fewest / min(lines) / (self._interval * frames.length))
+            fewest = np.ceil(FEWEST_PERIODS / min(lines) / (self._interval * frames.length))
             first, last = settled_part(
                 Frames(frames.begin[outer:], frames.length, frames.z[outer:]),
                 is_end=is_end,

@@ -1,4 +1,4 @@
-"""Cut a log into steady sine segments, each with its frequency."""
+"""Cut a log into steady sine segments, each with its frequency, or into spans of any other motion."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from jointid.errors import JointIdError
 from jointid.importing.find.lines import find_lines
 from jointid.importing.find.segment import Segment, lines_worth, measured
 from jointid.importing.find.segment_search import SegmentSearch
-from jointid.importing.find.unused_spans import unused_spans, without_sweeps
+from jointid.importing.find.unused_spans import moving_spans, unused_spans, without_sweeps
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.importing.map.sample_times import GAP
+from jointid.phasors.coherence import proposed_band
+from jointid.records import MotionRecord
 from jointid.small_matrices import one_thread
 from jointid.wording import counted
 
-FEWEST_PERIODS = 5
-"""Fewest periods of a segment that is found automatically; a user may ask for fewer."""
 MANY_SEGMENTS = 1000
 _FEWEST_SAMPLES = 32  # of a part of a log between gaps
 
@@ -42,20 +42,13 @@ class FoundSegments(tuple[Segment, ...]):
         return tuple(self), self.notes
 
 
-def find_segments(
-    log: MappedLog,
-    *,
-    fewest_periods: float = FEWEST_PERIODS,
-    progress: Callable[[float], None] | None = None,
-) -> FoundSegments:
+def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
     """Find the steady sine runs of a log, in order of time.
 
     Parameters
     ----------
     log : MappedLog
         One run or many, with rests, travel or nothing between them; joints one at a time or together.
-    fewest_periods : float, default 5
-        Shorter runs are left out.
     progress : callable, optional
         Called with the share done, 0 to 1; an exception it raises ends the search.
 
@@ -65,14 +58,7 @@ def find_segments(
         May be empty. Runs of one frequency with different excitation patterns are separate segments
         with the same frequency; a multisine is one segment with ``lines_hz``. ``notes`` name moving
         spans without a segment, such as sweeps.
-
-    Raises
-    ------
-    JointIdError
-        When ``fewest_periods`` is below 2.
     """
-    if not fewest_periods >= 2:
-        raise JointIdError(f"fewest_periods = {fewest_periods!r}: a segment needs at least 2 periods.")
     found: list[Segment] = []
     for begin, end in without_gaps(log.time_s):
 
@@ -81,7 +67,7 @@ def find_segments(
                 progress((begin + share * (end - begin)) / log.time_s.size)
 
         with one_thread():  # its matrices are small: more threads only wait for each other
-            found += SegmentSearch(log, begin, end, fewest_periods).segments(report)
+            found += SegmentSearch(log, begin, end).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
@@ -92,10 +78,7 @@ def find_segments(
 
 
 def measure_segment(
-    log: MappedLog,
-    start_s: float,
-    stop_s: float,
-    frequency_hz: float | Sequence[float] | None = None,
+    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | Sequence[float] | None = None
 ) -> Segment:
     """Measure a segment whose start and stop the user chose.
 
@@ -188,3 +171,100 @@ def without_gaps(time: Floats) -> Iterator[tuple[int, int]]:
     for begin, end in pairwise([0, *gaps.tolist(), time.size]):
         if end - begin >= _FEWEST_SAMPLES:
             yield begin, end
+
+
+_LONGEST_REST_S = 3.0  # a longer rest or gap ends a record
+_SHORTEST_S = 3.0  # shorter spans do not become records
+_MARGIN_S = 0.2  # rest kept before and after the motion
+_MOST_LINES = 24  # lines of a multisine that become records of their own
+_LEAST_SHARE = 0.5
+"""Share of motion and torque that steady lines explain at least, where nobody stated a frequency."""
+
+
+def find_runs(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:
+    """Find the steady sines of a log; in a log without any, the spans of any other motion.
+
+    Parameters
+    ----------
+    log, progress
+        As in :func:`find_segments`.
+
+    Returns
+    -------
+    FoundSegments
+        Empty, with the reasons, when torque and motion are not coherent either.
+    """
+    sines = find_segments(log, progress=progress)
+    if sines:
+        return FoundSegments((_dense(log, segment) for segment in sines), sines.notes)
+    motions, reasons = [], []
+    for begin, end in _spans(log):
+        try:
+            motions.append(measure_motion(log, begin, end))
+        except JointIdError as error:
+            reasons.append(str(error))
+    return FoundSegments(motions) if motions else FoundSegments((), [*sines.notes, *reasons])
+
+
+def _dense(log: MappedLog, segment: Segment) -> Segment:
+    """The segment, a multisine of very many lines as motion: their records would repeat the log."""
+    if len(segment.lines_hz) <= _MOST_LINES:
+        return segment
+    try:
+        return measure_motion(log, segment.start_s, segment.stop_s)
+    except JointIdError:
+        return segment
+
+
+def measure_run(
+    log: MappedLog, start_s: float, stop_s: float, frequency_hz: float | None = None
+) -> Segment:
+    """Measure a span that a user marked: steady lines where they explain it, else any motion.
+
+    Parameters and errors as in :func:`measure_segment`.
+    """
+    if frequency_hz is not None:
+        return measure_segment(log, start_s, stop_s, frequency_hz)
+    try:
+        segment = measure_segment(log, start_s, stop_s)
+        if min(segment.share, segment.torque_share) >= _LEAST_SHARE:
+            return segment
+    except JointIdError:
+        segment = None
+    try:
+        return measure_motion(log, start_s, stop_s)
+    except JointIdError:
+        return segment or measure_segment(log, start_s, stop_s)
+
+
+def measure_motion(log: MappedLog, start_s: float, stop_s: float) -> Segment:
+    """Return a span as motion, with the band that its coherence proposes.
+
+    Raises JointIdError when torque and motion are not coherent, or the span is too short.
+    """
+    part = log.rows(start_s, stop_s)
+    time = log.time_s[part]
+    place = f"{start_s:.2f} to {stop_s:.2f} s"
+    record = MotionRecord(time, log.theta_rad[part], log.tau_Nm[part], label=place)
+    return Segment(float(time[0]), float(time[-1]), float("nan"), band_hz=proposed_band(record))
+
+
+def _spans(log: MappedLog) -> list[tuple[float, float]]:
+    """Parts of a log without gaps and long rests; the whole part where motion never rests."""
+    moving = moving_spans(log)
+    spans = []
+    for first, last in without_gaps(log.time_s):
+        low, high = float(log.time_s[first]), float(log.time_s[last - 1])
+        inside = [(max(a, low), min(b, high)) for a, b in moving if a < high and b > low]
+        merged: list[tuple[float, float]] = []
+        for begin, end in inside:
+            if merged and begin - merged[-1][1] < _LONGEST_REST_S:
+                begin = merged.pop()[0]
+            merged.append((begin, end))
+        kept = [
+            (max(begin - _MARGIN_S, low), min(end + _MARGIN_S, high))
+            for begin, end in merged
+            if end - begin >= _SHORTEST_S
+        ]
+        spans += kept or ([(low, high)] if high - low >= _SHORTEST_S else [])
+    return spans

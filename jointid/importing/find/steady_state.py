@@ -5,8 +5,6 @@ found by growing from the steadiest frames to both sides until the phasors chang
 pattern of the joints at the same frequency changes them as much as rest does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -51,22 +49,11 @@ class Frames:
 def frames_of(
     signals: Floats, lines: Sequence[float] | Floats, periods: float = 1.0, hop_periods: float = 1.0
 ) -> Frames:
-    """Fit all lines, offset and drift in frames.
+    """Fit all lines (cycles per sample), offset and drift to evenly sampled signals (N, c) in frames.
 
-    Parameters
-    ----------
-    signals : ndarray, shape (N, c)
-        Evenly sampled.
-    lines : sequence of float
-        Cycles per sample.
-    periods, hop_periods : float, default 1
-        Length of the frames of a single line, and distance of their beginnings. Several lines have
-        frames long enough to resolve them, with half overlap.
-
-    Returns
-    -------
-    Frames
-        Signal by signal, shape (m, c lines); none where the signals are too short.
+    ``periods`` is the length of the frames of a single line and ``hop_periods`` the distance of their
+    beginnings. Several lines have frames long enough to resolve them, with half overlap. The phasors are
+    signal by signal, shape (m, c lines); none where the signals are too short.
     """
     lines = np.sort(np.asarray(lines, float))
     length, hop = max(4, round(periods / lines[0])), hop_periods / lines[0]
@@ -90,16 +77,9 @@ def frames_of(
 
 
 def steady_runs(frames: Frames, fewest: int) -> Iterator[tuple[int, int, float]]:
-    """Yield the steady runs: first sample, one past the last, and rotation per frame (rad).
+    """Yield the steady runs, the steadiest first: begin, end, rotation per frame (rad).
 
-    The steadiest comes first.
-
-    Parameters
-    ----------
-    frames : Frames
-        They may overlap; the hop is half a period.
-    fewest : int
-        Frames that a run needs.
+    Frames may overlap; their hop is half a period. A run needs the ``fewest`` frames.
     """
     y, noise = weighted(frames.z)
     apart = int(np.searchsorted(frames.begin, frames.begin[0] + frames.length)) if len(y) else 0
@@ -136,23 +116,11 @@ def weighted(z: Complexes) -> tuple[Complexes, float]:
 def grown(
     y: Complexes, noise: float, seeds: slice = slice(None), change: float = PATTERN_CHANGE
 ) -> tuple[int, int]:
-    """Grow from the steadiest frames to both sides while the phasors rotate uniformly.
+    """Grow from the steadiest of the frames ``seeds`` to both sides while the phasors rotate uniformly.
 
-    Parameters
-    ----------
-    y : ndarray, shape (m, c)
-        Phasors of consecutive frames.
-    noise : float
-        Of all signals of a frame.
-    seeds : slice, optional
-        Frames among which the steadiest are searched; by default all.
-    change : float, optional
-        Relative change at which a run ends.
-
-    Returns
-    -------
-    first, last : int
-        The first frame and one past the last; equal where nothing is constant.
+    ``y`` (m, c) are phasors of consecutive frames, ``noise`` that of all signals of a frame, ``change``
+    the relative change at which a run ends. Returns the first frame and one past the last; equal where
+    nothing is constant.
     """
     low, high, _ = seeds.indices(len(y))
     if high - low < SEED_FRAMES:
@@ -176,14 +144,9 @@ def grown(
 
 
 def phase_bend(z: Complexes) -> tuple[float, float]:
-    """Bend of the phase common to all signals over a run, and its standard error, rad.
+    """Bend of the phase common to all signals of frames (m, c) in a row, and its standard error, rad.
 
     A drifting frequency bends the phase of all signals; a steady one does not.
-
-    Parameters
-    ----------
-    z : ndarray, shape (m, c)
-        Phasors of frames side by side.
     """
     if len(z) < SEED_FRAMES:
         return 0.0, np.inf
@@ -203,27 +166,14 @@ def phase_bend(z: Complexes) -> tuple[float, float]:
 def settled_part(
     frames: Frames, *, is_end: bool, fewest: int = 0, step: Floats | float = 0.0
 ) -> tuple[int, int]:
-    """Drop frames at both ends until the first quarter agrees with the second half.
+    """First sample and one past the last of the part without transients at both ends.
 
-    The verdict on a record uses the same measure. A start is accepted when the next one agrees as well.
-    A change that persists until the fewest frames, or a quarter of all, are left is a drift, not a
-    transient: then only the end is cut.
-
-    Parameters
-    ----------
-    frames : Frames
-        At least one.
-    is_end : bool
-        The log ends while the sine continues. Otherwise the last steady frame may contain the start
-        of the decay, and is left out.
-    fewest : int, optional
-    step : float or ndarray, shape (c,), optional
-        Quantisation step, 0 for fine signals; changes below a share of it are no evidence.
-
-    Returns
-    -------
-    first, last : int
-        First sample and one past the last.
+    Frames are dropped until the first quarter agrees with the second half, as in the verdict on a
+    record. A start is accepted when the next one agrees as well. A change that persists until the fewest
+    frames, or a quarter of all, are left is a drift, not a transient: then only the end is cut.
+    ``is_end``: the log ends while the sine continues; otherwise the last steady frame may contain the
+    start of the decay, and is left out. ``step`` (c,) is the quantisation step, 0 for fine signals;
+    changes below a share of it are no evidence.
     """
     z, rounding = frames.z, _ROUNDING_SHARE * np.asarray(step)
     first, last = _without_ends(z, rounding, degree=0)

@@ -1,14 +1,13 @@
 """Spans in which a log moves without a segment, and why: sweeps, short runs, coarse encoders."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import compress
 
 import numpy as np
+from scipy.signal import detrend
 
 from jointid.arrays import true_runs
-from jointid.importing.find.line_fit import fit_lines
+from jointid.importing.find.lines import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.steady_state import frames_of, phase_bend
 from jointid.importing.map.mapped_log import MappedLog
@@ -35,23 +34,10 @@ _REMEDY = "or mark it by its start and stop."
 def without_sweeps(
     log: MappedLog, segments: Sequence[Segment]
 ) -> tuple[list[Segment], list[tuple[float, float]], list[str]]:
-    """Remove runs that are pieces of a sweep.
+    """Remove pieces of sweeps: return the other runs, start and stop (s) of each sweep, and notes.
 
     In a piece of a sweep the frequency drifts, which bends the phase; in a staircase of sines it is
-    constant. Noise may hide the drift of a piece between others.
-
-    Parameters
-    ----------
-    log : MappedLog
-    segments : sequence of Segment
-        In order of time.
-
-    Returns
-    -------
-    kept : list of Segment
-    spans : list of (float, float)
-        Start and stop of each sweep, s.
-    notes : list of str
+    constant. Noise may hide the drift of a piece between others. Segments are in order of time.
     """
     bends = [_bend(log, s) for s in segments]
     limits = [max(_MIN_BEND_RAD, _BEND_SIGMAS * error) for _, error in bends]
@@ -142,20 +128,7 @@ def _merged(pieces: Iterable[Segment]) -> list[tuple[float, float]]:
 def unused_spans(
     log: MappedLog, segments: Sequence[Segment], sweeps: Sequence[tuple[float, float]]
 ) -> list[str]:
-    """Describe the spans that move without a segment: why, and what to do.
-
-    Parameters
-    ----------
-    log : MappedLog
-    segments : sequence of Segment
-    sweeps : sequence of (float, float)
-        Spans, s, that have a note already.
-
-    Returns
-    -------
-    list of str
-        One sentence or two for each reason.
-    """
+    """Describe the spans that move without a segment: why, and what to do; sweeps have a note."""
     covered = [*((s.start_s, s.stop_s) for s in segments), *sweeps]
     reasons: dict[str, list[tuple[float, float]]] = {}
     for begin, end in moving_spans(log):
@@ -173,11 +146,8 @@ def moving_spans(log: MappedLog) -> list[tuple[float, float]]:
         return []
     signals = np.column_stack([log.theta_rad, log.tau_Nm])[: count * length]
     blocks = signals.reshape(count, length, -1)
-    blocks = blocks - blocks.mean(axis=1, keepdims=True)
-    x = np.linspace(-1, 1, length)
-    drift = np.einsum("j,bjc->bc", x, blocks) / (x @ x)
     with np.errstate(over="ignore", invalid="ignore"):
-        size = np.sqrt(((blocks - x[:, None] * drift[:, None]) ** 2).mean(axis=1))
+        size = np.sqrt((detrend(blocks, axis=1) ** 2).mean(axis=1))
         strong, quiet = np.nan_to_num(np.quantile(size, [0.9, 0.02], axis=0))
     rests = quiet < _MAX_REST * strong
     least = np.maximum(_MIN_MOTION * strong, np.where(rests, _MIN_ABOVE_REST * quiet, 0.0))

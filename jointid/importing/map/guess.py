@@ -1,8 +1,6 @@
 """Guess which columns are positions and torques, each guess with its reason."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +19,6 @@ from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, TORQUE_UNITS
 from jointid.importing.map.guess_time import guess_time
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR, Channel, JointMapping, Mapping
-from jointid.importing.map.more_joints import join_by_number, lone_columns
 from jointid.importing.map.reasons import Reason, scale_reason
 from jointid.importing.map.unnamed_columns import pairs_by_shape
 from jointid.importing.map.unwrap import unwrapped
@@ -29,6 +26,11 @@ from jointid.wording import counted
 
 NO_COLUMN = LogColumn("", np.zeros(0))
 """In the place of a column that nothing indicates."""
+_OTHER = {"position": "torque", "torque": "position"}
+_MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpaired column is reported
+_Group = dict[str, NamedColumn]
+"""The clearest column of each role of one joint."""
+_Groups = dict[str, _Group]
 _NO_SIDE = "The name says no side; the motor's is assumed."
 
 
@@ -82,24 +84,23 @@ def guess_mapping(table: LogTable) -> Guess:
 
 def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[LogColumn, LogColumn]]:
     """Position and torque of each joint, joints in the order of their numbers, else of the file."""
-    best: dict[str, dict[str, NamedColumn]] = {}
+    best: _Groups = {}
     for entry in columns:
-        for role in ("position", "torque"):
-            other = "torque" if role == "position" else "position"
+        for role, other in _OTHER.items():
             if entry.score[role] <= max(0.0, entry.score[other]):
                 continue
             group = best.setdefault(entry.group, {})
             if role not in group or entry.score[role] > group[role].score[role]:
                 group[role] = entry
     complete = {key: group for key, group in best.items() if len(group) == 2}
-    by_their_number = join_by_number(best, complete)
+    by_their_number = _join_by_number(best, complete)
     keys = [*complete]
     if all(number_in(key) is not None for key in keys):
         keys.sort(key=by_number)
     pairs = []
     for number, key in enumerate(keys, start=1):
         group = complete[key]
-        for role in ("position", "torque"):
+        for role in _OTHER:
             column = group[role].column
             clear = group[role].score[role] >= 2 and key not in by_their_number
             said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
@@ -110,7 +111,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
                 why = f"The name or unit of {said} says {role}."
             reasons.append(Reason(f"{role} of joint {number}", why, clear))
         pairs.append((group["position"].column, group["torque"].column))
-    reasons += lone_columns(best, [*complete.values()])
+    reasons += _lone_columns(best.values(), complete.values())
     return pairs
 
 
@@ -214,3 +215,76 @@ def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, s
     if position.unit == "counts":
         return MOTOR, False, "Counts come from the motor's encoder, as a rule."
     return MOTOR, False, _NO_SIDE
+
+
+def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
+    """Pair unpaired positions and torques that share a number, in both; return the new keys."""
+    lone: dict[str, dict[int, list[str]]] = {role: {} for role in _OTHER}
+    for key, group in best.items():
+        number = number_in(key)
+        if len(group) == 1 and number is not None:
+            (role,) = group
+            lone[role].setdefault(number, []).append(key)
+    if (0 in lone["position"]) != (0 in lone["torque"]):
+        return set()  # one kind counts from 0, the other from 1
+    taken = {number_in(key) for key in complete}
+    joined = set()
+    for number in [k for k in lone["position"] if k in lone["torque"] and k not in taken]:
+        pair: _Group = {}
+        for role in _OTHER:
+            clearest = max(lone[role][number], key=lambda key, r=role: best[key][r].score[r])  # type: ignore[misc]
+            pair |= best.pop(clearest)
+        best[str(number)] = complete[str(number)] = pair
+        joined.add(str(number))
+    return joined
+
+
+def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[Reason]:
+    """Report clear positions without a torque and torques without a position, beside pairs."""
+    lone = [
+        f'"{entry.column.name}" has no {_OTHER[role]} beside it'
+        for group in groups
+        for role, entry in group.items()
+        if len(group) == 1
+        and pairs
+        and entry.score[role] >= min(pair[role].score[role] for pair in pairs) - _MAX_LESS_CLEAR
+    ]
+    if not lone:
+        return []
+    text = f"{'; '.join(lone)}: left out. If the log has both, give more joints and choose the columns."
+    return [Reason("joints", text)]
+
+
+def propose_joint(
+    table: LogTable, number: int, like: tuple[Channel, Channel], used: Collection[str]
+) -> tuple[Channel, Channel, list[Reason]]:
+    """Propose unused columns for joint ``number``: position, torque, and the reasons.
+
+    Sides are those of the first joint, ``like``, and units where the file states none. ``used`` are the
+    columns of the time and of other joints. A channel's column is "" when no column is left.
+    """
+    free = [described(column) for column in table.columns if column.name not in used]
+    channels, reasons = [], []
+    for (role, (units, scales)), first in zip(QUANTITIES.items(), like, strict=True):
+        end = f"{role} of joint {number}"
+        fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
+        if fit is not None and fit.score[role] <= max(0.0, fit.score[_OTHER[role]]):
+            fit = None
+        text, said = "No column is left that fits: choose one, or a joint less.", ""
+        if fit is not None:
+            free.remove(fit)
+            text = f'"{fit.column.name}" is a mere proposal, of the columns not yet used.'
+            said = fit.column.unit
+        reasons.append(Reason(end, text))
+        unit = said if said in units else first.unit
+        why = f'The file says "{said}".' if unit == said else f"As joint 1's, {unit}."
+        reasons.append(Reason(f"unit of {end}", why, unit == said))
+        reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s."))
+        if meaning := scales.get(unit):
+            reasons.append(scale_reason(end, unit, meaning))
+        scale = 1.0 if unit in scales else None
+        channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
+    if JOINT in (channels[0].side, channels[1].side):
+        text = "A log does not say it. Give motor turns over joint turns; 1 is assumed."
+        reasons.append(Reason(f"gear ratio of joint {number}", text))
+    return channels[0], channels[1], reasons

@@ -1,7 +1,5 @@
 """Guess the time column of a log and its unit; a clear name permits a few steps back."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arrays import Floats
@@ -12,21 +10,12 @@ from jointid.importing.map.mapping import TimeColumn
 from jointid.importing.map.reasons import Reason
 from jointid.wording import counted
 
-_MAX_LATE = 0.02
-"""Share of steps back in a column named as time: a buffer written twice, an overflow."""
-_LARGEST = 1e100
-"""Larger values are damage; their differences overflow."""
+_MAX_LATE = 0.02  # share of steps back in a column named as time: a buffer written twice, an overflow
+_LARGEST = 1e100  # larger values are damage; their differences overflow
 
 
 def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
-    """Guess the time column of a log and its unit, or that the rows are numbered.
-
-    Parameters
-    ----------
-    table : LogTable
-    reasons : list of Reason
-        Extended by the reasons.
-    """
+    """Guess the time column of a log and its unit, or that the rows are numbered; add the reasons."""
     best: tuple[float, LogColumn, int] | None = None
     for place, column in enumerate(table.columns):
         if states_quantity(column):

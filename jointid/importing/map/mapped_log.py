@@ -1,7 +1,5 @@
 """Convert a table to angles and torques in SI units, motor side."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,9 +7,8 @@ import numpy as np
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
-from jointid.importing.map.common_clock import on_one_clock
 from jointid.importing.map.mapping import Mapping
-from jointid.importing.map.sample_times import sample_times
+from jointid.importing.map.sample_times import on_one_clock, sample_times
 from jointid.importing.map.unwrap import unwrapped
 from jointid.wording import counted, listed
 

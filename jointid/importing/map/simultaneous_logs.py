@@ -1,9 +1,8 @@
-"""Find logs of one joint each that were recorded simultaneously."""
+"""Find logs of one joint each that were recorded simultaneously, and join them into one table."""
 
-from __future__ import annotations
-
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,29 +10,25 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import words_of
-from jointid.importing.columns.log_table import LogTable, log_path
+from jointid.importing.columns.log_table import LogTable, log_path, main_tables
 from jointid.importing.map.guess import guess_mapping
-from jointid.importing.map.mapping import MAX_JOINTS
+from jointid.importing.map.mapping import MAX_JOINTS, Mapping
+from jointid.wording import listed
 
 _LINES = {
     "joint": "axis axes achse axe asse eje ax joint jnt gelenk motor mot drive antrieb link j a m q",
     "run": "run runs rep repeat repetition trial test take messung versuch lauf pose set freq frequency",
 }
 _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
-_SAME_TIME = 0.05
-"""Share of the sample interval within which two times are equal."""
+_SAME_TIME = 0.05  # share of the sample interval within which two times are equal
 _JITTER_LENGTHS = 20
 """Distinct step lengths, to a thousandth, above which a clock jitters; rounding makes few."""
 _JITTER_DIFFERENCE = 0.1
 """Difference of two clocks over the scatter of their steps, below which they jitter alike."""
-_REPEATED = 0.1
-"""Difference of two signals over their size, below which they are repetitions of one run."""
-_MIN_OVERLAP = 0.5
-"""Least share of the shorter log that both cover."""
-_MIN_POWER = 1e-3
-"""Least power of a common line over the largest."""
-_ABSOLUTE_START = 3.0
-"""Start of an absolute clock, over the duration of the log."""
+_REPEATED = 0.1  # difference of two signals over their size, below which they are repetitions of one run
+_MIN_OVERLAP = 0.5  # least share of the shorter log that both cover
+_MIN_POWER = 1e-3  # least power of a common line over the largest
+_ABSOLUTE_START = 3.0  # start of an absolute clock, over the duration of the log
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,22 +53,14 @@ class JointLog:
 
 
 def simultaneous_groups(tables: Sequence[LogTable]) -> tuple[tuple[int, ...], ...]:
-    """Find groups of logs that look like joints recorded simultaneously.
+    """Find groups of logs that look like joints recorded simultaneously; indices, two or more in each.
 
-    Parameters
-    ----------
-    tables : sequence of LogTable
-
-    Returns
-    -------
-    tuple of tuple of int
-        Indices into ``tables``, two or more in each group. The logs of a group have the same columns,
-        one joint each, and the same times within a twentieth of the sample interval; absolute clocks
-        need only overlap. Besides, one of these holds: their names count joints ("axis1", "axis2");
-        their clocks are absolute or jitter alike; or they are all logs with these columns, hold the same
-        sines at the same times without being repetitions of one program, and their names do not count
-        runs. No two hold the same values. Even times from 0 alone are no evidence: every single run has
-        them.
+    The logs of a group have the same columns, one joint each, and the same times within a twentieth of
+    the sample interval; absolute clocks need only overlap. Besides, one of these holds: their names
+    count joints ("axis1", "axis2"); their clocks are absolute or jitter alike; or they are all logs with
+    these columns, hold the same sines at the same times without being repetitions of one program, and
+    their names do not count runs. No two hold the same values. Even times from 0 alone are no evidence:
+    every single run has them.
     """
     if len(tables) < 2:
         return ()
@@ -234,3 +221,119 @@ def _share_line(one: Floats, two: Floats) -> bool:
 def stem(name: str) -> str:
     """Return the short name of a table: the file without its ending, or the part of the file."""
     return name.partition(": ")[2] or log_path(name).stem
+
+
+def joined_table(tables: Sequence[LogTable]) -> LogTable:
+    """Join a group of ``simultaneous_groups``: one time, other columns prefixed by their log's name.
+
+    Rows are those that all logs have in common; a note names the logs. Raises JointIdError when they
+    have no times in common.
+    """
+    parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
+    if len(parts) < len(tables) or len(parts) < 2:
+        raise JointIdError("Only logs of one joint each, two or more, can be joined.")
+    first = parts[0]
+    common = []
+    for part in parts:
+        rows = rows_in_common(first, part)
+        if rows is None:
+            raise JointIdError(f"{first.table.name} and {part.table.name} have no times in common.")
+        common.append(rows)
+    start, stop = max(mine.start for mine, _ in common), min(mine.stop for mine, _ in common)
+    offsets = [other.start - mine.start for mine, other in common]
+    cuts = [slice(start + offset, stop + offset) for offset in offsets]
+    named = [part.joint for part in parts]
+    stems = [stem(part.table.name) for part in parts]
+    for labels in (named if all(named) else stems, stems, [f"{k}" for k in range(1, len(parts) + 1)]):
+        table = _table(parts, cuts, labels)
+        if _is_guessed(table, parts, labels):
+            break
+    return table
+
+
+def join_logs(
+    files: Sequence[Sequence[LogTable]], mapping: Mapping | None = None, *, separate: bool = False
+) -> tuple[tuple[LogTable, ...], tuple[str, ...]]:
+    """Return the main table of each file, simultaneous ones joined, and notes on those that are not.
+
+    Each group's joined table is in place of its first log. Logs whose columns ``mapping`` names one by
+    one are not joined; with ``separate``, none are.
+    """
+    main = {id(table) for tables in files for table in main_tables(tables)}
+    if separate:
+        return tuple(table for tables in files for table in tables if id(table) in main), ()
+    tables = [table for each in files for table in proposed_tables(each)]
+    result: dict[int, LogTable] = dict(enumerate(tables))
+    notes = []
+    for group in simultaneous_groups(tables):
+        parts = [tables[index] for index in group]
+        if mapping is not None and set(mapping.columns) <= set(parts[0].names):
+            notes.append(
+                f"{listed(part.name for part in parts)} look like joints recorded at once, but the "
+                "mapping names the columns of a single log: taken as runs of one joint. To join them, "
+                "write the mapping anew with --guess from all of them."
+            )
+            for index in group:
+                if id(tables[index]) not in main:
+                    del result[index]
+            continue
+        result[group[0]] = joined_table(parts)
+        for index in group[1:]:
+            del result[index]
+    return tuple(result.values()), tuple(notes)
+
+
+def proposed_tables(tables: Sequence[LogTable]) -> tuple[LogTable, ...]:
+    """Return the main table of each file, and tables simultaneous with it."""
+    main = {id(table) for table in main_tables(tables)}
+    for group in simultaneous_groups(tables):
+        if any(id(tables[index]) in main for index in group):
+            main |= {id(tables[index]) for index in group}
+    return tuple(table for table in tables if id(table) in main)
+
+
+def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[str]) -> LogTable:
+    first = parts[0]
+    columns = []
+    if first.time_column:
+        time = first.table.column(first.time_column)
+        columns.append(replace(time, values=time.values[cuts[0]]))
+    for part, cut, label in zip(parts, cuts, labels, strict=True):
+        columns += [
+            replace(c, name=f"{label} {c.name}", values=c.values[cut])
+            for c in part.table.columns
+            if c.name != part.time_column
+        ]
+    names = [part.table.name for part in parts]
+    rows = cuts[0].stop - cuts[0].start
+    said = f"{listed(names)} have the same times and columns: joined as joints recorded at once."
+    most = max(part.table.rows for part in parts)
+    if rows < most:
+        said += f" The {rows} rows that all have are used, of up to {most}."
+    notes = [f"{part.table.name}: {note}" for part in parts for note in part.table.notes]
+    return replace(
+        first.table,
+        name=_joined_name(names),
+        columns=tuple(columns),
+        notes=(said, *notes),
+        first_row=first.table.first_row + cuts[0].start,
+    )
+
+
+def _is_guessed(table: LogTable, parts: Sequence[JointLog], labels: Sequence[str]) -> bool:
+    """Whether the guess for the joined table agrees with the guesses for the single logs."""
+    joint = guess_mapping(parts[0].table).mapping.joints[0]
+    wanted = {(f"{label} {joint.position.column}", f"{label} {joint.torque.column}") for label in labels}
+    try:
+        found = guess_mapping(table).mapping
+    except JointIdError:
+        return False
+    return {(j.position.column, j.torque.column) for j in found.joints} == wanted
+
+
+def _joined_name(names: Sequence[str]) -> str:
+    """Name the joined log: "axis1+axis2.csv"."""
+    stems = [stem(name) for name in names]
+    if len(stems) > 3:
+        stems = [*stems[:2], f"{len(stems) - 2} more"]
+    return re.sub(re.escape(stem(names[0])) + r"(?=(\.\w+)?$)", lambda _: "+".join(stems), names[0])

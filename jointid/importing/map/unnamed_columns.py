@@ -1,7 +1,5 @@
 """Unnamed columns: positions and torques by their roughness and order."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
@@ -17,8 +15,7 @@ from jointid.importing.map.reasons import Reason
 _NO_NAME = re.compile(
     r"(?:column|signal|unnamed|var|ch|channel|data)[ _:]*\d*(?: \(\d+\))?|\d+", re.IGNORECASE
 )
-_CLEAR = 0.05
-"""Difference in log-roughness per joint above which a layout is clear."""
+_CLEAR = 0.05  # difference in log-roughness per joint above which a layout is clear
 _MAX_SAMPLES = 200_000  # of which the roughness is taken
 _DERIVATIVE = 0.1
 """Relative difference below which a column is the derivative of another, in its own unit per second."""
@@ -32,26 +29,12 @@ def is_unnamed(column: LogColumn) -> bool:
 def pairs_by_shape(
     table: LogTable, time: TimeColumn, columns: Sequence[LogColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
-    """Pair 2n unnamed columns as n positions and n torques.
+    """Pair 2n unnamed columns as n positions and n torques; add the reasons, none of which is certain.
 
     A position is a torque integrated twice, hence the smoother signal. Usual orders are all positions,
     then all torques, or joint by joint; either quantity may be first. Clocks, and columns that are the
-    derivative of another, are left out.
-
-    Parameters
-    ----------
-    table : LogTable
-    time : TimeColumn
-    columns : sequence of LogColumn
-        All but the time.
-    reasons : list of Reason
-        Extended by the reasons for the proposal; none is certain.
-
-    Returns
-    -------
-    list of tuple of LogColumn
-        Position and torque of each joint, of one joint from an odd number of columns; empty when the
-        columns are not of this kind.
+    derivative of another, are left out. An odd number of columns gives one joint; columns of another
+    kind give none.
     """
     columns = [
         c for c in columns if np.nanmax(c.values) > np.nanmin(c.values) and not is_clock_like(c.values)

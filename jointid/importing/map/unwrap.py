@@ -1,7 +1,5 @@
 """Unwrap the positions of single-turn encoders."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +12,8 @@ _TURN = {"rad": 2 * np.pi, "mrad": 2e3 * np.pi, "deg": 360.0, "rev": 1.0}
 _COUNTERS = tuple(2.0**bits for bits in range(8, 33))
 """Overflow of counters of 8 to 32 bits, whatever the counts per turn."""
 _MAX_POSITION = 1e12  # larger values are damage
-_MAX_MOTION = 0.2
-"""Motion in one sample that a wrap may contain, in turns."""
-_MAX_STEPS = 20.0
-"""The same in usual steps of the motion (90 % quantile)."""
+_MAX_MOTION = 0.2  # motion in one sample that a wrap may contain, in turns
+_MAX_STEPS = 20.0  # the same in usual steps of the motion (90 % quantile)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +36,11 @@ class Unwrapped:
 
 
 def unwrapped(values: Floats, channel: Channel) -> Unwrapped:
-    """Remove the jumps of a single-turn encoder from a column of positions.
+    """Remove the jumps of a single-turn encoder from finite positions (N,) in the column's unit.
 
-    Parameters
-    ----------
-    values : ndarray, shape (N,)
-        Finite, in the column's unit.
-    channel : Channel
-        With the unit, and for counts the counts per turn. A jump of nearly a turn between neighbours
-        is a wrap when all values lie within one turn and no step is nearly as large otherwise. Counts
-        may wrap where a counter of 8 to 32 bits overflows as well.
-
-    Returns
-    -------
-    Unwrapped
+    A jump of nearly a turn between neighbours is a wrap when all values lie within one turn and no step
+    is nearly as large otherwise. Counts may wrap at the counts per turn, or where a counter of 8 to 32
+    bits overflows.
     """
     none = Unwrapped(values, np.zeros(0, dtype=int), 0.0)
     if values.size < 3 or np.abs(values).max() > _MAX_POSITION:

@@ -1,23 +1,22 @@
 """Named arrays of scientific files, grouped into tables of equal length."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from jointid.errors import JointIdError
 from jointid.importing.columns.column_words import WORDS, words_of
 from jointid.importing.columns.log_table import (
     MAX_COLUMNS,
     LogColumn,
     LogTable,
     most_first,
-    numbers,
+    named_column,
     require_few_values,
 )
-from jointid.importing.columns.units import TIME_UNITS, split_unit, unit_of
+from jointid.importing.columns.units import TIME_UNITS
 
 FEWEST_ROWS = 8
 """Shorter arrays are settings, not signals."""
@@ -38,20 +37,11 @@ class NamedArray:
     """Arrays of different groups form different tables; only a time may come from a parent group."""
 
 
-def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
-    """Put arrays of equal length and group together; each table has at least two columns.
+def tables_of(file: str, arrays: Iterable[NamedArray], otherwise: str = "") -> tuple[LogTable, ...]:
+    """Put arrays of equal length and group together; tables have two columns or more, the largest first.
 
-    Parameters
-    ----------
-    file : str
-        Name of the file, for messages.
-    arrays : sequence of NamedArray
-        Arrays that are not numeric, too short or three-dimensional are left out.
-
-    Returns
-    -------
-    tuple of LogTable
-        The largest first; may be empty.
+    Arrays that are not numeric, too short or three-dimensional are left out. Without a table, raises
+    JointIdError with the message ``otherwise``, if it is given.
     """
     grouped: dict[tuple[str, int], list[LogColumn]] = {}
     held = 0
@@ -64,17 +54,16 @@ def tables_of(file: str, arrays: Sequence[NamedArray]) -> tuple[LogTable, ...]:
         columns = grouped.setdefault((array.group, len(table)), [])
         for k in range(min(table.shape[1], MAX_COLUMNS)):
             label = array.labels[k] if k < len(array.labels) else ""
-            name, unit = split_unit(label or array.name)
-            if not label and table.shape[1] > 1:
-                name = f"{name} {k + 1}"
-            columns.append(
-                LogColumn(name, numbers(table[:, k]), unit_of(array.unit) or unit, array.name)
-            )
+            number = 0 if label or table.shape[1] == 1 else k + 1
+            column = named_column(label or array.name, table[:, k], array.unit, number=number)
+            columns.append(replace(column, where=array.name))
     found = []
     for (group, rows), columns in grouped.items():
         columns = [*_time_above(grouped, group, rows), *columns]
         if 2 <= len(columns) <= MAX_COLUMNS:
             found.append(LogTable(f"{file}: {group}" if group else file, tuple(columns)))
+    if otherwise and not found:
+        raise JointIdError(otherwise)
     return most_first(file, found)
 
 

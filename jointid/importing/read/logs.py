@@ -1,18 +1,26 @@
-"""Read logs of any format, from a path or bytes, to tables of numbers."""
-
-from __future__ import annotations
+"""Read logs of any format, from a path, bytes or a zip archive of logs, to tables of numbers."""
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import closing
-from pathlib import Path
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from typing import TypeAlias
 
 from jointid.errors import JointIdError
-from jointid.importing.columns.log_table import MAX_LOG_BYTES, LogTable, require_small
-from jointid.importing.read.archives import is_archive, read_archive
+from jointid.files.container_limits import Container
+from jointid.files.containers import open_container
+from jointid.importing.columns.log_table import (
+    MAX_LOG_BYTES,
+    MAX_TABLES,
+    LogTable,
+    require_few_values,
+    require_small,
+)
 from jointid.importing.read.reader_process import ReaderProcess
 from jointid.importing.read.readers import TEXT, is_zip, kind_of
+from jointid.wording import counted, listed
 
 LogSource: TypeAlias = str | os.PathLike[str] | bytes | bytearray | memoryview
 """Path or content of a log."""
@@ -48,9 +56,7 @@ def read_log(source: LogSource, name: str = "") -> tuple[LogTable, ...]:
     return result
 
 
-def read_logs(
-    sources: Iterable[tuple[LogSource, str]],
-) -> Iterator[tuple[LogTable, ...] | JointIdError]:
+def read_logs(sources: Iterable[tuple[LogSource, str]]) -> Iterator[tuple[LogTable, ...] | JointIdError]:
     """Read many logs; errors are returned in place of tables.
 
     Parameters
@@ -74,12 +80,20 @@ def read_logs(
 def _read(source: LogSource, name: str, reader: ReaderProcess) -> tuple[LogTable, ...]:
     if isinstance(source, str | os.PathLike):
         path = Path(source)
-        name = name or path.name or str(path)
-        return _read_path(path, name, reader)
+        try:
+            return _read_path(path, name or path.name or str(path), reader)
+        except JointIdError:
+            raise
+        except (OSError, ValueError) as error:
+            raise JointIdError(
+                f"{path!s:.200} cannot be opened ({error!s:.200}): check its permissions."
+            ) from error
     if not isinstance(source, bytes | bytearray | memoryview):
         raise JointIdError(f"A log comes from a path or bytes, not from {type(source).__name__}.")
-    data = bytes(source)
-    name = name or "the log"
+    return _read_bytes(bytes(source), name or "the log", reader)
+
+
+def _read_bytes(data: bytes, name: str, reader: ReaderProcess) -> tuple[LogTable, ...]:
     require_small(name, len(data))
     if is_zip(data) and is_archive(name, data):
         return read_archive(name, data, reader)
@@ -87,35 +101,114 @@ def _read(source: LogSource, name: str, reader: ReaderProcess) -> tuple[LogTable
 
 
 def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, ...]:
-    try:
-        if path.is_dir():
-            if not (path / "metadata.yaml").is_file():
-                raise JointIdError(
-                    f"{name} is a folder without metadata.yaml, so no ROS 2 bag. Give the log file "
-                    "itself."
-                )
-            size = sum(part.stat().st_size for part in path.iterdir() if part.is_file())
-            require_small(name, size)
-            return reader.read("db3", name, path)
-        if not path.is_file():
-            raise JointIdError(f"{path!s:.200}: there is no such file. Check the path.")
-        require_small(name, path.stat().st_size)
-        with path.open("rb") as file:
-            head = file.read(4096)
-            kind = kind_of(name, head)
-            if is_zip(head) and is_archive(name, path):
-                return read_archive(name, path, reader)
-            if kind != TEXT:
-                is_bag = kind in ("db3", "mcap", "bag")
-                if not is_bag or path.suffix == f".{kind}":  # the reader of bags requires it
-                    return reader.read(kind, name, path)
-            file.seek(0)
-            data = file.read(MAX_LOG_BYTES + 1)
-        require_small(name, len(data))
-        return reader.read_content(name, data)
-    except (OSError, ValueError) as error:
-        if isinstance(error, JointIdError):
-            raise
-        raise JointIdError(
-            f"{path!s:.200} cannot be opened ({error!s:.200}): check its permissions."
-        ) from error
+    if path.is_dir():
+        if not (path / "metadata.yaml").is_file():
+            raise JointIdError(
+                f"{name} is a folder without metadata.yaml, so no ROS 2 bag. Give the log file itself."
+            )
+        require_small(name, sum(part.stat().st_size for part in path.iterdir() if part.is_file()))
+        return reader.read("db3", name, path)
+    if not path.is_file():
+        raise JointIdError(f"{path!s:.200}: there is no such file. Check the path.")
+    require_small(name, path.stat().st_size)
+    with path.open("rb") as file:
+        head = file.read(4096)
+        if is_zip(head) and is_archive(name, path):
+            return read_archive(name, path, reader)
+        kind = kind_of(name, head)
+        is_bag = kind in ("db3", "mcap", "bag")
+        if kind != TEXT and (not is_bag or path.suffix == f".{kind}"):  # the reader of bags requires it
+            return reader.read(kind, name, path)
+        file.seek(0)
+        return _read_bytes(file.read(MAX_LOG_BYTES + 1), name, reader)
+
+
+_BAG = "metadata.yaml"
+_STUDY = "study.toml"
+_OFFICE = frozenset(
+    {"[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml", "xl/workbook.bin"}
+)
+_OTHER_ENDINGS = frozenset(
+    {".md", ".pdf", ".png", ".jpg", ".jpeg", ".json", ".yaml", ".yml", ".toml", ".m", ".py"}
+)
+"""Endings of files that accompany logs."""
+
+
+def is_archive(name: str, source: bytes | Path) -> bool:
+    """Whether a zip file is an archive of logs, no workbook; its ending decides if that is unclear."""
+    with suppress(JointIdError), open_container(source, marker=_BAG) as container:
+        names = container.names()
+        arrays = bool(names) and all(part.endswith(".npy") for part in names)  # a NumPy .npz
+        return not (arrays or _OFFICE.intersection(names))
+    return name.lower().endswith(".zip")
+
+
+def read_archive(name: str, source: bytes | Path, reader: ReaderProcess) -> tuple[LogTable, ...]:
+    """Read every log of a zip archive, file by file in the order of their names, which ``source`` gives.
+
+    A note of the first table names unreadable files. Raises JointIdError when it holds no log, or
+    exceeds the limits.
+    """
+    found: list[LogTable] = []
+    problems: list[str] = []
+    with open_container(source, marker=_BAG) as container:
+        files = container.names()
+        if any(PurePosixPath(file).name == _STUDY for file in files):
+            raise JointIdError(
+                f'{name} holds a study ({_STUDY}), not logs: open it with "Open a study (.zip)", or '
+                "give it to jointid identify."
+            )
+        folder = {file: str(PurePosixPath(file).parent) for file in files}
+        bags = {folder[file] for file in files if PurePosixPath(file).name == _BAG}
+        parts = [(bag, [file for file in files if folder[file] == bag]) for bag in bags]
+        parts += [(file, []) for file in files if folder[file] not in bags and not _is_other(file)]
+        if len(parts) > MAX_TABLES:
+            raise JointIdError(
+                f"{name} holds {len(parts)} files, more than the limit of {MAX_TABLES} logs: split it."
+            )
+        for part, of_bag in sorted(parts):
+            label = name if part in (".", "") else f"{name}/{part}"
+            try:
+                if of_bag:
+                    tables = _bag(container, label, of_bag, reader)
+                else:
+                    data = _content(container, part, label)
+                    if is_zip(data) and is_archive(label, data):
+                        raise JointIdError(f"{label} is a zip archive within an archive: unpack it.")
+                    tables = reader.read_content(label, data)
+            except JointIdError as error:
+                problems.append(str(error))
+                continue
+            found += [replace(table, source=label) for table in tables]
+            require_few_values(name, sum(table.rows * len(table.columns) for table in found))
+    if not found:
+        said = f" {problems[0]}" if problems else f" Files found: {listed(files)}."
+        raise JointIdError(f"{name} holds no log that can be read.{said}")
+    if problems:
+        left_out = f"{counted(len(problems), 'file')} of {name} could not be read. {problems[0]:.300}"
+        found[0] = replace(found[0], notes=(*found[0].notes, left_out))
+    return tuple(found)
+
+
+def _content(container: Container, file: str, label: str) -> bytes:
+    data = container.read(file, at_most=MAX_LOG_BYTES + 1)
+    require_small(label, len(data))
+    return data
+
+
+def _bag(
+    container: Container, label: str, files: list[str], reader: ReaderProcess
+) -> tuple[LogTable, ...]:
+    """Extract a bag to a temporary folder for its reader."""
+    with TemporaryDirectory(prefix="jointid-") as folder:
+        place = Path(folder, "bag")
+        place.mkdir()
+        for file in files:
+            data = _content(container, file, f"{label}: {file}")
+            (place / PurePosixPath(file).name).write_bytes(data)
+        return reader.read("db3", label, place)
+
+
+def _is_other(file: str) -> bool:
+    path = PurePosixPath(file)
+    return path.suffix.lower() in _OTHER_ENDINGS or path.stem.lower() in ("readme", "license", "licence")

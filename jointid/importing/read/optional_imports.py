@@ -1,7 +1,5 @@
 """Libraries that only some log formats need."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 
@@ -11,10 +9,7 @@ from jointid.errors import JointIdError
 def import_optional(module: str, package: str, needed_for: str, extra: str = "import") -> Any:
     """Import a module of an optional library.
 
-    Raises
-    ------
-    JointIdError
-        When it is not installed; the message names the package.
+    Raises JointIdError when it is not installed; the message names the package.
     """
     try:
         return import_module(module)

@@ -1,13 +1,13 @@
 """The interface of a reader of logs: how a format is recognised, and the function that reads it."""
 
-from __future__ import annotations
-
 import codecs
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from jointid.importing.columns.log_table import LogTable
+from jointid.importing.read.text.layout import stated_encoding, unix_lines
 
 
 @dataclass(frozen=True)
@@ -33,27 +33,22 @@ def begins_with(*magic: bytes) -> Callable[[bytes], bool]:
     return lambda head: head.startswith(magic)
 
 
+def text_matches(pattern: str) -> Callable[[bytes], bool]:
+    """Return a test for files whose text begins with a match."""
+    compiled = re.compile(pattern)
+    return lambda head: compiled.match(text_of(head)) is not None
+
+
 def text_of(data: bytes) -> str:
     """Decode a text, or the beginning of one; bytes that are no text become other characters."""
-    marks = {
-        codecs.BOM_UTF8: "utf-8",
-        codecs.BOM_UTF16_LE: "utf-16-le",
-        codecs.BOM_UTF16_BE: "utf-16-be",
-    }
-    for mark, encoding in marks.items():
-        if data.startswith(mark):
-            return _lines(data[len(mark) :].decode(encoding, "replace"))
-    try:
-        return _lines(data.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        cut = error.start > len(data) - 4  # the beginning of a file may end within a character
-        return _lines(data.decode("utf-8", "ignore") if cut else data.decode("latin-1"))
+    encoding = stated_encoding(data)
+    try:  # the beginning of a file may end within a character
+        text = codecs.getincrementaldecoder(encoding or "utf-8")().decode(data)
+    except UnicodeDecodeError:
+        text = data.decode(encoding or "latin-1", "replace")
+    return unix_lines(text)
 
 
 def file_text(path: str) -> str:
     """Return the decoded text of a file."""
     return text_of(Path(path).read_bytes())
-
-
-def _lines(text: str) -> str:
-    return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -1,7 +1,10 @@
-"""Read logs: plain text tables here, others in a child process with bounded memory and time."""
+"""Read logs: plain text tables here, others in a child process with bounded memory and time.
 
-from __future__ import annotations
+Libraries that parse binary formats in C can crash on a damaged file, or allocate any amount of memory.
+The response is JSON and plain numbers, not a pickle: the files come from strangers.
+"""
 
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -9,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from jointid.background.child_process import Child, Ended, Limits
+from jointid.background.serving import Progress, serve_here
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogColumn, LogTable
 from jointid.importing.read.readers import TEXT, kind_of, readers
@@ -19,17 +23,11 @@ LIMITS = Limits(time_s=120.0, memory_bytes=3 << 30)
 
 
 class ReaderProcess:
-    """Child process that reads logs; started lazily, restarted after a crash.
-
-    Parameters
-    ----------
-    limits : Limits, optional
-        Time and memory for one file.
-    """
+    """Child process that reads logs within limits; started lazily, restarted after a crash."""
 
     def __init__(self, limits: Limits = LIMITS) -> None:
         self._limits = limits
-        self._child = Child("jointid.importing.read.worker", limits)
+        self._child = Child(__name__, limits)
         self._folder: TemporaryDirectory[str] | None = None
 
     def read_content(self, name: str, data: bytes) -> tuple[LogTable, ...]:
@@ -47,21 +45,9 @@ class ReaderProcess:
             path.unlink(missing_ok=True)
 
     def read(self, kind: str, name: str, path: Path) -> tuple[LogTable, ...]:
-        """Read one file.
+        """Read one file or folder of a kind, a key of ``readers()``.
 
-        Parameters
-        ----------
-        kind : str
-            A key of ``readers()``.
-        name : str
-            For messages.
-        path : Path
-            File or folder.
-
-        Raises
-        ------
-        JointIdError
-            When the file is no log, crashes the process, or exceeds the limits.
+        Raises JointIdError when it is no log, crashes the process, or exceeds the limits.
         """
         request = {"kind": kind, "name": name, "path": str(path.absolute())}
         try:
@@ -95,3 +81,40 @@ def _tables(header: dict[str, Any], body: bytes) -> tuple[LogTable, ...]:
             columns.append(LogColumn(name, values, unit, where))
         tables.append(LogTable(columns=tuple(columns), **table))
     return tuple(tables)
+
+
+def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[str, Any], bytes]:
+    """Read one file; return the description of its tables with all columns, or an error."""
+    kind, name, path = request["kind"], request["name"], request["path"]
+    try:
+        tables = readers()[kind].read(name, path)
+        return {"tables": [_described(table) for table in tables]}, b"".join(
+            column.values.data for table in tables for column in table.columns
+        )
+    except JointIdError as error:
+        message = str(error)
+    except MemoryError:
+        message = f"{name} asks for more memory than a log may take: it is damaged or too large."
+    except BaseException as error:  # readers written in Rust raise outside Exception
+        reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
+        message = (
+            f"{name} cannot be read as {readers()[kind].name} ({reason:.200}): export the log again."
+        )
+    return {"error": message}, b""
+
+
+def _described(table: LogTable) -> dict[str, Any]:
+    return {
+        "name": table.name,
+        "rows": table.rows,
+        "columns": [[column.name, column.unit, column.where] for column in table.columns],
+        "notes": table.notes,
+        "first_row": table.first_row,
+        "row_word": table.row_word,
+    }
+
+
+def main(memory_bytes: int) -> None:
+    """Serve on standard input and output."""
+    os.environ["HDF5_PLUGIN_PRELOAD"] = "::"  # HDF5 loads no plugin for a filter that a file asks for
+    serve_here(answer, memory_bytes)

@@ -1,7 +1,5 @@
 """All readers of logs: the formats of this package, and those of plug-ins."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -57,10 +55,7 @@ _UNSUPPORTED = (
 def readers() -> dict[str, Reader]:
     """Return all readers by kind; those of plug-ins first.
 
-    Raises
-    ------
-    JointIdError
-        When a plug-in cannot be loaded.
+    Raises JointIdError when a plug-in cannot be loaded.
     """
     found: dict[str, Reader] = {}
     for entry in sorted(entry_points(group=PLUGINS), key=lambda e: e.name):
@@ -81,21 +76,11 @@ def readers() -> dict[str, Reader]:
 
 
 def kind_of(name: str, head: bytes) -> str:
-    """Return the kind of a file: a key of ``readers()``, or "text".
+    """Return the kind of a file, a key of ``readers()`` or "text", from its first 4096 bytes.
 
-    A zip archive counts as "excel": see ``jointid.importing.read.archives``.
-
-    Parameters
-    ----------
-    name : str
-        File name; its ending is used when the content is not recognised.
-    head : bytes
-        The first 4096 bytes, or the whole file if it is shorter.
-
-    Raises
-    ------
-    JointIdError
-        When it is a binary file of a known format that no reader takes.
+    The ending of its name is used when the content is not recognised. A zip archive counts as "excel":
+    see ``jointid.importing.read.logs``. Raises JointIdError when it is a binary file of a known
+    format that no reader takes.
     """
     for kind, reader in readers().items():
         if reader.recognises(head):

@@ -15,11 +15,9 @@ from jointid import JointIdError
 from jointid.background.child_process import Limits
 from jointid.files.store import PARTS, Store
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import Job
-from jointid.fleet.local import Local
-from jointid.fleet.reading import read_untrusted
+from jointid.fleet.jobs import Job, Local
 from jointid.fleet.row import Row
-from jointid.fleet.table import to_parquet
+from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.shared.messages import show_error, show_warning
 from jointid.ui.shared.workspace import (
     keep_part,

@@ -19,8 +19,8 @@ from jointid.importing.columns.units import (
     TORQUE_SCALES,
     TORQUE_UNITS,
 )
+from jointid.importing.map.guess import propose_joint
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.more_joints import propose_joint
 from jointid.ui.importing.checks import Checks
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.wording import capitalised, counted

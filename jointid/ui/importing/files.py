@@ -11,8 +11,7 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import LogTable, read_log
 from jointid.importing.columns.log_table import MAX_LOG_BYTES
-from jointid.importing.map.joined_logs import joined_table, proposed_tables
-from jointid.importing.map.simultaneous_logs import simultaneous_groups
+from jointid.importing.map.simultaneous_logs import joined_table, proposed_tables, simultaneous_groups
 from jointid.ui.importing.watched_work import Progress, StoppedError, Watch
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error, show_info, show_note
@@ -130,17 +129,17 @@ def _joined(logs: list[Log]) -> list[Log]:
     return list(result.values())
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def _proposed(key: str, _tables: tuple[LogTable, ...]) -> tuple[LogTable, ...]:
     return proposed_tables(_tables)
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def _at_once(keys: tuple[str, ...], _tables: list[LogTable]) -> tuple[tuple[int, ...], ...]:
     return simultaneous_groups(_tables)
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def _join(key: str, _tables: list[LogTable]) -> LogTable:
     return joined_table(_tables)
 

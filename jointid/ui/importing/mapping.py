@@ -35,7 +35,7 @@ _PART = "mappings"
 _MOST_KNOWN = 50
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def guessed(key: str, _table: LogTable) -> Guess:
     """Guess once per log."""
     return guess_mapping(_table)
@@ -58,7 +58,7 @@ def proposed_columns(key: str, table: LogTable) -> tuple[str, ...]:
     return (*time, *(name for pair in pairs for name in pair)) if time else ()
 
 
-@st.cache_resource(max_entries=32, show_spinner=False)
+@st.cache_resource(scope="session", max_entries=32, show_spinner=False)
 def mapped(key: str, mapping_json: str, _table: LogTable, _mapping: Mapping) -> MappedLog:
     """Return angles and torques of a log."""
     return apply_mapping(_table, _mapping)

@@ -13,7 +13,7 @@ import streamlit as st
 
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_runs, measure_run
-from jointid.importing.find.motions import measure_motion
+from jointid.importing.find.segments import measure_motion
 from jointid.rounding import significant
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch

@@ -24,8 +24,9 @@ from jointid.ui.shared.messages import show_error
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
 _MOST_BYTES = 1 << 30
+_LIMIT_BYTES = 4 << 30
 _ALWAYS_KEPT = 64
-"""Latest results, kept whatever their size: a page needs those of its last run."""
+"""Latest results, kept up to the limit: a page needs those of its last run."""
 
 
 class ResultCache:
@@ -37,10 +38,17 @@ class ResultCache:
         Approximate memory of all results.
     always_kept : int
         Number of the latest results that stay even beyond ``most_bytes``.
+    limit_bytes : int
+        Beyond it only the latest result stays: large logs of many sessions do not fill the memory.
     """
 
-    def __init__(self, most_bytes: int = _MOST_BYTES, always_kept: int = _ALWAYS_KEPT) -> None:
-        self._most_bytes, self._always_kept = most_bytes, always_kept
+    def __init__(
+        self,
+        most_bytes: int = _MOST_BYTES,
+        always_kept: int = _ALWAYS_KEPT,
+        limit_bytes: int = _LIMIT_BYTES,
+    ) -> None:
+        self._most_bytes, self._always_kept, self._limit_bytes = most_bytes, always_kept, limit_bytes
         self._lock = Lock()
         self._results: OrderedDict[Hashable, Future[Any]] = OrderedDict()
         self._bytes: dict[Hashable, int] = {}
@@ -95,7 +103,10 @@ class ResultCache:
                 self._drop_oldest()
 
     def _drop_oldest(self) -> None:
-        while len(self._results) > self._always_kept and sum(self._bytes.values()) > self._most_bytes:
+        while len(self._results) > 1:
+            many = len(self._results) > self._always_kept
+            if sum(self._bytes.values()) <= (self._most_bytes if many else self._limit_bytes):
+                return
             oldest, _ = self._results.popitem(last=False)
             del self._bytes[oldest]
 

@@ -1,7 +1,5 @@
 """Parquet and Arrow (Feather) files: columns of numbers, of times, and of lists of numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -18,10 +16,10 @@ from jointid.importing.columns.log_table import (
     MAX_TABLES,
     LogColumn,
     LogTable,
+    named_column,
     numbers,
     require_few_values,
 )
-from jointid.importing.columns.units import split_unit, unit_of
 from jointid.importing.read.array_tables import FEWEST_ROWS
 from jointid.importing.read.reader import Reader, begins_with
 from jointid.wording import listed
@@ -33,19 +31,6 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     """Read the columns of numbers of a Parquet or Arrow file.
 
     A list of m numbers per row is m columns. Few rows of long lists are a run each: one table per row.
-
-    Parameters
-    ----------
-    open_as : {"parquet", "arrow"}
-    file : str
-        Its name, for messages.
-    path : str
-        Where it lies.
-
-    Raises
-    ------
-    JointIdError
-        When it has no rows, or fewer than two columns of numbers.
     """
     with pa.memory_map(path) as source:
         table = _parquet(file, source) if open_as == "parquet" else _arrow(file, source)
@@ -63,23 +48,21 @@ def read(open_as: str, file: str, path: str) -> tuple[LogTable, ...]:
     if longest >= FEWEST_ROWS and longest > rows:
         tables = [_run(file, columns, lists, row, notes) for row in range(min(rows, MAX_TABLES))]
         return tuple(run for run in tables if run is not None)
-    found = []
     require_few_values(file, rows * (len(kept) - len(lists) + sum(widths.values())))
     if sum(widths.values()) > MAX_COLUMNS:
         raise JointIdError(
             f"{file} has lists of {longest} numbers, more than the limit of {MAX_COLUMNS} columns."
         )
+    found: list[LogColumn] = []
     for field in kept:
-        stated, column = _stated_unit(field), columns.pop(field.name).combine_chunks()
-        if field.name in widths:
-            values = _matrix(column, widths[field.name])
-            bare, unit = split_unit(field.name)
-            found += [
-                LogColumn(f"{bare} {k + 1}", numbers(values[:, k]), stated or unit, field.name)
-                for k in range(values.shape[1])
-            ]
-        else:
-            found.append(_column(field.name, column, stated))
+        name, column = field.name, columns.pop(field.name).combine_chunks()
+        about = field.metadata or {}
+        stated = about.get(b"unit", about.get(b"units", b"")).decode(errors="replace")
+        if name not in widths:
+            found.append(_column(name, column, stated))
+            continue
+        lists_of = enumerate(_matrix(column, widths[name]).T, start=1)
+        found += [named_column(name, values, stated, number=k) for k, values in lists_of]
     return (LogTable(file, tuple(found), notes),)
 
 
@@ -133,13 +116,12 @@ def _flat(table: Any, schema: Any) -> Any:
 
 
 def _column(name: str, column: Any, stated: str) -> LogColumn:
-    bare, unit = split_unit(name)
     if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
         ticks = column.cast(pa.int64())
         first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
         values = (ticks.to_numpy(zero_copy_only=False) - first) / _PER_SECOND[column.type.unit]
         return LogColumn(name, numbers(values), "s", name)
-    return LogColumn(bare, numbers(_values(column)), stated or unit, name)
+    return named_column(name, _values(column), stated)
 
 
 def _values(column: Any) -> Floats:
@@ -167,21 +149,9 @@ def _run(
     return LogTable(f"{file}: row {row + 1}", found, notes)
 
 
-def _stated_unit(field: Any) -> str:
-    metadata = field.metadata or {}
-    return unit_of(metadata.get(b"unit", metadata.get(b"units", b"")).decode(errors="replace"))
-
-
 def _is_number(kind: pa.DataType) -> bool:
-    types = pa.types
-    tests = (
-        types.is_floating,
-        types.is_integer,
-        types.is_decimal,
-        types.is_timestamp,
-        types.is_duration,
-    )
-    return any(test(kind) for test in tests)
+    tests = ("floating", "integer", "decimal", "timestamp", "duration")
+    return any(getattr(pa.types, f"is_{test}")(kind) for test in tests)
 
 
 def _is_list(kind: pa.DataType) -> bool:

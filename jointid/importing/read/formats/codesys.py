@@ -3,8 +3,6 @@
 The file states milliseconds or microseconds: the XML as ``MicroSeconds``, the CSV as a bit of ``Flags``.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -13,27 +11,25 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, file_text, text_of
-from jointid.importing.read.text.delimited import columns_of
+from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.tables import columns_of
 
 _VARIABLE = re.compile(
     r'<TraceVariable\b[^>]{0,400}?\bVarName="([^"]{1,400})"[^>]{0,400}>\s*<Values>([^<]*)</Values>\s*'
     r"<Timestamps>([^<]*)</Timestamps>"
 )
 _MICROSECONDS = re.compile(r'Name="MicroSeconds"[^>]{0,200}>\s*True\s*<', re.IGNORECASE)
+_XML = r"(?s:.{0,400}<Trace>|.*<TraceConfiguration)"
+_CSV = r"\s*\[key\]\s*;\s*\[value\]|\s*0\.Variable;"
 _CSV_NAME = re.compile(r"\d+\.Variable;(.*)")
 _MICROSECOND_FLAG = 32
+_NO_SAMPLES = "is a trace without samples: save the trace with its values."
 
 
 def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
     """Read a trace saved as .trace or .xml.
 
     Its XML is searched, not parsed: entities and links to other files have no effect.
-
-    Raises
-    ------
-    JointIdError
-        When it holds no samples, or a list has a word in place of a number.
     """
     text = file_text(path)
     step = 1e-6 if _MICROSECONDS.search(text) else 1e-3
@@ -41,21 +37,14 @@ def read_xml(file: str, path: str) -> tuple[LogTable, ...]:
     for name, values, stamps in _VARIABLE.findall(text):
         require_few_values(file, values.count(",") + stamps.count(","))
         pair = _floats(file, name, stamps) * step, _floats(file, name, values)
-        size = min(
-            part.size for part in pair
-        )  # the last sample of a running trace may lack one of the two
+        # The last sample of a running trace may lack one of the two.
+        size = min(part.size for part in pair)
         signals.append(Signal(name, pair[0][:size], pair[1][:size]))
-    return _tables(file, signals)
+    return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
 
 def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read a trace saved as .csv: for each variable a block of lines "; time; value".
-
-    Raises
-    ------
-    JointIdError
-        When it holds no samples, or a cell without a number.
-    """
+    """Read a trace saved as .csv: for each variable a block of lines "; time; value"."""
     blocks: list[tuple[str, list[str]]] = []
     step = 1e-3
     for line in file_text(path).split("\n"):
@@ -72,14 +61,7 @@ def read_csv(file: str, path: str) -> tuple[LogTable, ...]:
             decimal = "," if any("," in row for row in rows[:2000]) else "."
             time, values = columns_of(f"{file}, {name}", rows, ";", decimal, 2)
             signals.append(Signal(name, time * step, values))
-    return _tables(file, signals)
-
-
-def _tables(file: str, signals: list[Signal]) -> tuple[LogTable, ...]:
-    tables = tables_of_signals(file, signals)
-    if not tables:
-        raise JointIdError(f"{file} is a trace without samples: save the trace with its values.")
-    return tables
+    return tables_of_signals(file, signals, otherwise=f"{file} {_NO_SAMPLES}")
 
 
 def _floats(file: str, name: str, text: str) -> Floats:
@@ -93,16 +75,7 @@ def _floats(file: str, name: str, text: str) -> Floats:
         ) from error
 
 
-def _is_xml(head: bytes) -> bool:
-    text = text_of(head)
-    return "<Trace>" in text[:400] or "<TraceConfiguration" in text
-
-
-def _is_csv(head: bytes) -> bool:
-    return re.match(r"\s*\[key\]\s*;\s*\[value\]|\s*0\.Variable;", text_of(head)) is not None
-
-
 READERS = {
-    "codesys": Reader("a CODESYS trace", _is_xml, read_xml, ("trace",)),
-    "codesys-csv": Reader("a CODESYS trace", _is_csv, read_csv),
+    "codesys": Reader("a CODESYS trace", text_matches(_XML), read_xml, ("trace",)),
+    "codesys-csv": Reader("a CODESYS trace", text_matches(_CSV), read_csv),
 }

@@ -1,7 +1,5 @@
 """Excel workbooks (.xlsx, .xlsm, .xlsb, .xls) and OpenDocument sheets: one table per sheet."""
 
-from __future__ import annotations
-
 import datetime
 import io
 import zipfile
@@ -21,13 +19,7 @@ _MAX_UNPACKED = 128 << 20
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read every sheet of a workbook that holds a table of numbers.
-
-    Raises
-    ------
-    JointIdError
-        When python-calamine is not installed, or no sheet holds a table.
-    """
+    """Read every sheet of a workbook that holds a table of numbers."""
     calamine = import_optional("python_calamine", "python-calamine", "Excel files")
     _require_small(file, path)
     workbook = calamine.CalamineWorkbook.from_filelike(io.BytesIO(Path(path).read_bytes()))

@@ -1,7 +1,5 @@
 """Captures saved by LinuxCNC's halscope, which states the sampling period in the first line."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -9,21 +7,15 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, file_text, text_of
-from jointid.importing.read.text.delimited import columns_of
+from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.tables import columns_of
 
 _HEAD = re.compile(r"#? ?Sampling period is (\d{1,12}) n(?:Sec|s)")
 _PAIR = re.compile(r"(\S{1,200})\s{1,9}([-+]\S{1,60})")
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read a capture: names and values side by side (older versions), or a header and semicolons.
-
-    Raises
-    ------
-    JointIdError
-        When the period is 0, there are no samples, or a cell has no number.
-    """
+    """Read a capture: names and values side by side (older versions), or a header and semicolons."""
     first, *rest = file_text(path).split("\n")
     found = _HEAD.match(first)
     assert found is not None  # that is how it was recognised
@@ -41,8 +33,4 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
 
 
-def _recognises(head: bytes) -> bool:
-    return _HEAD.match(text_of(head[:200])) is not None
-
-
-READERS = {"halscope": Reader("a halscope capture", _recognises, read)}
+READERS = {"halscope": Reader("a halscope capture", text_matches(_HEAD.pattern), read)}

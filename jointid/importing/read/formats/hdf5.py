@@ -1,6 +1,8 @@
-"""HDF5 files, including MATLAB 7.3: groups of arrays, and tables of compound type."""
+"""HDF5 files, including MATLAB 7.3: groups of arrays, and tables of compound type.
 
-from __future__ import annotations
+HDF5 can take a dataset's values from any file of the computer: by external storage, a virtual dataset or
+an external link. ``_own_object`` looks up every object and refuses such ones before their shape is read.
+"""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -13,7 +15,6 @@ from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.formats.matlab import scope_arrays
-from jointid.importing.read.hdf5_objects import own_object
 from jointid.importing.read.optional_imports import import_optional
 from jointid.importing.read.reader import Reader
 from jointid.wording import listed
@@ -25,31 +26,23 @@ _LABEL_ATTRIBUTES = ("columns", "column_names", "names", "labels", "Columns", "f
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the tables of an HDF5 file; one group's arrays of equal length are a table.
-
-    Raises
-    ------
-    JointIdError
-        When h5py is not installed, nothing in it is a log, or an object leads to another file.
-    """
+    """Read the tables of an HDF5 file; one group's arrays of equal length are a table."""
     h5py = import_optional("h5py", "h5py", "HDF5 files and MATLAB files of version 7.3")
     with h5py.File(path, "r", locking=False) as root:
         reader = _Reader(h5py, file, root)
         arrays = list(reader.walk(root, "", _DEEPEST))
-        tables = tables_of(file, arrays)
-        if not tables:
-            raise JointIdError(
-                f"{file} holds no table of numbers: expected arrays of equal length, at least two in "
-                f"one group. Found: {listed(reader.seen)}."
-            )
-    return tables
+        otherwise = (
+            f"{file} holds no table of numbers: expected arrays of equal length, at least two in one "
+            f"group. Found: {listed(reader.seen)}."
+        )
+        return tables_of(file, arrays, otherwise)
 
 
 class _Reader:
     def __init__(self, h5py: Any, file: str, root: Any) -> None:
         self._h5py = h5py
         self._file = file
-        self._object = partial(own_object, file)
+        self._object = partial(_own_object, h5py, file)
         self._values = 0
         top = [self._object(root, key) for key in islice(root, 50)]
         self._is_matlab = any("MATLAB_class" in item.attrs for item in top if item is not None)
@@ -135,6 +128,48 @@ class _Reader:
         """Check the size before reading: a few bytes can represent any number of equal values."""
         self._values += int(np.prod(item.shape, dtype=float)) * max(1, len(item.dtype.names or ()))
         require_few_values(self._file, self._values)
+
+
+def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
+    """Object that a group holds under a name (bytes where it is no UTF-8), or that a reference leads to.
+
+    None where there is nothing, or a soft link: a second name of an object that the file holds under
+    another name, or a way through an external link. Raises JointIdError when it is a link to another
+    file, or a dataset whose values lie in one or need a plugin.
+    """
+    if not isinstance(key, h5py.Reference):
+        try:
+            link = group.get(key, getlink=True)
+        except TypeError:  # user-defined link
+            link = h5py.ExternalLink("", "/")
+        if isinstance(link, h5py.ExternalLink):
+            raise _elsewhere(file, f"{group.name.rstrip('/')}/{key}", "is a link to another file")
+        if not isinstance(link, h5py.HardLink):
+            return None
+    item = group[key]
+    if isinstance(item, h5py.Dataset):
+        created = item.id.get_create_plist()
+        if created.get_external_count() > 0:
+            raise _elsewhere(file, item.name, "keeps its values in external files")
+        # Its sources may be virtual or external again, those in this file too.
+        if created.get_layout() == h5py.h5d.VIRTUAL:
+            raise _elsewhere(file, item.name, "is a virtual dataset")
+        for k in range(created.get_nfilters()):
+            code, _, _, label = created.get_filter(k)
+            if not h5py.h5z.filter_avail(code):
+                raise JointIdError(
+                    f'{file}: "{item.name!s:.200}" is packed with filter {code} '
+                    f"({label.decode(errors='replace'):.40}), which this HDF5 does not have. "
+                    "Save it with gzip compression, or without."
+                )
+    return item
+
+
+def _elsewhere(file: str, name: object, fault: str) -> JointIdError:
+    return JointIdError(
+        f'{file}: "{name!s:.200}" {fault}. A log must hold all its values itself: copy them into an '
+        "ordinary dataset of the file, or export it as CSV."
+    )
 
 
 def _attribute(item: Any, keys: Sequence[str], default: Any) -> Any:

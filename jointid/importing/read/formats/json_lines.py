@@ -1,7 +1,5 @@
 """JSON: one object per line, an array of objects, or an object of arrays."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,7 +8,7 @@ from typing import Any
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.read.array_tables import FEWEST_ROWS
-from jointid.importing.read.reader import Reader, file_text, text_of
+from jointid.importing.read.reader import Reader, file_text, text_matches
 from jointid.importing.read.text.tables import read_text_table
 from jointid.wording import counted
 
@@ -18,13 +16,7 @@ _DEEPEST = 6
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read rows of named numbers; nested names are joined by points, elements of lists by their index.
-
-    Raises
-    ------
-    JointIdError
-        When a line is no object, or fewer than two names have numbers.
-    """
+    """Read rows of named numbers; points join nested names, an index names elements of lists."""
     rows, notes = _rows(file, file_text(path))
     names: dict[str, int] = {}
     table: list[dict[str, str]] = []
@@ -105,9 +97,4 @@ def _cells(name: str, value: Any, depth: int) -> Iterator[tuple[str, str]]:
         yield name, str(value)
 
 
-def _recognises(head: bytes) -> bool:
-    text = text_of(head).lstrip()
-    return text[:1] == "{" or (text[:1] == "[" and text[1:].lstrip()[:1] == "{")
-
-
-READERS = {"json": Reader("JSON", _recognises, read, ("jsonl", "ndjson"))}
+READERS = {"json": Reader("JSON", text_matches(r"\s*(?:\[\s*)?\{"), read, ("jsonl", "ndjson"))}

@@ -1,7 +1,5 @@
 """LabVIEW measurement files (.lvm): segments of text with units, X0, Delta_X and decimal commas."""
 
-from __future__ import annotations
-
 import re
 from itertools import pairwise
 
@@ -10,21 +8,14 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_TABLES, LogTable, most_first
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, file_text, text_of
-from jointid.importing.read.text.delimited import columns_of
+from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.tables import columns_of
 
 _END = "***End_of_Header***"
-_FIRST = "LabVIEW Measurement"
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read every segment; segments of the same channels that follow each other in time are one table.
-
-    Raises
-    ------
-    JointIdError
-        When a header is cut, no segment has samples, or a cell has no number.
-    """
+    """Read every segment; segments of the same channels that follow each other in time are one table."""
     text = file_text(path)
     head, ended, rest = text.partition(_END)
     if not ended:
@@ -133,8 +124,6 @@ def _segment(
     return signals
 
 
-def _recognises(head: bytes) -> bool:
-    return text_of(head[:200]).lstrip().startswith(_FIRST)
-
-
-READERS = {"lvm": Reader("a LabVIEW measurement", _recognises, read, ("lvm",))}
+READERS = {
+    "lvm": Reader("a LabVIEW measurement", text_matches(r"\s*LabVIEW Measurement"), read, ("lvm",))
+}

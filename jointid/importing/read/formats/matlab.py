@@ -1,14 +1,11 @@
 """MATLAB .mat files of versions 5 to 7: arrays, structs, Simulink scopes and dSPACE recordings."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.clocks import Signal, tables_of_signals
@@ -21,19 +18,11 @@ _MOST_ELEMENTS = 500
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the tables of a .mat file of version 5 to 7.
+    """Read the tables of a .mat file of version 5 to 7, the largest first.
 
-    Returns
-    -------
-    tuple of LogTable
-        The largest first. A struct with ``time`` and ``signals.values`` (a Simulink scope or a
-        "Structure with time") is one table; other arrays of equal length are another. A recording of
-        dSPACE has a clock for each of its rasters.
-
-    Raises
-    ------
-    JointIdError
-        When nothing in it is a log.
+    A struct with ``time`` and ``signals.values`` (a Simulink scope or a "Structure with time") is one
+    table; other arrays of equal length are another. A recording of dSPACE has a clock for each of its
+    rasters.
     """
     scipy_io = import_optional("scipy.io", "scipy", "MATLAB files")
     content = scipy_io.loadmat(
@@ -45,22 +34,18 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     )
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     recorded = [signal for value in variables.values() for signal in _dspace_signals(value)]
-    tables = tables_of_signals(file, recorded)
-    arrays = [a for name, value in variables.items() for a in _walk(name, value, "", _DEEPEST)]
-    tables = tables or tables_of(file, arrays)
-    if not tables:
-        opaque = [n for n, v in content.items() if type(v).__name__ == "MatlabOpaque" or n == "None"]
+    hint = ""
+    if any(type(v).__name__ == "MatlabOpaque" or n == "None" for n, v in content.items()):
         hint = (
             " It holds MATLAB objects (timeseries, Dataset or table), which only MATLAB can read: save "
             'arrays, or log as "Structure with time".'
-            if opaque
-            else ""
         )
-        raise JointIdError(
-            f"{file} holds no table of numbers: expected arrays of equal length or a structure with "
-            f"time and signals.{hint} Variables found: {listed(variables)}."
-        )
-    return tables
+    otherwise = (
+        f"{file} holds no table of numbers: expected arrays of equal length or a structure with "
+        f"time and signals.{hint} Variables found: {listed(variables)}."
+    )
+    arrays = (a for name, value in variables.items() for a in _walk(name, value, "", _DEEPEST))
+    return tables_of_signals(file, recorded) or tables_of(file, arrays, otherwise)
 
 
 def _walk(name: str, value: Any, group: str, depth: int) -> Iterator[NamedArray]:

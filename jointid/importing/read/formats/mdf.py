@@ -1,10 +1,7 @@
 """ASAM MDF measurement files of versions 3 and 4, with asammdf."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.optional_imports import import_optional
@@ -13,13 +10,7 @@ from jointid.wording import listed
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the channels of an MDF file; every channel group has its own clock.
-
-    Raises
-    ------
-    JointIdError
-        When asammdf is not installed, or no group has numbers with times.
-    """
+    """Read the channels of an MDF file; every channel group has its own clock."""
     asammdf = import_optional("asammdf", "asammdf", "MDF files", "mdf")
     signals: list[Signal] = []
     seen: list[str] = []
@@ -40,12 +31,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                 if found.samples.dtype.kind in "biuf" and found.samples.ndim == 1:
                     time, values = np.asarray(found.timestamps, float), np.asarray(found.samples, float)
                     signals.append(Signal(channel.name, time, values, str(found.unit or "")))
-    tables = tables_of_signals(file, signals)
-    if not tables:
-        raise JointIdError(
-            f"{file} has no channels of numbers with times. Channels found: {listed(seen)}."
-        )
-    return tables
+    otherwise = f"{file} has no channels of numbers with times. Channels found: {listed(seen)}."
+    return tables_of_signals(file, signals, otherwise=otherwise)
 
 
 READERS = {"mdf": Reader("an MDF file", begins_with(b"MDF     ", b"UnFinMF "), read, ("mf4", "mdf"))}

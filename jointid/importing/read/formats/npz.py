@@ -1,14 +1,11 @@
 """NumPy files (.npz, .npy), without Python objects: those could run programs."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Iterator
 from typing import IO, Any
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import MAX_COLUMNS, LogTable, require_few_values
 from jointid.importing.read.array_tables import NamedArray, tables_of
 from jointid.importing.read.reader import Reader
@@ -16,13 +13,7 @@ from jointid.wording import listed
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the arrays of a NumPy file; those of equal length are a table.
-
-    Raises
-    ------
-    JointIdError
-        When an array's stated size exceeds the limit, or no two arrays have the same length.
-    """
+    """Read the arrays of a NumPy file; those of equal length are a table."""
     seen: list[str] = []
     arrays: list[NamedArray] = []
     if zipfile.is_zipfile(path):
@@ -35,13 +26,11 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         with open(path, "rb") as part:
             arrays += _arrays(file, "array", part)
     require_few_values(file, sum(np.size(array.values) for array in arrays))
-    tables = tables_of(file, arrays)
-    if not tables:
-        raise JointIdError(
-            f"{file} holds no table of numbers: expected arrays of equal length, at least two columns. "
-            f"Arrays found: {listed(seen)}."
-        )
-    return tables
+    otherwise = (
+        f"{file} holds no table of numbers: expected arrays of equal length, at least two columns. "
+        f"Arrays found: {listed(seen)}."
+    )
+    return tables_of(file, arrays, otherwise)
 
 
 def _arrays(file: str, name: str, part: IO[bytes]) -> Iterator[NamedArray]:

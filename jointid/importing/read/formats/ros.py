@@ -1,7 +1,5 @@
 """Bags of ROS 2 (SQLite or MCAP) and ROS 1: joint states, and messages of numbers such as MultiArray."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -35,27 +33,12 @@ _MOST_JOINTS = 200
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the joint states and other numbers of a ROS bag; one table per topic.
+    """Read joint states and other numbers of a ROS bag, a file or a ROS 2 folder; one table per topic.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    path : str
-        A .db3 or .mcap file, or the folder of a bag; a .bag file of ROS 1.
-
-    Returns
-    -------
-    tuple of LogTable
-        Columns "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint. The
-        time is the header's stamp, or the time of recording if no stamp is set. Messages of numbers
-        without names, such as Float64MultiArray, have a column for each field; with them, the first
-        table holds all topics at their times of recording, unless the joint states have efforts.
-
-    Raises
-    ------
-    JointIdError
-        When rosbags is not installed, a file's name cannot be used, or there is no such topic.
+    Columns are "<joint> position", "<joint> effort" and so on, NaN where a message omits the joint. The
+    time is the header's stamp, or the time of recording if no stamp is set. Messages of numbers without
+    names, such as Float64MultiArray, have a column for each field; with them, the first table holds all
+    topics at their times of recording, unless the joint states have efforts.
     """
     _require_plain_names(file, Path(path))
     version = 1 if path.endswith(".bag") and Path(path).is_file() else 2
@@ -77,18 +60,15 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         logs: dict[str, _TopicLog] = {}
         for connection, recorded_ns, raw in bag.messages(connections=wanted):
             message = deserialize(raw, connection.msgtype)
-            kind = _TopicLog if connection.msgtype == _JOINT_STATE else _FieldLog
-            logs.setdefault(connection.topic, kind(file)).add(message, recorded_ns)
+            of_joints = connection.msgtype == _JOINT_STATE
+            logs.setdefault(connection.topic, _TopicLog(file, of_joints)).add(message, recorded_ns)
     if not logs:
         raise JointIdError(f"{file}: {wanted[0].topic} holds no messages: record the bag again.")
-    names = {topic: f"{file}: {topic}" for topic in logs}
-    states = most_first(
-        file, (t.table(names[topic]) for topic, t in logs.items() if type(t) is _TopicLog)
-    )
+    alone = len(logs) == 1
+    tables = (log.table(f"{file}: {topic}") for topic, log in logs.items() if log.of_joints or alone)
+    states = most_first(file, tables)
     if len(states) == len(logs):
         return states
-    if len(logs) == 1:
-        return tuple(log.table(names[topic]) for topic, log in logs.items())
     start = min(log.start_ns for log in logs.values())
     signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
     note = "Topics are put together at their times of recording."
@@ -109,42 +89,42 @@ def _require_plain_names(file: str, path: Path) -> None:
 
 
 class _TopicLog:
-    """Messages of one topic, gathered by joint."""
+    """Messages of one topic: joint states gathered by joint, others with a column for each number."""
 
-    def __init__(self, file: str) -> None:
+    def __init__(self, file: str, of_joints: bool) -> None:
+        self.of_joints = of_joints
         self._file = file
         self._stamps: list[int] = []
         self._recorded: list[int] = []
         self._columns: dict[tuple[str, str], int] = {}
-        self._rows: list[tuple[Any, Floats]] = []
+        self._rows: list[tuple[np.ndarray, Floats]] = []
         self._layouts: dict[tuple[Any, ...], np.ndarray] = {}
         self._held = 0
 
     def add(self, message: Any, recorded_ns: int) -> None:
-        self._stamp(message, recorded_ns)
-        parts = [np.asarray(getattr(message, quantity), float) for quantity, _ in _QUANTITIES]
-        names = tuple(message.name)
-        layout = (names, *(part.size for part in parts))
-        if layout not in self._layouts:
-            self._layouts[layout] = self._places(names, parts)
-        values = np.concatenate([part[: len(names)] for part in parts])
-        self._held += values.size
-        require_few_values(self._file, self._held)
-        self._rows.append((self._layouts[layout], values))
-
-    def _stamp(self, message: Any, recorded_ns: int) -> None:
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         self._stamps.append(stamp.sec * 1_000_000_000 + stamp.nanosec if stamp is not None else 0)
         self._recorded.append(recorded_ns)
-
-    def _places(self, names: tuple[str, ...], parts: list[Floats]) -> np.ndarray:
-        self._require_few_layouts(len(names))
-        places = [
-            self._columns.setdefault((name, quantity), len(self._columns))
-            for part, (quantity, _) in zip(parts, _QUANTITIES, strict=True)
-            for name in names[: part.size]
-        ]
-        return np.array(places, int)
+        if self.of_joints:
+            names = tuple(message.name)
+            parts = [np.asarray(getattr(message, quantity), float) for quantity, _ in _QUANTITIES]
+            values = np.concatenate([part[: len(names)] for part in parts])
+            layout: tuple[Any, ...] = (names, *(part.size for part in parts))
+        else:
+            found = dict(_fields("", message))
+            names = layout = tuple(found)
+            values = np.array([*found.values()], float)
+        if layout not in self._layouts:
+            self._require_few_layouts(len(names))
+            columns = [("", name) for name in names]
+            if self.of_joints:
+                sizes = zip(_QUANTITIES, layout[1:], strict=True)
+                columns = [(name, quantity) for (quantity, _), size in sizes for name in names[:size]]
+            places = [self._columns.setdefault(column, len(self._columns)) for column in columns]
+            self._layouts[layout] = np.array(places, int)
+        self._held += values.size
+        require_few_values(self._file, self._held)
+        self._rows.append((self._layouts[layout], values))
 
     def _require_few_layouts(self, joints: int) -> None:
         if joints > _MOST_JOINTS:
@@ -162,15 +142,11 @@ class _TopicLog:
         """Every column with its times of recording since a start, under the name of the topic."""
         time, table = np.array(self._recorded, dtype=np.int64) - start_ns, self._values()
         order = np.argsort(time, kind="stable")
+        time_s, table = time[order] * 1e-9, table[order]
         return [
-            Signal(
-                f"{topic} {joint} {quantity}".replace("  ", " "),
-                time[order][known] * 1e-9,
-                column[known],
-                unit,
-            )
-            for ((joint, quantity), k), unit in zip(self._columns.items(), self._units(), strict=True)
-            if (known := np.isfinite(column := table[order, k])).any()
+            Signal(f"{topic} {joint} {quantity}".replace("  ", " "), time_s[known], column[known], unit)
+            for (joint, quantity, unit), column in zip(self._named(), table.T, strict=True)
+            if (known := np.isfinite(column)).any()
         ]
 
     @property
@@ -178,8 +154,10 @@ class _TopicLog:
         """Time of recording of the first message."""
         return min(self._recorded)
 
-    def _units(self) -> list[str]:
-        return [dict(_QUANTITIES).get(quantity, "") for _, quantity in self._columns]
+    def _named(self) -> list[tuple[str, str, str]]:
+        """Joint, quantity and unit of every column."""
+        units = dict(_QUANTITIES)
+        return [(joint, quantity, units.get(quantity, "")) for joint, quantity in self._columns]
 
     def _values(self) -> Floats:
         table = np.full((len(self._rows), len(self._columns)), np.nan)
@@ -190,7 +168,7 @@ class _TopicLog:
     def table(self, name: str) -> LogTable:
         stamped = len(set(self._stamps)) > len(self._stamps) // 2
         ticks = np.array(self._stamps if stamped else self._recorded, dtype=np.int64)
-        table, order = self._values(), np.argsort(ticks, kind="stable")
+        order = np.argsort(ticks, kind="stable")
         notes = []
         if not stamped:
             notes.append("The messages carry no time stamps: the time of recording is used.")
@@ -198,27 +176,12 @@ class _TopicLog:
             notes.append("Some messages were recorded out of order; they were sorted by time.")
         columns = [LogColumn("time", numbers((ticks[order] - ticks[order[0]]) * 1e-9), "s", "stamp")]
         columns += [
-            LogColumn(f"{joint} {quantity}".strip(), numbers(table[order, k]), unit, quantity)
-            for ((joint, quantity), k), unit in zip(self._columns.items(), self._units(), strict=True)
+            LogColumn(f"{joint} {quantity}".strip(), numbers(column), unit, quantity)
+            for (joint, quantity, unit), column in zip(
+                self._named(), self._values()[order].T, strict=True
+            )
         ]
         return LogTable(name, tuple(columns), tuple(notes), 1, "message")
-
-
-class _FieldLog(_TopicLog):
-    """Messages of one topic without names: a column for each number."""
-
-    def add(self, message: Any, recorded_ns: int) -> None:
-        """Add one message."""
-        self._stamp(message, recorded_ns)
-        fields = list(_fields("", message))
-        layout = (tuple(name for name, _ in fields),)
-        if layout not in self._layouts:
-            self._require_few_layouts(len(fields))
-            places = [self._columns.setdefault(("", name), len(self._columns)) for name, _ in fields]
-            self._layouts[layout] = np.array(places, int)
-        self._held += len(fields)
-        require_few_values(self._file, self._held)
-        self._rows.append((self._layouts[layout], np.array([value for _, value in fields], float)))
 
 
 def _fields(name: str, value: Any) -> Iterator[tuple[str, float]]:

@@ -1,12 +1,9 @@
 """LabVIEW TDMS files, with npTDMS."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.columns.units import TIME_UNITS, split_unit
 from jointid.importing.read.clocks import Signal, tables_of_signals
@@ -18,26 +15,18 @@ _UNIT_PROPERTIES = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the channels of a TDMS file: waveforms, and channels beside a time channel.
-
-    Raises
-    ------
-    JointIdError
-        When npTDMS is not installed, or no channel has numbers with times.
-    """
+    """Read the channels of a TDMS file: waveforms, and channels beside a time channel."""
     nptdms = import_optional("nptdms", "npTDMS", "TDMS files")
     with nptdms.TdmsFile.open(path) as tdms:
         groups = tdms.groups()
         channels = [channel for group in groups for channel in group.channels()]
         require_few_values(file, sum(len(channel) for channel in channels))
         signals = [s for group in groups for s in _signals(group, len(groups) > 1)]
-    tables = tables_of_signals(file, signals)
-    if not tables:
-        raise JointIdError(
-            f"{file} has no channels of numbers with times (wf_increment or a time channel). "
-            f"Channels found: {listed(channel.path for channel in channels)}."
-        )
-    return tables
+    otherwise = (
+        f"{file} has no channels of numbers with times (wf_increment or a time channel). "
+        f"Channels found: {listed(channel.path for channel in channels)}."
+    )
+    return tables_of_signals(file, signals, otherwise=otherwise)
 
 
 def _signals(group: Any, several: bool) -> list[Signal]:

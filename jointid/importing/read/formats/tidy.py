@@ -1,7 +1,5 @@
 """Long ("tidy") text tables: one value per row, with its time and the name of its signal."""
 
-from __future__ import annotations
-
 import csv
 from array import array
 from itertools import islice
@@ -27,13 +25,7 @@ _WORDS = {kind: frozenset(line.split()) for kind, line in _LINES.items()}
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read a long table; every signal keeps its own times.
-
-    Raises
-    ------
-    JointIdError
-        When a row has too few cells, there are too many signals, or no numbers.
-    """
+    """Read a long table; every signal keeps its own times."""
     lines = file_text(path).split("\n")
     layout = _layout("\n".join(lines[:40]))
     assert layout is not None  # that is how it was recognised
@@ -77,12 +69,9 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         Signal(name, of_day[np.array(places)], np.array(values), unit_of(unit))
         for name, (values, places, unit) in found.items()
     ]
-    tables = tables_of_signals(file, signals, notes, time=(bare or "time", "s" if clocked else unit))
-    if not tables:
-        raise JointIdError(
-            f"{file} holds no rows with a time, a name and a number. Signals: {listed(found)}."
-        )
-    return tables
+    otherwise = f"{file} holds no rows with a time, a name and a number. Signals: {listed(found)}."
+    times_as = bare or "time", "s" if clocked else unit
+    return tables_of_signals(file, signals, notes, times_as, otherwise)
 
 
 def _value(cell: str, decimal: str) -> float | None:
@@ -99,10 +88,7 @@ def _layout(head: str) -> tuple[int, str, str, tuple[int, int, int, int], str] |
             if not 3 <= len(header) <= 8:
                 continue
             places = [
-                next(
-                    (k for k, w in enumerate(words) if w & wanted and len(w) <= 2),
-                    -1,
-                )
+                next((k for k, w in enumerate(words) if w & wanted and len(w) <= 2), -1)
                 for wanted in (WORDS["time"], *_WORDS.values())
             ]
             if min(places[:3]) < 0 or len(set(places[:3])) < 3:

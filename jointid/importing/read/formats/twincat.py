@@ -1,7 +1,5 @@
 """Text exports of Beckhoff's TwinCAT Scope: rows of properties, then times and values side by side."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -10,27 +8,20 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
-from jointid.importing.read.reader import Reader, file_text, text_of
-from jointid.importing.read.text.delimited import columns_of
+from jointid.importing.read.reader import Reader, file_text, text_matches
+from jointid.importing.read.text.tables import columns_of
 from jointid.wording import listed
 
 _HEAD = re.compile(
     r"\A\s*Name([;,\t|: ]).*\n(?:.*\n){1,40}?\s*(?:SampleTime\[ms\]|SymbolName|NetID|NetId)\1"
 )
 _INTEGERS = ("INT", "BIT", "BOOL", "BYTE", "WORD", "DINT")
-_TICK_S = 1e-7
-"""FILETIME counts 100 ns."""
+_TICK_S = 1e-7  # FILETIME counts 100 ns
 _FULL_STAMP = 1e15  # a relative time in ms is far below
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read a TwinCAT Scope export; every channel keeps its own clock.
-
-    Raises
-    ------
-    JointIdError
-        When it has no time columns, or a cell without a number.
-    """
+    """Read a TwinCAT Scope export; every channel keeps its own clock."""
     text = file_text(path)
     head = _HEAD.match(text)
     assert head is not None  # that is how it was recognised
@@ -65,10 +56,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             kept = np.isfinite(time) & np.isfinite(values)
             unit = of_channel.get("Unit", "").partition(" (")[0]
             signals.append(Signal(name.strip(), time[kept], values[kept], unit))
-    tables = tables_of_signals(file, signals, notes)
-    if not tables:
-        raise JointIdError(f"{file} holds no samples. Channels: {listed(names)}.")
-    return tables
+    otherwise = f"{file} holds no samples. Channels: {listed(names)}."
+    return tables_of_signals(file, signals, notes, otherwise=otherwise)
 
 
 def _channel_rows(rows: list[str], separator: str) -> tuple[int, dict[str, list[str]]]:
@@ -115,11 +104,4 @@ def _number(text: str, default: float) -> float:
         return default
 
 
-def _recognises(head: bytes) -> bool:
-    return (
-        head.lstrip(b"\xef\xbb\xbf\xff\xfe \r\n\t\0")[:1] == b"N"
-        and _HEAD.match(text_of(head)) is not None
-    )
-
-
-READERS = {"twincat": Reader("a TwinCAT Scope export", _recognises, read)}
+READERS = {"twincat": Reader("a TwinCAT Scope export", text_matches(_HEAD.pattern), read)}

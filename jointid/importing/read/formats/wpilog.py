@@ -1,14 +1,11 @@
 """WPILib data logs (.wpilog): entries with a stamp in microseconds for every value."""
 
-from __future__ import annotations
-
 import struct
 from array import array
 from pathlib import Path
 
 import numpy as np
 
-from jointid.errors import JointIdError
 from jointid.importing.columns.log_table import LogTable, require_few_values
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, begins_with
@@ -36,13 +33,7 @@ class _Entry:
 
 
 def read(file: str, path: str) -> tuple[LogTable, ...]:
-    """Read the numbers of a WPILib data log; every entry has its own clock.
-
-    Raises
-    ------
-    JointIdError
-        When no entry has numbers, or there are too many.
-    """
+    """Read the numbers of a WPILib data log; every entry has its own clock."""
     data = Path(path).read_bytes()
     entries: dict[int, _Entry] = {}
     place, held, notes = 12 + int.from_bytes(data[8:12], "little"), 0, []
@@ -68,12 +59,8 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
                 require_few_values(file, held)
     require_few_values(file, held)
     signals = [signal for entry in entries.values() for signal in _signals(entry)]
-    tables = tables_of_signals(file, signals, notes)
-    if not tables:
-        raise JointIdError(
-            f"{file} has no entries of numbers. Found: {listed(e.name for e in entries.values())}."
-        )
-    return tables
+    otherwise = f"{file} has no entries of numbers. Found: {listed(e.name for e in entries.values())}."
+    return tables_of_signals(file, signals, notes, otherwise=otherwise)
 
 
 def _control(payload: bytes, entries: dict[int, _Entry]) -> None:

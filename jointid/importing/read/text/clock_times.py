@@ -1,7 +1,5 @@
 """Times of day, with or without dates, converted to seconds from the first."""
 
-from __future__ import annotations
-
 import datetime
 import re
 import unicodedata
@@ -13,8 +11,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 
 _DAY_S = 86400.0
-_MAX_PAUSE_S = 3600.0
-"""Longest pause of a log that continues over a change of date."""
+_MAX_PAUSE_S = 3600.0  # longest pause of a log that continues over a change of date
 _MONTHS = {
     name: month
     for month, line in enumerate(
@@ -53,13 +50,7 @@ def is_clock(cell: str) -> bool:
 
 
 class ClockCells:
-    """Reads one column of times, cell by cell.
-
-    Parameters
-    ----------
-    place : str
-        Which column of which file, for messages.
-    """
+    """Reads one column of times, cell by cell; ``place`` names column and file in messages."""
 
     def __init__(self, place: str) -> None:
         self._place = place
@@ -82,10 +73,7 @@ class ClockCells:
     def seconds(self, of_day: Floats) -> tuple[Floats, str]:
         """Return seconds from the first row, for all rows read, and a note or "".
 
-        Raises
-        ------
-        JointIdError
-            When the log spans dates of ambiguous order.
+        Raises JointIdError when the log spans dates of ambiguous order.
         """
         dates = [date for date in self._dates if date]
         note = ""

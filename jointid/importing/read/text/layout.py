@@ -1,7 +1,5 @@
 """Layout of a text table: encoding, separator, decimal mark, header, units, first numbers."""
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re
@@ -28,6 +26,14 @@ _SAMPLED_LINES = 1000
 _PROBED = 1 << 14  # characters examined in the middle and at the end
 _SEPARATORS = (";", "\t", ",", "|", BLANKS)
 _COMMENT = re.compile(r"^\s*(?:#+|%+|//+|;+(?=\s*[A-Za-z#])|\*+|!+|\"?#)\s*")
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
 
 
 @dataclass(frozen=True)
@@ -56,13 +62,10 @@ class TextLayout:
 def decoded(file: str, data: bytes) -> str:
     """Decode a file: UTF-8, UTF-16 or UTF-32 by byte order mark or zero bytes, else Latin-1.
 
-    Raises
-    ------
-    JointIdError
-        When it is not text.
+    Raises JointIdError when it is not text.
     """
     head = data[:4096]
-    encoding = next((e for mark, e in _MARKS if data.startswith(mark)), "")
+    encoding = stated = stated_encoding(data)
     if not encoding and b"\0" in head:
         zeros = [head[k::2].count(0) / max(1, len(head[k::2])) for k in (0, 1)]
         encoding = "utf-16-le" if zeros[1] > 0.3 > zeros[0] else ""
@@ -74,7 +77,7 @@ def decoded(file: str, data: bytes) -> str:
         text = data.decode(encoding or "utf-8")
     except UnicodeDecodeError as error:
         if encoding and not encoding.startswith("utf-8"):
-            if not any(data.startswith(mark) for mark, _ in _MARKS):
+            if not stated:
                 raise _no_text(file) from error
             raise JointIdError(
                 f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: "
@@ -82,10 +85,20 @@ def decoded(file: str, data: bytes) -> str:
             ) from error
         # What Windows programs of western Europe write; Latin-1 never fails.
         text = data.decode("cp1252", errors="ignore") if _is_cp1252(data) else data.decode("latin-1")
-    text = text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+    text = unix_lines(text.removeprefix("\ufeff"))
     if not text.strip():
         raise JointIdError(f"{file} holds only blank lines: export the log again.")
     return text
+
+
+def stated_encoding(data: bytes) -> str:
+    """Return the encoding that a byte order mark states, or ""."""
+    return next((encoding for mark, encoding in _MARKS if data.startswith(mark)), "")
+
+
+def unix_lines(text: str) -> str:
+    r"""Return a text with ``\n`` at the end of every line."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _no_text(file: str) -> JointIdError:
@@ -99,10 +112,7 @@ def _no_text(file: str) -> JointIdError:
 def find_layout(file: str, text: str) -> TextLayout:
     """Find the layout with which most cells of a text are numbers.
 
-    Raises
-    ------
-    JointIdError
-        When no separator gives at least two columns of numbers.
+    Raises JointIdError when no separator gives at least two columns of numbers.
     """
     lines = _head_lines(file, text)
     probes = _probe_lines(text)
@@ -166,15 +176,6 @@ def split_line(line: str, separator: str) -> list[str]:
 def is_missing(cell: str) -> bool:
     """Whether a cell denotes a missing value."""
     return cell.lower() in NO_NUMBER
-
-
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
 
 
 def _is_cp1252(data: bytes) -> bool:

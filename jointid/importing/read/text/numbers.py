@@ -1,7 +1,5 @@
 """Numbers in texts: decimal marks and thousands separators."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from functools import cache
@@ -18,12 +16,7 @@ _LONGEST = 64
 def is_number(cell: str, decimal: str, thousands: str = "") -> bool:
     """Whether a cell is a number; with "," as decimal mark, a point is not allowed.
 
-    Parameters
-    ----------
-    cell : str
-    decimal : {".", ","}
-    thousands : str, optional
-        Separator allowed before each three digits: "1.234,5".
+    The ``thousands`` separator is allowed before each three digits: "1.234,5".
     """
     if len(cell) > _LONGEST:
         return False
@@ -68,21 +61,9 @@ def without_thousands(body: str, thousands: str) -> str | None:
 
 
 def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) -> str:
-    """Return a note on how decimal marks and thousands separators are read, or "".
+    """Return a note on how marks in numbers of a table, or of a part of it, are read; or "".
 
-    Parameters
-    ----------
-    file : str
-        For messages.
-    cells : iterable of str
-        Numbers of the table, or of a part of it.
-    decimal, thousands : str
-        The reading in use.
-
-    Raises
-    ------
-    JointIdError
-        When another reading is possible.
+    Raises JointIdError when a reading other than with ``decimal`` and ``thousands`` is possible.
     """
     other = "." if decimal == "," else ","
     marked = [cell for cell in cells if "," in cell or "." in cell or (thousands and thousands in cell)]

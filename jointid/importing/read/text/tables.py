@@ -1,9 +1,8 @@
 """Numbers of a text table: fast if it is regular, else line by line with exact places in errors."""
 
-from __future__ import annotations
-
 import io
 import re
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 import pyarrow as pa  # type: ignore[import-untyped]
@@ -13,12 +12,18 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.files.csv_tables import ARROW_FAULTS
 from jointid.importing.columns.column_words import WORDS, words_of
-from jointid.importing.columns.log_table import LogColumn, LogTable, numbers, require_few_values
+from jointid.importing.columns.log_table import (
+    MAX_COLUMNS,
+    LogColumn,
+    LogTable,
+    numbers,
+    require_few_values,
+)
 from jointid.importing.read.text.clock_times import ClockCells
-from jointid.importing.read.text.delimited import NULLS
 from jointid.importing.read.text.layout import (
     BLANKS,
     MAX_LINE,
+    NO_NUMBER,
     TextLayout,
     decoded,
     find_layout,
@@ -32,21 +37,8 @@ from jointid.wording import counted, listed
 def read_text_table(file: str, data: bytes) -> LogTable:
     """Read a text table; its layout is detected.
 
-    Parameters
-    ----------
-    file : str
-        Its name, for messages.
-    data : bytes
-
-    Returns
-    -------
-    LogTable
-        Without columns of text. Cells that are not numbers are NaN; a note counts them.
-
-    Raises
-    ------
-    JointIdError
-        When it is not a table, or a line in its middle has another number of cells.
+    Columns of text are left out. Cells that are not numbers are NaN; a note counts them. Raises
+    JointIdError when it is not a table, or a line in its middle has another number of cells.
     """
     text = decoded(file, data)
     layout = find_layout(file, text)
@@ -95,22 +87,12 @@ def _read_fast(layout: TextLayout, body: str, wanted: list[int]) -> list[Floats]
             return None
         body = plain
     try:
-        table = pa_csv.read_csv(
-            pa.BufferReader(body.encode()),
-            read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(len(layout.numeric))]),
-            parse_options=pa_csv.ParseOptions(delimiter=separator),
-            convert_options=pa_csv.ConvertOptions(
-                include_columns=[str(k) for k in wanted],
-                column_types={str(k): pa.float64() for k in wanted},
-                null_values=NULLS,
-                decimal_point=layout.decimal,
-            ),
-        )
-        if quotes and table.num_rows != sum(bool(line.strip()) for line in body.split("\n")):
-            return None  # a quote that is not closed swallows the lines up to the next one
-        return [np.asarray(column.to_numpy(), float) for column in table.columns]
+        columns = parsed_columns(body, len(layout.numeric), separator, layout.decimal, wanted)
     except ARROW_FAULTS:
         return None
+    if quotes and columns[0].size != sum(bool(line.strip()) for line in body.split("\n")):
+        return None  # a quote that is not closed swallows the lines up to the next one
+    return columns
 
 
 def _read_slowly(
@@ -173,3 +155,65 @@ def _value(cell: str, layout: TextLayout) -> float | None:
     if not is_number(cell, layout.decimal, layout.thousands):
         return None
     return value_of(cell, layout.decimal, layout.thousands)
+
+
+_NULLS = ["NaN", " ", *(f for word in sorted(NO_NUMBER) for f in (word, word.upper(), word.title()))]
+"""Cells that denote a missing value, as pyarrow takes them."""
+
+
+def columns_of(
+    file: str,
+    lines: Sequence[str],
+    separator: str,
+    decimal: str,
+    width: int,
+    integers: Collection[int] = (),
+) -> list[Floats]:
+    """Return ``width`` columns of rows of numbers: missing cells at the end are NaN, others dropped.
+
+    Columns of large ``integers`` are int64: FILETIME ticks lose digits as float64. Raises JointIdError
+    when a cell is no number, or there are too many.
+    """
+    require_few_values(file, len(lines) * width)
+    if width > MAX_COLUMNS or not lines:
+        raise JointIdError(
+            f"{file} has {width} columns and {len(lines)} rows; a log has rows, and at most "
+            f"{MAX_COLUMNS} columns. Export the log again."
+        )
+    padded = []
+    for line in lines:
+        lacks = width - 1 - line.count(separator)
+        if lacks < 0:
+            line = separator.join(line.split(separator)[:width])
+        padded.append(line + separator * max(lacks, 0))
+    try:
+        return parsed_columns("\n".join(padded), width, separator, decimal, range(width), integers)
+    except ARROW_FAULTS as error:
+        reason = " ".join(str(error).split())
+        raise JointIdError(
+            f"{file} has a cell without a number below its header ({reason:.150}): export the log again."
+        ) from error
+
+
+def parsed_columns(
+    text: str,
+    width: int,
+    separator: str,
+    decimal: str,
+    wanted: Iterable[int],
+    integers: Collection[int] = (),
+) -> list[Floats]:
+    """Return the wanted columns of regular rows; raises ``ARROW_FAULTS``."""
+    kinds = {str(k): pa.int64() if k in integers else pa.float64() for k in wanted}
+    table = pa_csv.read_csv(
+        pa.BufferReader(text.encode("utf-8", "replace")),
+        read_options=pa_csv.ReadOptions(column_names=[str(k) for k in range(width)]),
+        parse_options=pa_csv.ParseOptions(delimiter=separator, ignore_empty_lines=width > 1),
+        convert_options=pa_csv.ConvertOptions(
+            include_columns=[*kinds], column_types=kinds, null_values=_NULLS, decimal_point=decimal
+        ),
+    )
+    return [
+        np.asarray(column.fill_null(0) if int(name) in integers else column.to_numpy())
+        for name, column in zip(kinds, table.columns, strict=True)
+    ]
