@@ -4,9 +4,10 @@ import streamlit as st
 
 from jointid.figures import model_over_measurement
 from jointid.ui.cut.panels import outcome_panel
-from jointid.ui.shared.charts import plot
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
+from jointid.ui.study.corrections import show_changes
+from jointid.ui.study.model_check import show_prediction
 from jointid.ui.study.overview import (
     freed_note,
     show_findings,
@@ -15,35 +16,31 @@ from jointid.ui.study.overview import (
     show_steps,
     show_tiles,
 )
-from jointid.ui.study.uncertainty_panels import show_error_parts
 
 page = open_page("Study")
 show_heading(page.study)
+show_changes(page)
 analysis = page.analysis()
 
-show_headline(analysis)
+show_headline(analysis, page)
 show_tiles(analysis)
-show_error_parts(analysis)
+show_prediction(page, analysis)
 outcome_panel(page, analysis)
-show_findings(analysis.findings)
+show_findings(page, analysis)
 
 st.subheader("Model over measurement", anchor=False)
-second = ", H22 that of motor 2" if page.study.inertia.n > 1 else ""
 st.caption(
-    f"H11 is the acceleration of motor 1 over its own torque, the controllers taken out{second}. Where "
-    "points and line agree, the model holds." + freed_note(analysis.fit)
+    "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
+    "agree, the model holds." + freed_note(analysis.fit)
 )
 if analysis.transfer_matrices:
     pose = next(iter(analysis.transfer_matrices))
-    n = page.study.inertia.n
-    for j, column in enumerate(st.columns(n) if n <= 3 else [st.container()] * n):
-        with column:
-            name = f"Magnitude of H{j + 1}{j + 1} over frequency, measured and modelled"
-            figure = page.drawn(
-                f"model {j} {pose}",
-                lambda j=j: model_over_measurement(analysis, j, pose=pose, dark=page.dark),
-            )
-            plot(figure, name, key=f"H{j}")
+    page.show_per_joint(
+        f"model {pose}",
+        lambda j: model_over_measurement(analysis, j, pose=pose, dark=page.dark),
+        "Magnitude of H{0}{0} over frequency, measured and modelled",
+        heading="",
+    )
 else:
     show_info(analysis.transfer_problem)
 

@@ -24,6 +24,8 @@ UNSTATED_TORQUE_SCALE = (
     "The uncertainty of the torque scale is not stated: K, D and the inertias hold if the torque "
     "constants are exact. If they are known to 2 %, set std = 0.02 under [torque] in study.toml."
 )
+UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
+"""Unit of each quantity."""
 ERROR_BARS = "± is one standard error from all causes."
 EFFECT_PARAMETERS = {
     name: text for effect in EFFECTS.values() for name, text in effect.parameters.items()
@@ -126,6 +128,22 @@ def further_quantities(fit: ElasticityFit) -> tuple[Quantity, ...]:
         label, unit = EFFECT_PARAMETERS[name]
         found += _quantities(_of_joints(label, fit.n), values, errors, [unit] * fit.n)
     return tuple(found)
+
+
+def friction_note(fit: ElasticityFit) -> str:
+    """Meaning of a negative viscous friction; empty without one."""
+    if fit.friction is None:
+        return ""
+    viscous, error = fit.friction.viscous, fit.friction.standard_error[fit.n :]
+    negative = [f"joint {j + 1}" for j in np.flatnonzero(viscous < 0)]
+    if not negative:
+        return ""
+    if np.all(viscous > -2 * error):
+        return f"The negative viscous friction of {enumerated(negative)} agrees with 0."
+    return (
+        f"The viscous friction of {enumerated(negative)} is negative: friction falls with speed "
+        "(Stribeck effect), or another loss is attributed to it. It holds at the measured speeds only."
+    )
 
 
 def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:

@@ -84,6 +84,8 @@ class Study:
         Remark on the measurement, shown beside the answer.
     assumed : sequence of str, optional
         Facts about the logs that nobody has confirmed, such as "gear ratio 1 (joint 2)".
+    changes : sequence of str, optional
+        Changes of the data as logged, see ``jointid.corrections``, oldest first.
     pose_angles_rad : mapping of str to (n,), optional
         Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
         inertia from the model; the others must agree with it.
@@ -112,6 +114,7 @@ class Study:
     gear_temperature_C: float | None = None
     note: str = ""
     assumed: tuple[str, ...] = ()
+    changes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -121,6 +124,9 @@ class Study:
         if not all(isinstance(record, SineRecord | MotionRecord) for record in self.records):
             raise JointIdError("records: expected SineRecord and MotionRecord values only.")
         object.__setattr__(self, "records", tuple(self.records))
+        if not isinstance(self.changes, list | tuple):
+            raise JointIdError(f"changes = {self.changes!r:.60}: expected a list of sentences.")
+        object.__setattr__(self, "changes", tuple(str(change) for change in self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
             raise JointIdError("A pose has no name: call it something, such as stretched.")

@@ -13,8 +13,8 @@ from jointid.ui.shared.page import start
 start("Fleet")
 st.title("Fleet", anchor=False)
 st.write(
-    "Many robots, or one robot over the years: how stiffness and damping are spread, how they drift, "
-    "and which studies stand out. Every study is analysed by itself, as on the page Study."
+    "Many robots, or one robot over the years: spread and drift of stiffness and damping, and outliers. "
+    "Each study is analysed separately, as on the page Study."
 )
 fleet = open_fleet()
 rows = list(fleet.rows.values())
@@ -39,6 +39,5 @@ download(
     "results.parquet",
     "application/vnd.apache.parquet",
     hint="One row per study: state, K1, K1_error (all causes), D1 and so on, verdict, errors; misfit is "
-    "the square of what is left over what noise explains, 1 is ideal; a digest is a fingerprint: equal "
-    "data, equal digest.",
+    "the square of residual over noise, 1 is ideal; equal data have an equal digest.",
 )

@@ -2,19 +2,19 @@
 
 import streamlit as st
 
+from jointid.exporting.tables import phasors_csv
 from jointid.figures import phasor_plane
-from jointid.ui.shared.charts import csv_bytes, download, plot, table
+from jointid.ui.shared.charts import download, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
-from jointid.ui.study.data_quality import phasor_columns, phasor_table
+from jointid.ui.study.data_quality import phasor_table
 
 page = open_page("Phasors")
 st.title("Phasors", anchor=False)
 st.write(
-    "A sine of known frequency is fully told by its amplitude and its phase, that is, by one complex "
-    "number: the phasor. Velocity and acceleration follow by multiplication with iω, so nothing is "
-    "differentiated numerically and encoder noise is not amplified. Torque that is held between "
-    "samples, or delayed, is corrected for."
+    "A sine of known frequency is fully described by its amplitude and phase: one complex number, the "
+    "phasor. Velocity and acceleration follow by multiplication with iω, without numerical "
+    "differentiation of encoder noise. Hold and delay of the torque are corrected."
 )
 st.latex(
     r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, "
@@ -32,25 +32,22 @@ chosen = st.selectbox(
     key="record",
     bind="query-params",
 )
-left, right = st.columns(2)
-with left:
-    st.markdown("**Motor angle (rad)**")
-    figure = page.drawn(f"angles {chosen}", lambda: phasor_plane(phasors, chosen=chosen, dark=page.dark))
-    plot(figure, "Phasors of the motor angles in the complex plane", key="angles")
-with right:
-    st.markdown("**Motor torque (N·m)**")
-    what = "Phasors of the motor torques in the complex plane"
-    figure = page.drawn(
-        f"torques {chosen}",
-        lambda: phasor_plane(phasors, torque=True, chosen=chosen, dark=page.dark),
-    )
-    plot(figure, what, key="torques")
+signals = (("Motor angle (rad)", "angles", False), ("Motor torque (N·m)", "torques", True))
+for place, (heading, what, torque) in zip(st.columns(2), signals, strict=True):
+    with place:
+        st.markdown(f"**{heading}**")
+        page.show(
+            f"{what} {chosen}",
+            lambda torque=torque: phasor_plane(phasors, torque=torque, chosen=chosen, dark=page.dark),
+            f"Phasors of the motor {what} in the complex plane",
+        )
 st.caption(
     "Distance from the centre is the amplitude, on a logarithmic scale when it varies much; direction "
-    "is the phase against sin ωt on the record's clock. Two records of one frequency must differ, or "
-    "they tell the same thing twice."
+    "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
+    "add information."
 )
 table(phasor_table(phasors))
+records = page.study.sine_records
 download(
-    "Save the phasors (.csv)", lambda: csv_bytes(phasor_columns(phasors)), "phasors.csv", "text/csv"
+    "Save the phasors (.csv)", lambda: phasors_csv(phasors, records).encode(), "phasors.csv", "text/csv"
 )

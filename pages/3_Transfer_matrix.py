@@ -16,15 +16,14 @@ st.title("Transfer matrix", anchor=False)
 n = page.study.inertia.n
 if n > 1:
     st.write(
-        "One record alone shows a motor's acceleration over its torque with the neighbour's controller "
-        "mixed in: it may add a resonance that no spring has. Records with different torques at the "
-        "same frequency, taken together, give the transfer matrix H of the robot by itself, whatever "
-        "the controllers do."
+        "A single record shows a motor's acceleration over its torque including the controllers of the "
+        "other joints, which may add a resonance. Several records with different torques at the same "
+        "frequency give the transfer matrix H of the robot alone."
     )
 else:
     st.write(
-        "H is the motor's acceleration over its torque. A single joint has no neighbour whose "
-        "controller could mix in, so every record gives H at its frequency."
+        "H is the motor's acceleration over its torque. With a single joint, every record gives H at "
+        "its frequency."
     )
 st.latex(
     r"""\begin{gathered}
@@ -35,9 +34,9 @@ st.latex(
 )
 if page.study.motion_records:
     st.caption(
-        "Of a motion, H is a smooth function of the frequency within narrow bands (local polynomials), "
-        "and so is the contribution of the states at both ends of each record; the scatter about both "
-        "gives the error bars. Close to a narrow resonance the polynomials bend less than H."
+        "H of a motion is estimated by local polynomials in narrow frequency bands, together with the "
+        "contribution of the states at both ends of each record; the scatter gives the error bars. "
+        "Close to a narrow resonance the polynomials bend less than H."
     )
 analysis = page.analysis()
 if analysis.transfer_problem:

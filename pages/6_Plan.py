@@ -3,7 +3,7 @@
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.figures.plan import worst_error
+from jointid.figures.uncertainty import worst_error
 from jointid.ui.shared.charts import csv_bytes, download, plot, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page

@@ -35,15 +35,15 @@ from jointid.exporting.robot_models import mujoco_snippet, sdf_snippet, urdf_sni
 from jointid.exporting.state_space import state_space
 from jointid.exporting.tables import phasor_table, transfer_matrix_table, without_friction_and_delay
 from jointid.figures import response_curves
-from jointid.figures.condition import torque_condition
 from jointid.figures.phasor_plane import phasor_plane
-from jointid.figures.plan import worst_error
+from jointid.figures.response import torque_condition
 from jointid.figures.uncertainty import (
     confidence_outlines,
     harmonic_bars,
     influence_strip,
     left_out_prediction,
     normalised_residuals,
+    worst_error,
 )
 from jointid.figures.waveforms import spectra, waveforms
 from jointid.fleet.row import checked, row_of
@@ -52,8 +52,8 @@ from jointid.phasors.sine_fit import fit_sines
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
-from jointid.ui.study.data_quality import phasor_columns, quality_table
 from jointid.ui.study.data_quality import phasor_table as phasors_shown
+from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.estimates import estimates_table
 from jointid.ui.study.uncertainty_panels import errors_table
 from jointid.uncertainty.error_parts import error_table
@@ -434,7 +434,6 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
         lambda: (
             quality_table(study.records, phasors),
             phasors_shown(phasors),
-            phasor_columns(phasors),
         ),
     )
     yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))

@@ -13,7 +13,14 @@ import numpy as np
 import pytest
 
 from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
-from jointid.answer import answer_sentence, further_quantities, model_name, without
+from jointid.answer import (
+    answer_sentence,
+    friction_note,
+    further_quantities,
+    model_name,
+    without,
+)
+from jointid.estimation.elasticity import Friction
 from jointid.estimation.parameters import ParameterLayout
 from jointid.exporting import (
     from_json,
@@ -196,6 +203,23 @@ def test_what_nothing_determines_is_said_in_words_and_read_again(study: Study) -
         assert to_json(back) == texts[0]
         assert np.all(np.isinf(back.standard_error))
         assert back.priors == found.priors
+
+
+@pytest.mark.parametrize(
+    ("viscous", "said"),
+    [
+        ((0.01, 0.02), ""),
+        ((0.01, -0.001), "joint 2 agrees with 0"),
+        ((-0.02, 0.0), "joint 1 is negative"),
+    ],
+)
+def test_a_negative_viscous_friction_is_explained(
+    study: Study, viscous: tuple[float, float], said: str
+) -> None:
+    friction = Friction(np.ones(2), np.array(viscous), np.full(4, 0.002))
+    note = friction_note(replace(analyse(study, method="weighted").fit, friction=friction))
+    assert said in note
+    assert bool(note) == bool(said)
 
 
 def test_effects_are_named_with_their_values(study: Study) -> None:

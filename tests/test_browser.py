@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from browsing import (
@@ -94,6 +97,27 @@ def test_the_first_screen_shows_answer_and_figures_in_either_theme(
     finished(page, PAGES[""])
     figures(page, 2)
     assert page.evaluate(MEASURED_COLOUR) == "#FFFFFF"
+
+
+def test_a_figure_is_saved_as_svg_and_as_its_numbers(address: str, open_in: Callable[..., Page]) -> None:
+    page = open_in(f"{address}/Elasticity?study=paper&figure=Frequency+response")
+    finished(page, "Elasticity")
+    figures(page, 2)
+    figure = page.locator(".js-plotly-plot").first
+    figure.hover()
+    saved = {}
+    for kind in ("SVG", "CSV"):
+        with page.expect_download() as download:
+            figure.get_by_role("button", name=f"Save the figure as {kind}").click()
+        assert download.value.suggested_filename.endswith(f".{kind.lower()}")
+        saved[kind] = Path(download.value.path()).read_text("utf-8")
+    assert ElementTree.fromstring(saved["SVG"]).tag == "{http://www.w3.org/2000/svg}svg"
+    assert "Frequency (Hz)" in saved["SVG"]
+    rows = list(csv.DictReader(saved["CSV"].splitlines()))
+    measured = [row for row in rows if row["curve"].startswith("measured")]
+    assert {row["y quantity"] for row in measured} == {"Magnitude (1/(kg·m²))", "Phase (°)"}
+    assert [float(row["x"]) for row in measured[:6]] == pytest.approx([3, 7, 11, 17, 23, 29])
+    assert all(float(row["standard error"]) > 0 for row in measured)
 
 
 def test_a_long_simulation_can_be_stopped(address: str, open_in: Callable[..., Page]) -> None:

@@ -92,7 +92,7 @@ class TestPage:
         assert "with a parallelogram drive: its K and D apply as they are" in words(at)
         assert "a robot with the identified springs, K = 43" in words(at)
         assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
-        assert len(at.get("plotly_chart")) == 5
+        assert not at.get("plotly_chart")  # the tabs are computed when opened
         assert [c.key for c in at.get("bidi_component")].count("cut_animation") == 1
         assert not at.error
 
@@ -208,11 +208,20 @@ class TestPage:
         rough = headline(at)[1]
         assert rough > ideal + 0.1
         assert "which the servo does not compensate" in words(at)
-        assert "is friction, delay and encoder, not the springs" in words(at)
+        assert "comes from friction, delay and encoder, not from the springs" in words(at)
         assert "95 of 100" not in words(at)
-        assert len(at.get("plotly_chart")) == 4  # no histogram
         at = shown(at.checkbox(key="cut_compensated").check().run())
         assert headline(at)[1] < 0.2 * rough
+
+    @pytest.mark.parametrize(("friction", "figures"), [("None", 4), ("Custom", 3)])
+    def test_the_tab_over_time_draws_its_figures(
+        self, app: AppTest, friction: str, figures: int
+    ) -> None:
+        """With friction not compensated, there is no histogram: the springs do not matter."""
+        app.query_params["cut_details"] = "Over time"
+        at = shown(app.switch_page(PAGE).run())
+        at = shown(at.selectbox(key="cut_friction").set_value(friction).run())
+        assert len(at.get("plotly_chart")) == figures
 
     def test_the_drive_may_be_another_and_that_is_said(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
@@ -228,10 +237,11 @@ class TestPage:
         assert not at.error
         assert "does not fit" in at.get("html")[0].proto.body  # its zone of 10 mm
 
-    def test_what_an_error_of_k_costs_is_said_at_once(self, app: AppTest) -> None:
+    def test_the_cost_of_an_error_of_k_is_in_a_table(self, app: AppTest) -> None:
+        app.query_params["cut_details"] = "Accuracy of K"
         text = words(shown(app.switch_page(PAGE).run()))
         assert "| exact | ± 1 % | ± 3 % | ± 10 % |" in text
-        row = re.search(r"\| costs [^|]*\|(.*)\|", text)
+        row = re.search(r"\| Path error[^|]*\|(.*)\|", text)
         exact, one, three, ten = (float(cell.split()[-2]) for cell in row[1].split("|"))
         assert exact < one < three < ten < 1
         assert three == pytest.approx(3 * one, rel=0.1)  # in proportion, as long as it is small
@@ -240,20 +250,22 @@ class TestPage:
         self, app: AppTest
     ) -> None:
         st.cache_resource.clear()
+        app.query_params["cut_details"] = "Accuracy of K"
         at = shown(app.switch_page(PAGE).run())
         assert control(at, "cut_map_range").value == "± 10 %"
         assert at.button(key="cut_map").label == "Compute the map (441 cuts)"
         at = shown(at.button(key="cut_map").click().run())
-        assert len(at.get("plotly_chart")) == 6
+        assert len(at.get("plotly_chart")) == 1
         at = shown(at.switch_page("pages/1_Records.py").run())
         at = shown(at.switch_page(PAGE).run())
-        assert len(at.get("plotly_chart")) == 6
+        assert len(at.get("plotly_chart")) == 1
         narrow = error_on_the_map(at)
         at = shown(control(at, "cut_map_range").set_value("A factor of 3").run())
         at = shown(at.button(key="cut_map").click().run())
         assert narrow < 1 < 2 < error_on_the_map(at)
 
     def test_says_what_is_assumed(self, app: AppTest) -> None:
+        app.query_params["cut_details"] = "Assumptions"
         text = words(shown(app.switch_page(PAGE).run()))
         assert "**The paper states**" in text
         assert "**Our assumption**" in text

@@ -94,6 +94,24 @@ def test_measured_points_and_model_of_h_are_those_of_the_analysis(analyses: dict
     np.testing.assert_allclose(np.exp(1j * np.radians(phase.y)), np.exp(1j * np.angle(H[:, 1, 1])))
 
 
+def test_decibels_are_those_of_the_magnitude(analyses: dict[int, Analysis]) -> None:
+    matrix = analyses[2].transfer_matrices[""]
+    H, error = matrix.H[:, 0, 0], matrix.standard_deviation[:, 0, 0] / np.sqrt(2)
+    points = trace(element_response(analyses[2], 0, 0, view="In dB"), "measured H₁₁")
+    np.testing.assert_allclose(points.y, 20 * np.log10(np.abs(H)))
+    np.testing.assert_allclose(points.error_y.array, 20 * np.log10(1 + error / np.abs(H)))
+
+
+def test_nyquist_draws_real_and_imaginary_part_to_one_scale(analyses: dict[int, Analysis]) -> None:
+    figure = element_response(analyses[2], 0, 1, view="Nyquist")
+    matrix = analyses[2].transfer_matrices[""]
+    points = trace(figure, "measured H₁₂")
+    np.testing.assert_allclose(points.x + 1j * points.y, matrix.H[:, 0, 1])
+    np.testing.assert_allclose(points.customdata, matrix.omega / (2 * np.pi))
+    np.testing.assert_array_equal(points.error_x.array, points.error_y.array)
+    assert figure.layout.yaxis.scaleanchor == "x"
+
+
 @pytest.mark.parametrize(("i", "j"), [(0, 0), (1, 1), (0, 1)])
 def test_phases_stay_on_the_branch_of_the_model(analyses: dict[int, Analysis], i: int, j: int) -> None:
     figure = element_response(analyses[2], i, j)

@@ -19,7 +19,7 @@ from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
 from jointid.fleet import read_fleet
 from jointid.fleet.row import Row, failed_row
-from jointid.fleet.spread import fleet_spread, robot_drift, robust_spread, seconds
+from jointid.fleet.spread import few_values, fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.fleet import files as fleet_files
 
@@ -296,3 +296,14 @@ def test_studies_without_a_date_say_how_to_state_one(app: AppTest) -> None:
         shown(app.switch_page(PAGE).run()), r_parquet=to_parquet([row(k, 40.0 + k) for k in range(9)])
     )
     assert "date = 2026-11-20" in text_of(at)
+
+
+def test_few_values_give_a_deviation_with_its_limits() -> None:
+    """Of 95 % of samples of three normal values, the limits hold the true deviation."""
+    rng = np.random.default_rng(3)
+    samples = 5.0 + 0.2 * rng.standard_normal((4000, 3))
+    found = np.array([few_values(sample, np.full(3, 0.1)) for sample in samples])
+    deviation, low, high, ratio = found.T
+    assert np.mean((low < 0.2) & (high > 0.2)) == pytest.approx(0.95, abs=0.015)
+    np.testing.assert_allclose(deviation, samples.std(axis=1, ddof=1))
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(2.0, rel=0.03)  # twice the stated errors

@@ -58,10 +58,18 @@ def test_every_page_about_a_hostile_study(app: AppTest, studies: dict[int, Study
     at = opened(shown(app.run()), "a.zip", pack_study(hostile_study(studies[2])))
     for page in PAGES:
         at = shown(at.switch_page(page).run())
-    for key in ("checks", "ellipses", "model", "poses"):
-        at.session_state[f"show_{key}"] = True
+
+
+@pytest.mark.parametrize(
+    ("tab", "said"), [("Model check", "Largest: "), ("Ellipses", "slanted"), ("Inertias", "Motor side")]
+)
+def test_every_tab_about_a_hostile_study(
+    app: AppTest, studies: dict[int, Study], tab: str, said: str
+) -> None:
+    at = opened(shown(app.run()), "a.zip", pack_study(hostile_study(studies[2])))
+    at.session_state["details"] = tab
     at = shown(at.switch_page("pages/4_Elasticity.py").run())
-    assert any("Largest: " in caption.value for caption in at.caption)
+    assert any(said in caption.value for caption in at.caption)
 
 
 def test_every_page_beside_a_refused_file(app: AppTest, studies: dict[int, Study]) -> None:

@@ -61,7 +61,7 @@ FLOORS = [
     ["answer", "uncertainty"],
     ["verdict"],
     ["study"],
-    ["files", "cut"],
+    ["files", "cut", "corrections"],
     ["importing", "exporting", "setpoints"],
     ["fleet", "figures"],
     ["reporting"],

@@ -17,7 +17,7 @@ from jointid import (
     extract_phasors,
     identify_elasticity,
 )
-from jointid.figures.plan import worst_error
+from jointid.figures.uncertainty import worst_error
 from jointid.uncertainty.plan import (
     PlannedRecords,
     planned_records,

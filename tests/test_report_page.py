@@ -8,10 +8,18 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Study, analyse
-from jointid.exporting import from_json, from_toml, identification, to_json
+from jointid.exporting import (
+    from_json,
+    from_toml,
+    identification,
+    phasor_table,
+    to_json,
+    to_toml,
+    transfer_matrix_table,
+)
 from jointid.files.digest import study_digest
 from jointid.ui.shared.results import result_cache
-from jointid.ui.study import downloads, report_panel
+from jointid.ui.study import downloads
 
 KEYS = {1: "one joint", 2: "paper", 3: "three joints"}
 
@@ -48,7 +56,7 @@ def test_the_report_is_made_on_demand_and_kept(
     assert not at.error
     assert {"Report as PDF", "Report as HTML"} <= set(offered(at))
     digest = study_digest(studies[joints])
-    made = report_panel.made_report(digest, at.selectbox(key="estimator").value)
+    made = result_cache().get(("report", digest, at.selectbox(key="estimator").value))
     assert made is not None
     assert made.pdf.startswith(b"%PDF-")
     assert digest in made.html
@@ -60,13 +68,12 @@ def test_the_report_is_made_on_demand_and_kept(
 @pytest.mark.parametrize("joints", KEYS)
 def test_the_files_hold_the_analysis(studies: dict[int, Study], joints: int) -> None:
     analysis = analyse(studies[joints])
-    written = downloads.results(f"test {joints}", "auto", analysis)
-    expected = identification(analysis)
-    for read in (from_json(written.json), from_toml(written.toml)):
-        assert to_json(read) == to_json(expected)
-    assert len(written.phasors.splitlines()) == 1 + len(studies[joints].records)
-    assert len(written.transfer.splitlines()) > 1
-    assert json.loads(written.json)["K"] == analysis.fit.K.tolist()
+    found = downloads.results(f"test {joints}", "auto", analysis)
+    for read in (from_json(to_json(found)), from_toml(to_toml(found))):
+        assert to_json(read) == to_json(identification(analysis))
+    assert len(phasor_table(analysis).splitlines()) == 1 + len(studies[joints].records)
+    assert len(transfer_matrix_table(analysis).splitlines()) > 1
+    assert json.loads(to_json(found))["K"] == analysis.fit.K.tolist()
 
 
 def test_a_stiffness_goes_through_the_gear_by_its_square(app: AppTest) -> None:

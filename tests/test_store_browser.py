@@ -107,7 +107,7 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     expect(again.get_by_test_id("stMetric")).to_have_count(2)
     expect(again.locator(".js-plotly-plot .main-svg").first).to_be_visible()
     estimator(again, "least-squares")
-    expect(again.get_by_text("Shown on every page: least-squares")).to_be_visible()
+    expect(again.get_by_text("Estimator: least-squares")).to_be_visible()
     elsewhere.close()
 
 

@@ -82,12 +82,12 @@ class TestErrorBars:
         shown = [bar(text) for text in column(at, "Estimate")]
         assert shown == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
         for name, errors in (
-            ("whole error", analysis.fit.standard_error),
             ("noise", analysis.fit.noise_error),
             ("inertias and torque scale", analysis.fit.prior_error),
         ):
             parts = [bar(text) for text in column(at, name)]
             assert parts == pytest.approx(np.asarray(errors).tolist(), rel=0.06)
+        assert any("torque scale is not stated" in caption.value for caption in at.caption)
         paper = analysis.fits["least-squares"]
         for text, value in zip(column(at, "Paper's least squares"), [*paper.K, *paper.D], strict=True):
             assert float(text.split(" ± ")[0].lstrip("(")) == pytest.approx(value, rel=2e-2)
@@ -95,18 +95,16 @@ class TestErrorBars:
     def test_inertias_stand_as_given_and_as_fitted(
         self, app: AppTest, studies: dict[int, Study], joints: int
     ) -> None:
-        at = opened(app, ELASTICITY, joints)
+        at = opened(app, ELASTICITY, joints, details="Inertias")
         rows = analyse(studies[joints]).priors
         assert column(at, "given") == [row.cells[1] for row in rows]
         assert column(at, "fitted") == [row.cells[2] for row in rows]
         assert len(rows) == joints + joints * (joints + 1) // 2
-        said = [caption.value for caption in at.caption]
-        assert any("torque scale is not stated" in text for text in said)
 
     def test_the_influence_of_each_inertia_is_computed_on_demand(
         self, app: AppTest, studies: dict[int, Study], joints: int
     ) -> None:
-        at = opened(app, ELASTICITY, joints, show_inertias="true")
+        at = opened(app, ELASTICITY, joints, details="Inertias")
         found = prior_influence(analyse(studies[joints]).fit)
         assert found.names
         assert any(list(t.value[""]) == list(found.names) for t in at.table if "" in t.value)
@@ -115,13 +113,31 @@ class TestErrorBars:
         self, app: AppTest, joints: int
     ) -> None:
         closed = len(opened(app, ELASTICITY, joints).get("plotly_chart"))
-        at = opened(app, ELASTICITY, joints, show_model="true", show_ellipses="true")
-        assert len(at.get("plotly_chart")) == closed + 1 + 2 + joints
+        assert closed == joints
+        at = opened(app, ELASTICITY, joints, details="Ellipses")
+        assert len(at.get("plotly_chart")) == closed + 1
+        at = opened(app, ELASTICITY, joints, details="Model check")
+        assert len(at.get("plotly_chart")) == closed + 2 + joints
+
+    def test_every_figure_is_drawn_for_every_joint(self, app: AppTest, joints: int) -> None:
+        for figure in ("Frequency response", "Dynamic stiffness", "K over amplitude", "Residual"):
+            at = opened(app, ELASTICITY, joints, figure=figure)
+            assert at.session_state["figure"] == figure
+            assert len(at.get("plotly_chart")) == joints
+
+    def test_the_prediction_of_left_out_records_is_beside_the_answer(
+        self, app: AppTest, joints: int
+    ) -> None:
+        said = next(c.value for c in opened(app, "app.py", joints).caption if "left out" in c.value)
+        found = re.search(r"within (\S+) % .* (\S+) × the stated errors", said)
+        assert found is not None
+        assert 0 < float(found[1]) < 5
+        assert 0.3 < float(found[2]) < 3
 
 
 @pytest.mark.parametrize("joints", JOINTS)
 def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) -> None:
-    at = opened(app, ELASTICITY, joints, show_checks="true")
+    at = opened(app, ELASTICITY, joints, details="Bootstrap")
     at = clicked(at, "check_errors")
     stated = [number(text) for text in column(at, "From noise")]
     assert [number(text) for text in column(at, "Bootstrap")] == pytest.approx(stated, rel=0.4)
@@ -140,12 +156,16 @@ class TestSeveralPoses:
         return at.run()
 
     def test_poses_that_agree_are_shown_to_agree(self, at: AppTest) -> None:
-        at.session_state["show_poses"] = at.session_state["show_model"] = True
+        at.session_state["details"] = "Poses"
         at = at.switch_page(ELASTICITY).run()
         assert not at.exception, at.exception[0].stack_trace
         poses = next(t.value for t in at.table if "Pose" in t.value)
         assert list(poses["Pose"]) == ["a", "b", "Distance"]
         assert all(number(poses[name].iloc[-1]) < 4 for name in ("K1", "K2", "D1", "D2"))
+
+    def test_several_poses_have_no_common_prediction(self, at: AppTest) -> None:
+        at.session_state["details"] = "Model check"
+        at = at.switch_page(ELASTICITY).run()
         assert any("several poses" in info.value for info in at.info)
 
     def test_a_pose_can_be_planned_for(self, at: AppTest) -> None:

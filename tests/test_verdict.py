@@ -459,7 +459,7 @@ def test_wrong_inertias_are_told_with_the_right_ones(factor: float) -> None:
     found = findings(evidence(sound(), Inertia(SERIAL.M, SERIAL.M2 * factor)))
     (wrong,) = said(found, "inertias look wrong")
     assert wrong.level == "warning"
-    told = re.search(r"the records have ([\d.]+) ± ([\d.]+) kg·m²", wrong.detail)
+    told = re.search(r"the records indicate ([\d.]+) ± ([\d.]+) kg·m²", wrong.detail)
     assert told is not None
     value, error = float(told[1]), float(told[2])
     assert min(abs(value - truth) for truth in (0.006345, 0.002095, 0.001889)) < 4 * error < 0.01 * value

@@ -254,7 +254,7 @@ class _Search:
         fits, rubbing = self.fits, replace(self.base, reversal=0.0)
         by_start = "coulomb" in self.start.layout
         distorted = self.phasors.harmonics.shape[1] >= MANY_HARMONICS
-        if self._is_lost() and self.may_rub and (by_start or distorted):
+        if self._is_lost() and (by_start or (self.may_rub and distorted)):
             self.fit(rubbing, self.start)
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")

@@ -49,6 +49,8 @@ class Obtained:
     """Relative standard deviation of the given inertias; inf: unknown."""
     torque_std: float | None = None
     """The same of the torque constants; None: not stated."""
+    changes: tuple[str, ...] = ()
+    """Changes of the data as logged, see ``jointid.corrections``, oldest first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +200,7 @@ def identification(analysis: Analysis) -> Identification:
             misfit=fit.misfit,
             inertia_std=study.inertia_std,
             torque_std=study.torque_std,
+            changes=study.changes,
         ),
     )
 

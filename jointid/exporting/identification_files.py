@@ -97,6 +97,7 @@ _OBTAINED = {
     "frequencies_hz": "frequencies_hz = [3.0, 5.0]",
     "misfit": "misfit = 1.1",
 }
+_CHANGES = {"changes": 'changes = ["Left out: 05.csv."]'}
 _DEVIATIONS = {"inertia_std": "inertia_std = 0.05", "torque_std": "torque_std = 0.02"}
 _TOP = {
     "format": "format = 1",
@@ -165,6 +166,8 @@ def to_document(identification: Identification) -> dict[str, Any]:
         document["nominal"] = {"K": i.nominal.K.tolist(), "D": i.nominal.D.tolist()}
     document["obtained"] = {name: getattr(i.obtained, name) for name in _OBTAINED}
     document["obtained"]["frequencies_hz"] = list(i.obtained.frequencies_hz)
+    if i.obtained.changes:
+        document["obtained"]["changes"] = list(i.obtained.changes)
     stated = {name: getattr(i.obtained, name) for name in _DEVIATIONS}
     document["obtained"] |= {name: std for name, std in stated.items() if std is not None}
     finite: dict[str, Any] = _with_infinite_as(None, document)
@@ -282,7 +285,7 @@ def _identification(top: CheckedTable) -> Identification:
             known["delay_error"] = table.number("standard_error")
     known["inertia"] = read_inertia(top.table("inertia", INERTIA_KEYS))
     known["poses"] = read_poses(top)
-    how = top.table("obtained", _OBTAINED | _DEVIATIONS)
+    how = top.table("obtained", _OBTAINED | _DEVIATIONS | _CHANGES)
     names = ("version", "digest", "study", "origin", "method", "model")
     texts: dict[str, Any] = {name: how.text(name) for name in names}
     stated: dict[str, Any] = {
@@ -314,6 +317,7 @@ def _identification(top: CheckedTable) -> Identification:
         records=how.integer("records"),
         frequencies_hz=tuple(how.numbers("frequencies_hz")),
         misfit=how.number("misfit"),
+        changes=tuple(how.texts("changes")) if "changes" in how else (),
         **stated,
     )
     with in_place(top.where, top.file):

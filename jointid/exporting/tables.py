@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 
 import numpy as np
 
 from jointid.answer import without
 from jointid.exporting.identification import Identification
+from jointid.phasors.extract import Phasors
+from jointid.records import SineRecord
 from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
@@ -22,11 +24,12 @@ _FORMULA = ("=", "+", "-", "@", "\t")
 
 
 def phasor_table(analysis: Analysis) -> str:
-    """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
+    """One row per record of an analysis, see ``phasors_csv``."""
+    return phasors_csv(analysis.phasors, analysis.study.sine_records)
 
-    Parameters
-    ----------
-    analysis : Analysis
+
+def phasors_csv(p: Phasors, records: Sequence[SineRecord]) -> str:
+    """One row per record: the phasors of the motor angles and torques, equations (2)-(4).
 
     Returns
     -------
@@ -34,7 +37,6 @@ def phasor_table(analysis: Analysis) -> str:
         CSV with a header row. f(t) = re sin ωt + im cos ωt; ``std`` is the root of the variance of the
         complex number. The torque is corrected for hold and delay.
     """
-    p = analysis.phasors
     header = ["record", "pose", "frequency_hz"]
     for signal, unit in (("theta", "rad"), ("tau", "Nm")):
         header += [
@@ -43,9 +45,7 @@ def phasor_table(analysis: Analysis) -> str:
     values = np.stack([p.z.real, p.z.imag, p.standard_deviation], axis=2).reshape(p.omega.size, 6 * p.n)
     rows = (
         [label, record.pose or "", record.frequency_hz, *row]
-        for label, record, row in zip(
-            p.labels, analysis.study.sine_records, values.tolist(), strict=True
-        )
+        for label, record, row in zip(p.labels, records, values.tolist(), strict=True)
     )
     return csv_text(header, rows)
 

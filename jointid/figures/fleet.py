@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.answer import UNITS
 from jointid.arrays import Floats
 from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points, upright
 from jointid.fleet.spread import Drift, Spread
 from jointid.rounding import with_error
 
-_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _MOST_BINS = 40
 _PAPER = {False: "#FFFFFF", True: "#0E1117"}
 """Edges of the bars, so that neighbours of the same height stay apart."""
@@ -31,7 +31,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
     inside = (spread.value >= low) & (spread.value <= high)
     count = int(np.clip(2 * np.sqrt(inside.sum()), 5, _MOST_BINS))
     height, edges = np.histogram(spread.value[inside], bins=count, range=(low, high))
-    unit = _UNITS[spread.name[0]]
+    unit = UNITS[spread.name[0]]
     bars = {
         "type": "bar",
         "x": (edges[:-1] + edges[1:]) / 2,
@@ -79,7 +79,7 @@ def drift_over_time(
     shown : Drift, optional
         The robot to show.
     """
-    ink, unit = colours(dark), _UNITS[spread.name[0]]
+    ink, unit = colours(dark), UNITS[spread.name[0]]
     low, high = _range(spread)
     dated = np.isfinite(all_times_s) & (spread.value >= low) & (spread.value <= high)
     traces = [
@@ -128,7 +128,7 @@ def drift_over_time(
 
 def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
     """Crosses on the axis; arrows at its ends for what lies beyond."""
-    which, unit = spread.outliers, _UNITS[spread.name[0]]
+    which, unit = spread.outliers, UNITS[spread.name[0]]
     value = spread.value[which]
     symbols = np.where(value < low, "triangle-left", np.where(value > high, "triangle-right", "x"))
     rows = [row for row, out in zip(spread.rows, which, strict=True) if out]
@@ -140,7 +140,7 @@ def _outliers(spread: Spread, low: float, high: float, colour: str) -> Trace:
     return points(
         np.clip(value, low + 0.02 * (high - low), high - 0.02 * (high - low)),
         np.zeros(value.size),
-        "stands out",
+        "outlier",
         colour,
         marker={"symbol": symbols, "size": 10},
         text=text,

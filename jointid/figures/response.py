@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import plotly.graph_objects as go
@@ -36,14 +36,18 @@ from jointid.figures.style import (
     points,
 )
 from jointid.study import Analysis
+from jointid.transfer_matrix import TransferMatrix
 
 _UNIT = "1/(kg·m²)"
+View = Literal["Magnitude and phase", "In dB", "Nyquist"]
+VIEWS: tuple[View, ...] = get_args(View)
+"""Ways to draw a frequency response; 0 dB is 1/(kg·m²)."""
 
 
 def element_response(
-    analysis: Analysis, i: int, j: int, *, pose: str = "", dark: bool = False
+    analysis: Analysis, i: int, j: int, *, pose: str = "", dark: bool = False, view: View = VIEWS[0]
 ) -> go.Figure:
-    """Magnitude and phase of H_ij: measured points with ± one standard error, models as lines.
+    """Draw H_ij: measured points with ± one standard error, models as lines.
 
     See ``element_curves`` for the points.
 
@@ -56,16 +60,18 @@ def element_response(
         "" for records without a pose.
     """
     limits = magnitude_limits(analysis, pose, i) if i == j else None
-    return _bode(element_curves(analysis, pose, i, j), dark, limits)
+    return _drawn(element_curves(analysis, pose, i, j), dark, limits, view)
 
 
-def single_record(analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False) -> go.Figure:
+def single_record(
+    analysis: Analysis, joint: int, *, pose: str = "", dark: bool = False, view: View = VIEWS[0]
+) -> go.Figure:
     """Figure 3: acceleration over torque of one joint from each record alone, beside the model of H_jj.
 
     The other joints' controllers are in it; drawn to the scale of ``element_response``.
     """
     curves = single_record_curves(analysis, pose, joint)
-    return _bode(curves, dark, magnitude_limits(analysis, pose, joint))
+    return _drawn(curves, dark, magnitude_limits(analysis, pose, joint), view)
 
 
 def model_over_measurement(
@@ -86,6 +92,44 @@ def model_over_measurement(
         dark=dark,
         xaxis=frequency_axis(measured_frequencies(curves)),
         yaxis=log_axis(title, range=_log_range(magnitude_limits(analysis, pose, joint))),
+    )
+
+
+def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
+    """How independent the records are, and how far H is from symmetric, at each frequency."""
+    ink = colours(dark)
+    f = matrix.omega / (2 * np.pi)
+    condition = points(
+        f,
+        matrix.condition,
+        "condition",
+        ink.measured,
+        hovertemplate="%{x:.4g} Hz<br>condition number %{y:.3g}<extra></extra>",
+        showlegend=False,
+    )
+    reciprocity = points(
+        f,
+        100 * matrix.reciprocity_error,
+        "reciprocity",
+        ink.measured,
+        hovertemplate="%{x:.4g} Hz<br>|H_ij − H_ji| is %{y:.3g} % of the largest element<extra></extra>",
+        showlegend=False,
+        yaxis="y2",
+    )
+    top = max(2.0, float(matrix.condition.max()) * 1.2)
+    title = "Condition of T"
+    scale = (
+        linear_axis(title, range=[0.8, top])
+        if top < 20
+        else log_axis(title, range=[-0.05, float(np.log10(top))])
+    )
+    return figure(
+        [condition, reciprocity],
+        height=380,
+        dark=dark,
+        xaxis=frequency_axis(f, anchor="y2"),
+        yaxis=scale | {"domain": [0.56, 1.0]},
+        yaxis2=linear_axis("Reciprocity (%)", domain=[0.0, 0.44], rangemode="tozero"),
     )
 
 
@@ -126,14 +170,22 @@ def compared_models(
     )
 
 
-def _bode(curves: list[Curve], dark: bool, magnitudes: tuple[float, float] | None) -> go.Figure:
+def _drawn(
+    curves: list[Curve], dark: bool, magnitudes: tuple[float, float] | None, view: View
+) -> go.Figure:
+    if view == "Nyquist":
+        return _nyquist(curves, dark)
+    decibels = view == "In dB"
     phases = phases_deg(curves)
     traces: list[Trace] = []
     for curve, phase in zip(curves, phases, strict=True):
-        traces += [_magnitude(curve, curve.name, dark), _phase(curve, phase, dark)]
+        traces += [_magnitude(curve, curve.name, dark, decibels=decibels), _phase(curve, phase, dark)]
     y: Axis = {"domain": [0.42, 1.0]}
     if magnitudes is not None:
-        y["range"] = _log_range(magnitudes)
+        y["range"] = [20 * limit if decibels else limit for limit in _log_range(magnitudes)]
+    size = linear_axis(f"Magnitude (dB of {_UNIT})", **y)
+    if not decibels:
+        size = log_axis(f"Magnitude ({_UNIT})", **y)
     known = np.concatenate(phases)
     known = known[np.isfinite(known)]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 180.0)
@@ -144,7 +196,7 @@ def _bode(curves: list[Curve], dark: bool, magnitudes: tuple[float, float] | Non
         height=520,
         dark=dark,
         xaxis=frequency_axis(measured_frequencies(curves), anchor="y2"),
-        yaxis=log_axis(f"Magnitude ({_UNIT})", **y),
+        yaxis=size,
         yaxis2=linear_axis(
             "Phase (°)",
             domain=[0.0, 0.36],
@@ -156,16 +208,43 @@ def _bode(curves: list[Curve], dark: bool, magnitudes: tuple[float, float] | Non
     )
 
 
-def _magnitude(curve: Curve, label: str, dark: bool) -> Trace:
+def _nyquist(curves: list[Curve], dark: bool) -> go.Figure:
+    """Imaginary over real part, to one scale; the error is the same along both."""
+    traces = []
+    for curve in curves:
+        H, error = curve.response.H, curve.response.error
+        more: dict[str, Any] = {"customdata": curve.response.frequency_hz}
+        if curve.symbol and error is not None:
+            more |= {"error": {"array": error}, "error_x": {"type": "data", "array": error, "width": 3}}
+        hover = f"%{{customdata:.4g}} Hz<br>%{{x:.4g}} + %{{y:.4g}} i {_UNIT}<extra>{curve.name}</extra>"
+        traces.append(_trace(curve, H.imag, dark, x=H.real, hovertemplate=hover, **more))
+    return figure(
+        traces,
+        height=520,
+        dark=dark,
+        xaxis=linear_axis(f"Real part ({_UNIT})"),
+        yaxis=linear_axis(f"Imaginary part ({_UNIT})", scaleanchor="x"),
+        margin={"l": 8, "r": 12, "t": 60, "b": 8},
+    )
+
+
+def _magnitude(curve: Curve, label: str, dark: bool, *, decibels: bool = False) -> Trace:
     size, error = np.abs(curve.response.H), curve.response.error
-    more = {}
+    scale, unit = (_decibels, "dB") if decibels else (np.asarray, _UNIT)
+    more: dict[str, Any] = {}
     if curve.symbol and error is not None:
-        # A log axis has no room for bars below zero.
-        bars = {"array": error, "arrayminus": np.minimum(error, 0.95 * size), "symmetric": False}
-        more = {"customdata": error, "error": bars}
-    plus = f" ± %{{customdata:.2g}} {_UNIT}" if more else f" {_UNIT}"
+        # A logarithm has no room for bars below zero.
+        above = scale(size + error) - scale(size)
+        below = scale(size) - scale(size - np.minimum(error, 0.95 * size))
+        bars = {"array": above, "arrayminus": below, "symmetric": False}
+        more = {"customdata": above, "error": bars}
+    plus = f" ± %{{customdata:.2g}} {unit}" if more else f" {unit}"
     hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}}{plus}<extra>{label}</extra>"
-    return _trace(curve, size, dark, hovertemplate=hover, **more)
+    return _trace(curve, scale(size), dark, hovertemplate=hover, **more)
+
+
+def _decibels(size: Floats) -> Floats:
+    return 20 * np.log10(np.maximum(size, 1e-300))
 
 
 def _phase(curve: Curve, phase: Floats, dark: bool) -> Trace:
@@ -181,7 +260,7 @@ def _phase(curve: Curve, phase: Floats, dark: bool) -> Trace:
 
 def _trace(curve: Curve, y: Floats, dark: bool, **more: Any) -> Trace:
     """Points for measurements, a line for a model."""
-    x, colour = curve.response.frequency_hz, getattr(colours(dark), curve.source)
+    x, colour = more.pop("x", curve.response.frequency_hz), getattr(colours(dark), curve.source)
     if curve.symbol:
         return points(x, y, curve.name, colour, marker={"symbol": curve.symbol}, **more)
     dash = "dash" if curve.source == "nominal" else "solid"

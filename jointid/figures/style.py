@@ -64,6 +64,11 @@ def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "rgba(0,0,0,0)",
         "hoverlabel": {"align": "left"},
+        "modebar": {
+            "bgcolor": "rgba(60, 60, 60, 0.95)" if dark else "rgba(240, 240, 240, 0.95)",
+            "color": ink,
+            "activecolor": colours(dark).identified,
+        },
         "legend": {
             "orientation": "h",
             "x": 0,
@@ -136,9 +141,11 @@ def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
 
 
 def log_axis(title: str, **more: Any) -> Axis:
-    """Return a logarithmic axis with plain numbers at 1, 2 and 5 of every decade."""
-    ticks = [m * 10.0**d for d in range(-12, 10) for m in (1, 2, 5)]
-    text = [f"{t:g}" if m else "" for t, m in zip(ticks, [1, 1, 1] * 22, strict=True)]
+    """Return a logarithmic axis with plain numbers at 1, 2, 5 of every decade, more if short."""
+    low, high = more.get("range") or (0.0, 2.0)
+    steps = (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)
+    ticks = [m * 10.0**d for d in range(-12, 10) for m in steps]
+    text = [f"{tick:g}" for tick in ticks]
     return {"type": "log", "title": {"text": title}, "tickvals": ticks, "ticktext": text} | more
 
 

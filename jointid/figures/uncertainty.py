@@ -1,4 +1,4 @@
-"""Uncertainty: ellipses, influence, prediction, residuals, harmonics."""
+"""Uncertainty: ellipses, influence, prediction, residuals, harmonics, planned records."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.answer import UNITS
 from jointid.figures.style import (
     Trace,
     colours,
@@ -19,11 +20,11 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
+from jointid.uncertainty.plan import Suggestion
 from jointid.uncertainty.resampling import Jackknife
 from jointid.uncertainty.sensitivity import ConfidenceEllipse
 from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordResiduals
 
-_UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
 _SIGNIFICANT = 4.0
 
 
@@ -45,7 +46,7 @@ def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = F
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = np.maximum(0.06 * (high - low), 1e-9 * np.abs(high))  # without noise it is a point
     axes = [
-        linear_axis(f"{name} ({_UNITS[name[0]]})", nticks=5, range=[a, b])
+        linear_axis(f"{name} ({UNITS[name[0]]})", nticks=5, range=[a, b])
         for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
     ]
     return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])
@@ -180,4 +181,29 @@ def harmonic_bars(
         xaxis=linear_axis("Record"),
         yaxis=linear_axis("Harmonics (%)", rangemode="tozero"),
         bargap=0.3,
+    )
+
+
+def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
+    """Largest relative standard error of K and D over the number of records that are added."""
+    ink = colours(dark)
+    count = np.arange(suggestion.worst.size)
+    names = [suggestion.names[k] for k in suggestion.relative_error.argmax(axis=1)]
+    trace = {
+        "type": "scatter",
+        "mode": "lines+markers",
+        "x": count,
+        "y": np.where(np.isfinite(suggestion.worst), 100 * suggestion.worst, np.nan),
+        "line": {"color": ink.identified, "width": 2, "dash": "dot"},
+        "marker": {"color": ink.identified, "size": 8},
+        "customdata": names,
+        "hovertemplate": "%{x} records more<br>%{customdata} ± %{y:.2g} %<extra></extra>",
+        "showlegend": False,
+    }
+    return figure(
+        [trace],
+        height=300,
+        dark=dark,
+        xaxis=linear_axis("Records added", tickformat="d", nticks=min(count.size, 10) + 1),
+        yaxis=linear_axis("Worst error of K and D (%)", rangemode="tozero"),
     )

@@ -46,6 +46,8 @@ def study_digest(study: Study) -> str:
         _arrays(state, [*angles.values(), robot.coupling, robot.rotor_inertia, robot.payload.parameters])
     if (study.inertia_std, study.torque_std) != (INERTIA_STD, None):
         _texts(state, ("deviations", repr(study.inertia_std), repr(study.torque_std)))
+    if study.changes:
+        _texts(state, ("changes", *study.changes))
     _texts(state, study.poses)
     _arrays(state, [] if study.nominal is None else [study.nominal.K, study.nominal.D])
     for record in study.records:

@@ -121,7 +121,8 @@ def load_study(path_or_file: Source) -> Study:
             for table, file in zip(tables, files, strict=True)
         ]
     with in_place(STUDY_FILE, STUDY_FILE):
-        return Study(records=tuple(records), pose_angles_rad=angles, **known)
+        changes = tuple(top.texts("changes")) if "changes" in top else ()
+        return Study(records=tuple(records), pose_angles_rad=angles, changes=changes, **known)
 
 
 def peek_study(path_or_file: Source) -> tuple[PeekedTable, ...]:

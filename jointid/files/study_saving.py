@@ -109,6 +109,8 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         head["gear_temperature_C"] = study.gear_temperature_C
     if study.assumed:
         head["assumed"] = list(study.assumed)
+    if study.changes:
+        head["changes"] = list(study.changes)
     if study.robot_model is not None:
         head["robot_model"] = _robot_table(study.robot_model)
     head["inertia"] = _angles(study, "") or inertia_table(study.inertia)

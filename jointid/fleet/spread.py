@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from jointid.arrays import Floats
 from jointid.fleet.row import Row
@@ -104,6 +105,33 @@ def robust_spread(values: Floats) -> float:
     if values.size < MIN_VALUES:
         return float("nan")
     return float(_NORMAL * np.median(np.abs(values - np.median(values))))
+
+
+def few_values(values: Floats, errors: Floats) -> tuple[float, float, float, float]:
+    """Return the scatter of two or more values whose number is too small for a robust spread.
+
+    Parameters
+    ----------
+    values, errors : ndarray, shape (m,)
+        With one standard error each, m ≥ 2.
+
+    Returns
+    -------
+    tuple of float
+        Standard deviation s of the values, lower and upper 95 % limit of the true one (normal values,
+        (m − 1) s²/σ² ~ χ²), and the scatter over the stated errors, about 1 for values that agree.
+    """
+    left = values.size - 1
+    deviation = float(values.std(ddof=1))
+    low, high = deviation * np.sqrt(left / chi2.ppf([0.975, 0.025], left))
+    weight = 1 / np.maximum(errors, 1e-300) ** 2
+    mean = (weight * values).sum() / weight.sum()
+    return (
+        deviation,
+        float(low),
+        float(high),
+        float(np.sqrt((weight * (values - mean) ** 2).sum() / left)),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,10 +42,10 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
         else "Acceleration of the motor over its torque. "
     )
     if removed := without(analysis.fit):
-        text += f"Full points are {removed}, as identified here; rings are as measured. "
+        text += f"Filled points: {removed}, as identified here; open points: as measured. "
     yield Paragraph(
-        f"{text}The blue line is the model with the identified K and D, not a curve through the points: "
-        "where they agree, the model holds. Bars are ± one standard error where they exceed the mark."
+        f"{text}The blue line is the model with the identified K and D, not a curve through the points. "
+        "Bars are ± one standard error where they exceed the mark."
     )
     if analysis.transfer_problem:
         yield Paragraph(analysis.transfer_problem, "quiet")
@@ -145,7 +145,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         ]
         yield Figure(
             (cut_figure(rows),),
-            f"{next(numbers)} Cut paths and their largest path errors; grey is the wanted path "
+            f"{next(numbers)} Cut paths and their largest path errors; grey is the reference path "
             "(Figure 7 of the paper).",
         )
     yield Paragraph(

@@ -3,72 +3,13 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 
 from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Verdict
 from jointid.reporting.drawing import to_svg
 from jointid.verdict.findings import Finding
 
-_STYLE = """
-:root { color-scheme: light; }
-body { font: 16px/1.5 Roboto, "Segoe UI", "Helvetica Neue", Arial, sans-serif;
-  color: #1f2329; background: #fff; max-width: 48rem; margin: 0 auto; padding: 2rem 1.25rem 3rem; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .25rem; }
-h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; padding-bottom: .2rem;
-  border-bottom: 1px solid #d5d8dc; }
-p { margin: .6rem 0; }
-.facts, .quiet, figcaption, footer { color: #565b63; }
-.facts { margin: 0; }
-.quiet, figcaption, footer { font-size: .875rem; }
-.lead { font-size: 1.3rem; line-height: 1.35; margin: .4rem 0 .8rem; }
-.scroll { overflow-x: auto; margin-bottom: .4rem; }
-table { border-collapse: collapse; width: 100%; font-size: .875rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .28rem 0 .28rem .9rem; text-align: right; border-bottom: 1px solid #e6e8eb;
-  vertical-align: top; }
-th { font-weight: 600; border-bottom-color: #9aa0a8; }
-th:first-child { padding-left: 0; min-width: 5.5rem; }
-tbody th { font-weight: 400; border-bottom-color: #e6e8eb; }
-.l { text-align: left; }
-.answer { font-size: 1rem; }
-.answer td:nth-child(2) { font-weight: 600; }
-.names th { width: 10rem; color: #565b63; }
-.names td { text-align: left; overflow-wrap: anywhere; }
-figure { margin: 1.2rem 0; break-inside: avoid; }
-.side { display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(min(19rem, 100%), 1fr)); }
-svg { display: block; width: 100%; height: auto; font-family: inherit; }
-.finding { border-left: 4px solid; padding: .1rem 0 .1rem .8rem; margin: .8rem 0; break-inside: avoid; }
-.finding p { margin: .15rem 0; }
-.problem { border-color: #b3261e; } .warning { border-color: #b26a00; }
-.good { border-color: #1b7f4d; } .note { border-color: #767676; }
-footer { margin-top: 2.5rem; border-top: 1px solid #d5d8dc; padding-top: .6rem;
-  overflow-wrap: anywhere; }
-@media screen {
-  td { white-space: nowrap; } .names td { white-space: normal; }
-  /* A shadow at the edge behind which more of a table stands. */
-  .scroll { background:
-    linear-gradient(90deg, #fff 40%, #fff0) 0 / 2.5rem 100%,
-    linear-gradient(-90deg, #fff 40%, #fff0) 100% / 2.5rem 100%,
-    linear-gradient(90deg, #0003, #0000) 0 / .6rem 100%,
-    linear-gradient(-90deg, #0003, #0000) 100% / .6rem 100%;
-    background-attachment: local, local, scroll, scroll; background-repeat: no-repeat; }
-}
-@media screen and (max-width: 36rem) {
-  body { padding: 1.25rem 1rem 2rem; }
-  th:first-child { min-width: 6.5rem; }
-  tbody th { position: sticky; left: 0; background: #fff; }
-  .names th { width: 6.5rem; }
-  .wide svg { min-width: 34rem; }
-  .answer thead { position: absolute; clip-path: inset(50%); }
-  .answer tr { display: grid; grid-template-columns: auto 1fr; column-gap: .5rem;
-    padding: .4rem 0; border-bottom: 1px solid #e6e8eb; }
-  .answer th, .answer td { border: 0; padding: .05rem 0; text-align: left; }
-  .answer tbody th { grid-column: 1 / -1; color: #565b63; }
-  .answer td:nth-child(n+4)::before { content: attr(data-label) " "; color: #565b63; }
-}
-@page { size: A4; margin: 18mm 20mm; }
-@media print { body { font-size: 10.5pt; max-width: none; padding: 0; } h2 { break-after: avoid; }
-  thead { display: table-header-group; } tr { break-inside: avoid; } }
-"""
+_STYLE = Path(__file__).with_name("report.css").read_text("utf-8")
 LEVELS = {"problem": "Problem", "warning": "Warning", "good": "Good", "note": "Note"}
 """A word for every level, beside its colour."""
 
@@ -84,7 +25,7 @@ def to_html(report: Report) -> str:
     parts = [
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_clean(report.title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
+        f"<title>{_clean(report.title)}</title>\n<style>\n{_STYLE}</style>\n</head>\n<body>\n<main>\n"
         f'<h1>{_clean(report.title)}</h1>\n<p class="facts">{_clean(report.facts)}</p>\n'
     ]
     for section in report.sections:

@@ -12,6 +12,7 @@ from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
     change_from,
+    friction_note,
     further_quantities,
 )
 from jointid.cut.outcome import Outcome, millimetres, whose
@@ -29,8 +30,6 @@ from jointid.version import __version__
 from jointid.wording import capitalised
 
 __all__ = ["make_report", "to_html", "to_pdf"]
-
-_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 
 
 def make_report(
@@ -86,7 +85,7 @@ def make_report(
 
 
 def _facts(study: Study) -> str:
-    return " · ".join([_ORIGINS[study.origin], *study.facts])
+    return " · ".join([study.origin or "origin not stated", *study.facts])
 
 
 def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
@@ -97,6 +96,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     for text in (study.description, *study.remarks):
         if text:
             yield Paragraph(text, "quiet")
+    if study.changes:
+        yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
     caption = (
         f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: what the controller assumes today."
@@ -130,4 +131,9 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     )
     if further := further_quantities(fit):
         rows = [(quantity.name, *quantity.shown) for quantity in further]
-        yield Table(("", "identified", "unit"), tuple(rows), "Fitted together with K and D.", "lrl")
+        yield Table(
+            ("", "identified", "unit"),
+            tuple(rows),
+            f"Fitted together with K and D. {friction_note(fit)}",
+            "lrl",
+        )

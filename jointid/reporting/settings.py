@@ -35,9 +35,8 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
         ("Estimator", f"{fit.method}: {METHODS[fit.method]}"),
         ("Fitted", _model(analysis)),
         (
-            "Left over / noise",
-            f"{significant(float(np.sqrt(fit.misfit)), 3)}: the equations leave so many times what "
-            "noise explains; 1 is ideal",
+            "Residual / noise",
+            f"{significant(float(np.sqrt(fit.misfit)), 3)}; 1 is ideal",
         ),
         ("Torque samples", f"{hold}, stated delay {', '.join(plain(1e3 * d) for d in delays)} ms"),
         *(
@@ -49,7 +48,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
         yield Table(
-            ("model", "parameters", "left over / noise", "criterion", ""),
+            ("model", "parameters", "residual / noise", "criterion", ""),
             tuple(
                 (
                     c.name,
@@ -62,11 +61,9 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
                 )
                 for c in fit.candidates
             ),
-            "Models that were compared. Left over / noise: what the equations leave over what noise "
-            "explains, 1 is ideal. "
-            "The model of the smallest information criterion is chosen. One without a criterion could "
-            "not be fitted, need not be because friction or the lack of a lag is certain, or adds what "
-            "does not stand out of its own error.",
+            "Models compared. The one with the smallest information criterion is chosen. A model "
+            "without a criterion could not be fitted, is excluded because friction or the absence of "
+            "a lag is certain, or adds a parameter within its own error.",
         )
     names = elasticity_labels(fit.n)
     yield Table(
@@ -81,7 +78,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     yield Table(
         ("correlation", *names),
         tuple((name, *(_two(v) for v in row)) for name, row in zip(names, fit.correlation, strict=True)),
-        "How the errors of the estimates hang together.",
+        "Correlation of the errors of the estimates.",
     )
 
 

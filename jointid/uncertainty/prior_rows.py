@@ -50,7 +50,9 @@ class PriorRow:
             given = f"{significant(self.given, 3)} (start value)"
         fitted = with_error(self.fitted, self.fitted_std) if self.is_fitted else "as given"
         distance = self.disagreement
-        shown = "–" if distance is None else minus(f"{round(distance, 1) + 0.0:+.1f} σ")
+        shown = "–" if distance is None else minus(f"{distance:+.1f} σ")
+        if distance is not None and abs(distance) < 1:
+            shown = "within 1 σ"
         return [self.name, given, fitted, self.unit, shown]
 
 

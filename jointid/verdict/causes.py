@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jointid.arrays import Floats
-from jointid.verdict.evidence import Action, Finding, number, problem
+from jointid.verdict.evidence import Action, Change, Finding, number, problem
 from jointid.verdict.scorer import Hypothesis
 from jointid.wording import capitalised, enumerated, listed
 
@@ -142,6 +142,7 @@ def finding_of(
             "inertias: position and torque of a joint may both be reversed.",
             1.0,
             "edit inertias",
+            *_changes(hypothesis),
         )
     factor, good = hypothesis.factor, after <= GOOD
     wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(np.split(hypothesis.scale, 2)[0], 1))
@@ -157,6 +158,7 @@ def finding_of(
             "positions.",
             1.0,
             "edit mapping",
+            *_changes(hypothesis),
         )
     common = next((c for c in CAUSES if c.is_common and _is_common(factor, c.factor)), None)
     if common is not None:
@@ -167,6 +169,7 @@ def finding_of(
     if list(groups) == [None]:
         return _unknown_cause(factor, wrong, proof, effect, side)
     titles, details, remedies = [], [], []
+    changes = _changes(hypothesis) if good else []
     for cause, joints in groups.items():
         whose = _joints(joints, factor.size)
         values = f"{_values(factor[joints])} times {_EXPECTED}"
@@ -183,6 +186,8 @@ def finding_of(
         )
         titles.append(f"{other}, or {title}" if other else title)
         details.append(f"{is_} That is about what {cause.why} makes.")
+        if other or cause.factor in SUBTLE:
+            changes = []  # the person decides
         if other:
             details.append("M and M2 in g·m² taken for kg·m² make the same: the records cannot tell.")
             remedies.append(
@@ -194,7 +199,9 @@ def finding_of(
         remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
     remedies.append("If the units are right, check the gear ratio.")  # of this size by chance
     title = capitalised("; ".join(titles))
-    return problem(title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping")
+    return problem(
+        title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping", *changes
+    )
 
 
 GOOD = 10.0
@@ -231,6 +238,20 @@ _SEEN = {
     "is right.",
     "both": "it is both: position and torque are on the other side of the gear than was taken.",
 }
+
+
+def _changes(hypothesis: Hypothesis) -> list[Change]:
+    """The corrections of a hypothesis, where all of its factors are known ones."""
+    size = hypothesis.scale.size
+    known = np.array([1.0, *(cause.factor for cause in CAUSES)])
+    known = np.concatenate([known, 1 / known])
+    exact = np.isclose(np.abs(hypothesis.scale)[:, None], known, rtol=1e-9).any(axis=1).all()
+    found = []
+    if np.any(hypothesis.order != np.arange(size)):
+        found.append(Change("order", (), tuple(hypothesis.order.astype(float).tolist())))
+    if exact and np.any(hypothesis.scale != 1):
+        found.append(Change("scale", (), tuple(hypothesis.scale.tolist())))
+    return found
 
 
 def _exchanged(hypothesis: Hypothesis) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,24 @@ from jointid.transfer_matrix import TransferMatrix
 
 Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
 """What a remedy asks a person to do, apart from measuring again: the app knows where that is done."""
+
+
+ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of the study that may remedy a finding; ``jointid.corrections`` makes it."""
+
+    kind: ChangeKind
+    records: tuple[int, ...] = ()
+    """The sine records concerned, from 0; empty for all records."""
+    values: tuple[float, ...] = ()
+    """Seconds to add ("delay"), 1 or 0 ("hold"), logged over true angles,
+    then torques ("scale"), column of each angle, then torque ("order"), or the relative standard
+    deviation to state, if any ("inertias")."""
+    inertias: Mapping[str, Inertia] = field(default_factory=dict)
+    """Fitted inertia of each pose ("inertias")."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +56,8 @@ class Finding:
     notes; plus the relative change in K or D, if known."""
     action: Action = ""
     """What the remedy edits; empty when nothing, or only the study's files."""
+    changes: tuple[Change, ...] = field(default=(), compare=False)
+    """Changes of the study that may remedy it, the most likely first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +96,25 @@ class Evidence:
         return index, self.inertias[int(index[0])]
 
 
-def problem(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
+def problem(
+    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
+) -> Finding:
     """Return a finding that makes the answer unusable."""
-    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect), action)
+    return Finding("problem", title, detail, remedy, 100.0 + _bounded(effect), action, changes)
 
 
-def warning(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
+def warning(
+    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
+) -> Finding:
     """Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
-    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect), action)
+    return Finding("warning", title, detail, remedy, 10.0 + _bounded(effect), action, changes)
 
 
-def note(title: str, detail: str, remedy: str, effect: float, action: Action = "") -> Finding:
+def note(
+    title: str, detail: str, remedy: str, effect: float, action: Action = "", *changes: Change
+) -> Finding:
     """Return a finding that the answer accounts for; otherwise it would change by ``effect``."""
-    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)), action)
+    return Finding("note", title, detail, remedy, min(4.0, _bounded(effect)), action, changes)
 
 
 def good(title: str, detail: str) -> Finding:

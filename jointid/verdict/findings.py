@@ -155,6 +155,6 @@ def all_well(fit: ElasticityFit) -> Finding:
     parts = " with " + enumerated(beyond) if beyond else ""
     return good(
         "The model explains the data",
-        f"The equations{parts} leave {number(np.sqrt(fit.misfit), 2)} times what the noise explains. "
-        f"One standard error, of noise, inertias and the choice of the model: {errors}.",
+        f"Residual of the model{parts}: {number(np.sqrt(fit.misfit), 2)} × noise. "
+        f"One standard error from noise, inertias and choice of the model: {errors}.",
     )

@@ -13,9 +13,9 @@ from jointid.joints import Inertia
 from jointid.phasors.coherence import coherence
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.verdict.evidence import Evidence, Finding, note, number, percent, warning
+from jointid.verdict.evidence import Change, Evidence, Finding, note, number, percent, warning
 from jointid.verdict.findings import all_well, of_records
-from jointid.verdict.rules_causes import half_a_sample, lag_size
+from jointid.verdict.rules_causes import half_a_sample, hold_change, lag_size
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import inertias_off
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
@@ -122,4 +122,5 @@ def _torque_lags(evidence: Evidence) -> Iterator[Finding]:
         or f"If the drive explains it, state torque_delay_s = {number(fit.delay)} in study.toml.",
         0.01,
         "edit mapping",
+        *(hold_change(evidence) or [Change("delay", values=(fit.delay,))]),
     )

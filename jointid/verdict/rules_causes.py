@@ -15,7 +15,16 @@ from jointid.rounding import significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
-from jointid.verdict.evidence import Evidence, Finding, note, number, percent, relative, warning
+from jointid.verdict.evidence import (
+    Change,
+    Evidence,
+    Finding,
+    note,
+    number,
+    percent,
+    relative,
+    warning,
+)
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""
@@ -116,6 +125,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         remedy,
         float(share[worst]),
         "edit mapping",
+        *(hold_change(evidence) or [Change("delay", values=(lag,))]),
     )
 
 
@@ -163,6 +173,12 @@ def half_a_sample(evidence: Evidence) -> str:
             "import, or set torque_hold = false in study.toml."
         )
     return ""
+
+
+def hold_change(evidence: Evidence) -> list[Change]:
+    """The change of the remedy of ``half_a_sample``; empty without one."""
+    hold = float(not evidence.records[0].torque_hold)
+    return [Change("hold", values=(hold,))] if half_a_sample(evidence) else []
 
 
 def poses_disagree(evidence: Evidence) -> Iterator[Finding]:

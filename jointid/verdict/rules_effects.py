@@ -12,7 +12,7 @@ from jointid.estimation.effects import GEAR_LAWS
 from jointid.rounding import significant
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
-from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
+from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
 from jointid.wording import capitalised, enumerated
 
 _REMEDIES = {
@@ -83,6 +83,8 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             + f". {CANNOT_TELL if others else ''}The answer accounts for it.",
             remedy,
             0.01,
+            "",
+            *(hold_change(evidence) if name in _TIMES else []),
         )
 
 

@@ -15,7 +15,17 @@ from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
-from jointid.verdict.evidence import Evidence, Finding, number, percent, problem, relative, some, warning
+from jointid.verdict.evidence import (
+    Change,
+    Evidence,
+    Finding,
+    number,
+    percent,
+    problem,
+    relative,
+    some,
+    warning,
+)
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.wrong_data import low_frequency_inertia
 
@@ -55,22 +65,30 @@ def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]
     accounts = "K and D come from the fitted inertias."
     if exact:
         accounts = (
-            f"With fitted inertias what is left falls from {number(np.sqrt(fit.misfit), 2)} to "
-            f"{number(np.sqrt(judged.misfit), 2)} times what noise explains, and "
+            f"Refitting the inertias cuts the residual from {number(np.sqrt(fit.misfit), 2)} to "
+            f"{number(np.sqrt(judged.misfit), 2)} × noise, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     absurd = not exact and off[0][0] > _ABSURD
     if absurd:
-        accounts += " So large an error is a wrong unit, a wrong torque constant or another robot."
+        accounts += (
+            " So large an error indicates a wrong unit, a wrong torque constant or another robot."
+        )
     yield (problem if absurd else warning)(
         "The inertias look wrong",
-        f"{row.name} is given as {given} kg·m², the records have "
+        f"{row.name} is given as {given} kg·m², the records indicate "
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
+        *([] if absurd else [_fitted(evidence, judged, (_LOOSE,) if exact else ())]),
     )
+
+
+def _fitted(evidence: Evidence, judged: ElasticityFit, std: tuple[float, ...]) -> Change:
+    """Take the fitted inertias for the given ones."""
+    return Change("inertias", (), std, dict(zip(evidence.poses, judged.inertias, strict=True)))
 
 
 def _judged(evidence: Evidence) -> ElasticityFit | None:
@@ -125,10 +143,9 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             where = f" in pose {pose}" if pose else ""
             yield problem(
                 f"The inertias look wrong{where}",
-                "At low frequency, where the springs drop out, torque over acceleration says "
-                f"{element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² or so; given is "
-                f"{number(given[i, j])}. The equations leave {number(np.sqrt(fit.misfit), 2)} times "
-                "what the noise explains.",
+                "At low frequency, where the springs drop out, torque over acceleration gives "
+                f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m²; given is "
+                f"{number(given[i, j])}. The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
                 "Check M and M2: another pose or drive, a missing payload, wrong gear ratios.",
                 float(off[i, j]),
                 "edit inertias",

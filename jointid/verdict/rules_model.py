@@ -22,7 +22,7 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.rules_causes import distortion, half_a_sample
+from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
 from jointid.wording import counted
 
 _EXPLAINED = 3.0
@@ -116,7 +116,12 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     if fit.inflation > 1:
         left += f". The part of the error bars that comes from noise is widened by {widened}"
     yield warning(
-        "The model, not the noise, limits the answer", f"{left}.", remedy, float(share), action
+        "The model, not the noise, limits the answer",
+        f"{left}.",
+        remedy,
+        float(share),
+        action,
+        *hold_change(evidence),
     )
 
 
@@ -150,7 +155,7 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
             if count == 1
             else "K and D always fit a single frequency, whatever inertias and units are"
         )
-        + ". Nothing tells whether the model holds.",
+        + ". Whether the model holds cannot be tested.",
         "Add records at several frequencies, from well below to well above the resonances"
         + (", two or more at each with other relative phases of the joints." if n > 1 else "."),
         0.5,

@@ -17,7 +17,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import DEGREES, GOOD
-from jointid.verdict.evidence import Evidence, Finding, number, problem
+from jointid.verdict.evidence import Change, Evidence, Finding, number, problem
 from jointid.verdict.scorer import Scorer
 
 _LEFT = 0.02
@@ -69,16 +69,22 @@ def one_record_off(evidence: Evidence, found: Outlier) -> Finding:
     before = (
         "no positive stiffness comes out"
         if np.isinf(found.misfit_with)
-        else f"the equations leave {number(np.sqrt(found.misfit_with), 2)} times what noise explains"
+        else f"the residual is {number(np.sqrt(found.misfit_with), 2)} × noise"
     )
     detail = (
-        f"With it, {before}; without it, the other {evidence.phasors.omega.size - 1} records leave "
-        f"{number(np.sqrt(found.misfit_without), 2)} times what noise explains. Its own dynamic "
+        f"With it, {before}; without it, that of the other {evidence.phasors.omega.size - 1} records is "
+        f"{number(np.sqrt(found.misfit_without), 2)} × noise. Its own dynamic "
         f"stiffness of joint {k + 1} is {number(float(found.stiffness[k]), 2)} times that of the "
         "others. "
     )
     title, cause, remedy = _told(found, label, n)
-    return problem(title, detail + cause, remedy, 10.0, "edit runs")
+    changes = [Change("leave out", (found.record,))]
+    known = [1.0, *(factor for factor, *_ in _KNOWN)]
+    if found.factor is not None and np.isin(found.factor, known).all():
+        ones = np.ones(n)
+        scale = np.r_[1 / found.factor, ones] if found.by_angle else np.r_[ones, found.factor]
+        changes.insert(0, Change("scale", (found.record,), tuple(scale.tolist())))
+    return problem(title, detail + cause, remedy, 10.0, "edit runs", *changes)
 
 
 def find_outlier(

@@ -13,6 +13,7 @@ from jointid.phasors.sensor_steps import quantum
 from jointid.records import MotionRecord, SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import (
+    Change,
     Evidence,
     Finding,
     note,
@@ -46,13 +47,14 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
-            f"{phasors.labels[worst]} says {number(stated[worst], 5)} Hz; the motor angle has "
+            f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor angle has "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
             "Correct the frequency of the run or the unit of time on import; of a study on disk, "
             "frequency_hz in study.toml or the column time_s.",
             float(off[worst]),
             "edit runs",
+            Change("frequency", concerned),
         )
 
 
@@ -77,13 +79,15 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
         if len(names) > 1:
             which = f"{_concerned(len(names))[:-1]}: {some(names)}. In {names[0]}"
         steady, remedy = _later_starts(evidence, concerned[:_STARTS])
+        changes = [Change("start", tuple(concerned.tolist()))] if "start_s" in remedy else []
         yield warning(
             "The motion is still settling",
             f"{which} the first quarter differs by {percent(moving[worst])} from the second half. "
             f"{steady}",
             remedy,
             float(moving[worst]),
-            "edit runs" if "start_s" in remedy else "",
+            "edit runs" if changes else "",
+            *changes,
         )
 
 
@@ -100,7 +104,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
     parts = [f"Steady: {'; '.join(steady)}."] if steady else []
     if never:
         verb = "does" if len(never) == 1 else "do"
-        parts.append(f"{'; '.join(never)} {verb} not become steady, as far as can be told.")
+        parts.append(f"{'; '.join(never)} {verb} not become steady.")
     if not steady:
         return " ".join(parts), "Measure again. Wait longer before recording."
     ones = "this time" if len(steady) == 1 else "these times"
@@ -120,7 +124,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Some records are only a few periods long",
             f"{names}: {number(periods[short].min(), 2)} periods. Their noise is taken as white, since "
-            "slow disturbances cannot be told from the sine itself.",
+            "slow disturbances cannot be separated from the sine.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
         )
@@ -129,16 +133,17 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
 def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     """The study contains the same log more than once."""
     phasors = evidence.phasors
-    z, pairs = phasors.z, []
+    z, pairs, second = phasors.z, [], set[int]()
     for _, group in phasors.by_frequency() if len(z) else ():
         for place, i in enumerate(group):
             for k in group[place + 1 :]:
                 same = np.abs(z[i] - z[k]) <= 1e-12 * np.abs(z[i])
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
                     pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
+                    second.add(int(k))
     rows = [(record, _rows(record)) for record in evidence.records if isinstance(record, MotionRecord)]
-    for (one, first), (other, second) in itertools.combinations(rows, 2):
-        if len(first & second) > _SHARED * min(len(first), len(second)):
+    for (one, these), (other, those) in itertools.combinations(rows, 2):
+        if len(these & those) > _SHARED * min(len(these), len(those)):
             pairs.append(f"{one.label or 'A record'} and {other.label or 'another one'}")
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
@@ -149,6 +154,7 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             "measure again.",
             0.4 * _worst_error(evidence),
             "edit runs",
+            *([Change("leave out", tuple(sorted(second)))] if second else []),
         )
 
 
@@ -174,7 +180,7 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             "Two records are the same experiment",
             f"{some(found)}: angles and torques are in the same proportion, so that the second record "
-            f"averages noise but tells nothing new. {_concerned(len(found), 'frequency')}",
+            f"averages noise but adds no information. {_concerned(len(found), 'frequency')}",
             "Measure with other relative amplitudes or phases, for instance with one joint reversed: "
             "the transfer matrix needs it, and so does friction.",
             0.01 + 0.3 * _worst_error(evidence),
@@ -218,6 +224,8 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
             f"tau_m{j + 1}_Nm stays at {number(float(record.tau_Nm[record.start, j]))} N·m.",
             f"Check where tau_m{j + 1}_Nm comes from, or leave {which} out.",
             2.0,
+            "",
+            *[Change("leave out", tuple(concerned.tolist()))][: len(constant) - concerned.size],
         )
 
 

@@ -91,8 +91,8 @@ def _controller_peak(
         f"Acceleration over torque of {evidence.phasors.labels[records[worst]]} alone peaks there "
         f"{number(alone[worst] / H[worst], 2)} times above H{j + 1}{j + 1}, which has no peak. "
         f"The elasticity is the peak at {elastic} Hz, which both show.",
-        "Nothing: K and D come from both joints together. Do not read them off a single record's "
-        "response.",
+        "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
+        "record.",
         0.3,
     )
 

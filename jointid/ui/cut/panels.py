@@ -14,6 +14,7 @@ from jointid.cut.servo import Servo
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.style import colours
 from jointid.rounding import significant
+from jointid.study import NOT_USABLE
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
@@ -41,7 +42,7 @@ def headline(outcome: Outcome) -> str:
 def show_meaning(outcome: Outcome, settings: CutSettings) -> None:
     """Explain the two path errors."""
     if outcome.distribution is None:
-        show_warning(f"What the identification promises is not known. {outcome.problem}")
+        show_warning(f"The path error after the identification is not known. {outcome.problem}")
     after = millimetres(outcome.after_m)
     st.caption(
         "Path error is the largest distance of the tool from the reference path, simulated.\n"
@@ -87,7 +88,7 @@ def remainder(
     outcome: Outcome,
     servo: Servo,
     friction: CutFriction | None,
-    where: str = "the table at the end says",
+    where: str = "the tab Accuracy of K shows",
 ) -> str:
     """Describe the remaining error where the springs no longer matter.
 
@@ -104,7 +105,7 @@ def remainder(
     """
     left = millimetres(outcome.after_m)
     if left.startswith("under"):
-        return f"What remains, {left}, is below what the simulation resolves."
+        return f"The remaining error, {left}, is below the resolution of the simulation."
     causes = []
     if friction is not None and servo.friction_compensation is None:
         causes.append("friction")
@@ -115,16 +116,16 @@ def remainder(
     *first, last = causes or ["the controller's rate"]
     named = f"{', '.join(first)} and {last}" if first else last
     return (
-        f"What remains, {left}, is {named}, not the springs: within the error bars of K and D it "
-        f"changes by {millimetres(outcome.spread_m)} (95th percentile shown); {where} what an error of "
-        "K costs."
+        f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
+        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); "
+        f"{where} the cost of an error of K."
     )
 
 
 def promise(outcome: Outcome, settings: CutSettings) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
-        return "a robot with exactly the identified springs; how far they are off is not known."
+        return "a robot with exactly the identified springs; their error is not known."
     if not outcome.springs_matter:
         return (
             f"the servo assumes the identified values. "
@@ -142,8 +143,8 @@ def _less_before(outcome: Outcome) -> str:
     if outcome.before_m >= outcome.after_m:
         return ""
     return (
-        " That the error before is smaller is chance: there the wrong springs cancel a part of what "
-        "remains."
+        " The smaller error before is a coincidence: the wrong springs cancel a part of the remaining "
+        "error."
     )
 
 
@@ -170,43 +171,37 @@ def _three(values: Iterable[float]) -> str:
     return ", ".join(significant(float(value), 3) for value in values)
 
 
-def show_servo_law() -> None:
-    """Explain how the servo compensates the deflection of the springs."""
-    with st.expander("How the servo compensates the springs"):
-        st.write(
-            "The springs deflect while the arm accelerates, and the tool leaves its path unless the "
-            "servo pre-compensates the deflection x. It computes x from the K̂ and D̂ that it assumes; "
-            "errors in these become path errors."
-        )
-        st.latex(
-            r"""\begin{gathered}
-            \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q}
-                + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
-            \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
-            \end{gathered}"""
-        )
-
-
 def show_assumptions() -> None:
-    """List the paper's statements on its cuts, and the assumptions made here."""
-    with st.expander("What the paper states, and what is our assumption"):
-        st.markdown(
-            "**The paper states**: rectangles of 28 × 45 mm, cut at 300 mm/s in a horizontal plane with "
-            "three corner zones; K = 43, 7.5 N·m/rad and D = 0.10, 0.015 N·m·s/rad seen from the "
-            "motors; a largest error of several millimetres with non-optimal parameters at the "
-            "largest zone.\n\n"
-            "**Our assumption**, because the paper prints none of it: link lengths, masses, gear ratios "
-            "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
-            "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
-            "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
-            "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
-            "non-optimal.\n\n"
-            "**Both robots are simulated.** The identified values are the best that is known of the "
-            "real robot, so the robot before has exactly these springs. After the identification the "
-            "servo has them too, and what is left is the uncertainty of the fit: the blue path is that "
-            "of a robot at the 95 % point of the path error. Errors of the inertias act through K and "
-            "D; flexible links are in neither."
-        )
+    """Law of the servo, the paper's statements on its cuts, and the assumptions made here."""
+    st.write(
+        "The springs deflect while the arm accelerates, and the tool leaves its path unless the servo "
+        "pre-compensates the deflection x. It computes x from the K̂ and D̂ that it assumes; errors in "
+        "these become path errors."
+    )
+    st.latex(
+        r"""\begin{gathered}
+        \mathbf u = \mathbf M_2(\mathbf q)\,\ddot{\mathbf q}
+            + \mathbf c(\mathbf q, \dot{\mathbf q}) \\
+        \hat D_j\,\dot x_j + \hat K_j\,x_j = u_j, \qquad \theta_j = q_j + x_j
+        \end{gathered}"""
+    )
+    st.markdown(
+        "**The paper states**: rectangles of 28 × 45 mm, cut at 300 mm/s in a horizontal plane with "
+        "three corner zones; K = 43, 7.5 N·m/rad and D = 0.10, 0.015 N·m·s/rad seen from the "
+        "motors; a largest error of several millimetres with non-optimal parameters at the "
+        "largest zone.\n\n"
+        "**Our assumption**, because the paper prints none of it: link lengths, masses, gear ratios "
+        "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
+        "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
+        "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
+        "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
+        "non-optimal.\n\n"
+        "**Both robots are simulated.** The robot before has exactly the identified springs, the best "
+        "estimate of the real ones. After the identification the servo has them too; the remaining "
+        "error comes from the uncertainty of the fit: the blue path is that of a robot at the 95 % "
+        "point of the path error. Errors of the inertias act through K and D; flexible links are in "
+        "neither."
+    )
 
 
 def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
@@ -236,7 +231,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     try:
         outcome = cached_cuts.overview(page.digest, page.method, analysis)
     except JointIdError as error:
-        show_note(f"What this is worth on a path is not known. {error}")
+        if analysis.state != NOT_USABLE:  # the headline gives the reason
+            show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
         st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")
@@ -266,11 +262,13 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 if relative
                 else "an arm of these inertias, simulated"
             )
-            friction = " Both have the friction that was found." if outcome.robot.friction else ""
-            promised = "The uncertainty of the identified values is too large to promise anything."
+            friction = (
+                " Both simulations include the identified friction." if outcome.robot.friction else ""
+            )
+            promised = "The identified values are too uncertain for a prediction."
             if not outcome.springs_matter:
                 promised = remainder(
-                    outcome, EVERYDAY_SERVO, outcome.robot.friction, "the page Cut says"
+                    outcome, EVERYDAY_SERVO, outcome.robot.friction, "the page Cut shows"
                 )
             elif outcome.distribution is not None:
                 promised = (

@@ -19,7 +19,6 @@ from jointid.ui.shared.page import Page
 
 def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show error, torque, a corner, and the distribution of the path error."""
-    st.subheader("Over time", anchor=False)
     error, torque, corner, distribution = side_by_side(4)
     with error:
         st.markdown("**Error**")
@@ -32,8 +31,8 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
     with torque:
         st.markdown("**Torque**")
         st.caption(
-            "Torque of each motor as the servo sets it. A servo that knows the springs adds what moves "
-            "the motors by x."
+            "Torque command of each motor. A servo that knows the springs adds the torque that moves "
+            "the motors by the deflection x."
         )
         figure = page.drawn(f"torque {settings}", lambda: torque_over_time(outcome, dark=page.dark))
         plot(figure, "Motor torques over time", key="cut_torque")
@@ -54,7 +53,7 @@ def _show_corner(page: Page, settings: CutSettings, outcome: Outcome) -> None:
 
 
 def _show_distribution(page: Page, settings: CutSettings, outcome: Outcome) -> None:
-    st.markdown("**What this identification promises**")
+    st.markdown("**Predicted path error**")
     if outcome.distribution is None:
         st.caption("Not known: see above.")
         return

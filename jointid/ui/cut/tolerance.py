@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
 from jointid.arrays import Floats
@@ -15,9 +16,9 @@ from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.background import awaited, run_in_background
 from jointid.ui.shared.charts import choose_segment, plot
-from jointid.ui.shared.messages import show_error
+from jointid.ui.shared.messages import show_error, show_progress
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import computed_on_click
 
 _WIDE = 21
 """Cuts along each axis of the map."""
@@ -26,10 +27,9 @@ _RANGES = ("± 10 %", "A factor of 3", "This identification's uncertainty")
 
 def show_tolerance(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     """Show the path error for some errors of K̂, and on demand a map of a few hundred cuts."""
-    st.subheader("How well K must be known", anchor=False)
     st.write(
-        "The largest path error when the servo assumes K̂ where the robot has the identified K, with "
-        "this path and controller. On the map, lines join equal errors."
+        "Largest path error when the servo assumes K̂ and the robot has the identified K, with this path "
+        "and controller. On the map, lines join equal errors."
     )
     try:
         _show_costs(page, settings, outcome)
@@ -45,44 +45,36 @@ def _show_costs(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     costs = [exact, *(max(pair) for pair in zip(off[::2], off[1::2], strict=True))]  # the worse sign
     heads = ["exact", *(f"± {100 * offset:g} %" for offset in cached_cuts.OFFSETS)]
     st.markdown(
-        f"| K̂ off by, both joints alike | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
-        f"| costs (path error, the worse sign) | {' | '.join(map(millimetres, costs))} |"
+        f"| Error of K̂, both joints | {' | '.join(heads)} |\n|{' --- |' * (len(heads) + 1)}\n"
+        f"| Path error, worse sign | {' | '.join(map(millimetres, costs))} |"
     )
 
 
 def _show_map(page: Page, settings: CutSettings, outcome: Outcome) -> None:
     span = choose_segment("Range of K̂/K", _RANGES, "cut_map_range")
     robot = outcome.robot
-    key = ("tolerance map", page.digest, page.method, settings.after, span)
-    tolerance: ToleranceMap | None = result_cache().get(key)
-    if tolerance is None:
-        place = st.empty()
-        if not place.button(
-            f"Compute the map ({_WIDE * _WIDE} cuts)",
-            key="cut_map",
-            help="Takes a few seconds. Later visits with the same settings show it at once.",
-        ):
-            return
-        with place.container():
-            bar = st.progress(0.0, "Cutting")
-            st.button("Stop", key="cut_map_stop", help="Ends the computation; nothing is kept of it.")
 
-        def show(done: float) -> None:
-            bar.progress(min(done, 1.0), f"Cutting: {done:.0%}")
-
-        ratios = [_ratios(robot, joint, span) for joint in (0, 1)]
-        tolerance = run_in_background(
+    def compute(bar: DeltaGenerator) -> ToleranceMap:
+        return run_in_background(
             tolerance_map,
             robot.arm,
             outcome.toolpath,
             robot.elasticity,
-            *ratios,
+            *(_ratios(robot, joint, span) for joint in (0, 1)),
             servo=settings.servo,
             friction=settings.friction,
-            progress=show,
+            progress=lambda done: show_progress(done, f"Cutting: {done:.0%}", bar),
         )
-        result_cache().put(key, tolerance)
-        place.empty()
+
+    tolerance = computed_on_click(
+        ("tolerance map", page.digest, page.method, settings.after, span),
+        f"Compute the map ({_WIDE * _WIDE} cuts)",
+        "cut_map",
+        compute,
+        hint="Takes a few seconds. Later visits with the same settings show it at once.",
+    )
+    if tolerance is None:
+        return
     plot(
         tolerance_heatmap(
             tolerance, robot.elasticity, robot.covariance, outcome.assumed, dark=page.dark

@@ -20,7 +20,6 @@ _FORCE_N = 100.0
 
 def show_tool_stiffness(page: Page, analysis: Analysis, robot: CutRobot) -> None:
     """Show the tool's deflection under a force: of the study's own robot, or of the arm that cuts."""
-    st.subheader("Stiffness at the tool", anchor=False)
     figure, words = side_by_side(2)
     try:
         with words:

@@ -80,7 +80,7 @@ def _drifts(spreads: Sequence[Spread], joint: int) -> dict[str, list[Drift]]:
 def _drift_in_words(drift: Drift) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
-        return f": {MIN_VALUES} dates or more tell a trend"
+        return f": at least {MIN_VALUES} dates are needed for a trend"
     if abs(change) < _CLEAR * error:
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % a year"
     return f"{'rises' if change > 0 else 'falls'} by {with_error(abs(change), error)} % a year"

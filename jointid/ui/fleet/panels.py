@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
+from jointid.answer import UNITS
 from jointid.figures.fleet import distribution
 from jointid.fleet.row import Row
-from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, fleet_spread
+from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, few_values, fleet_spread
 from jointid.rounding import minus, significant, with_error
 from jointid.study import STATES
 from jointid.ui.fleet.studies import SIGNS, label
-from jointid.ui.shared.charts import UNITS, choose_segment, plot, side_by_side, table
+from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
 from jointid.wording import counted
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
@@ -57,8 +58,8 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
     """Stiffness and damping side by side, with their median and spread in words."""
     for spread, place in zip(spreads, side_by_side(len(spreads)), strict=True):
         with place:
-            quantity, unit = spread.name[0], UNITS[spread.name[0]]
-            st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)} {unit}")
+            quantity = spread.name[0]
+            st.markdown(f"**{_QUANTITIES[quantity]} {spread.name}**: {_in_words(spread)}")
             plot(
                 distribution(spread, dark=dark),
                 f"How many studies have which {spread.name}",
@@ -66,27 +67,34 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             )
     st.caption(
         "Solid line: median. Dotted lines: the robust spread to either side, 1.48 times the median "
-        "distance from the median. Crosses stand out; arrows lie beyond the figure."
+        "distance from the median. Crosses: outliers; arrows: beyond the figure."
     )
 
 
 def _in_words(spread: Spread) -> str:
+    unit = UNITS[spread.name[0]]
     if np.isfinite(spread.spread):
         share = 100 * spread.spread / abs(spread.median) if spread.median else float("nan")
         text = with_error(spread.median, spread.spread)
-        return f"median {text} ({significant(share, 2)} %)"
-    return f"median {significant(spread.median, 3)}; {MIN_VALUES} studies or more tell a spread, in"
+        return f"median {text} ({significant(share, 2)} %) {unit}"
+    if spread.value.size < 2:
+        return f"{significant(spread.median, 3)} {unit}; a spread needs at least 2 studies"
+    *limits, ratio = (significant(x, 2) for x in few_values(spread.value, spread.error))
+    return (
+        f"mean {significant(float(spread.value.mean()), 4)}, standard deviation {limits[0]} {unit} from "
+        f"{spread.value.size} studies (95 %: {limits[1]} to {limits[2]}), {ratio} × the stated errors"
+    )
 
 
 def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     """Outliers, and their criterion."""
-    st.subheader("What stands out", anchor=False)
+    st.subheader("Outliers", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
-        f"A value stands out when it lies more than {OUTLIER_Z:g} times as far from the median of "
-        f"{whose} as is expected: z = distance / √(s² + e²), with s the robust spread there (1.48 times "
-        "the median distance from the median) and e the value's own standard error. A study that knows "
-        f"little does not stand out; fewer than {MIN_VALUES} studies tell no spread."
+        f"A value is an outlier beyond {OUTLIER_Z:g} times its expected distance from the median of "
+        f"{whose}: z = distance / √(s² + e²), with the robust spread s there (1.48 times the median "
+        f"distance from the median) and the value's own standard error e. At least {MIN_VALUES} studies "
+        "are needed."
     )
     found = []
     for spread in spreads:
@@ -108,10 +116,10 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
                 )
             )
     if not any(len(spread.rows) >= MIN_VALUES for spread in spreads):
-        st.info(f"With fewer than {MIN_VALUES} studies nothing can be said to stand out.")
+        st.info(f"Outliers need at least {MIN_VALUES} studies.")
         return
     if not found:
-        st.success("Nothing stands out for this joint.")
+        st.success("No outliers of this joint.")
         return
     found.sort(key=lambda pair: pair[0])
     columns = {name: [entry[name] for _, entry in found] for name in found[0][1]}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid.exporting.tables import csv_text
+from jointid.wording import file_stem
 
 T = TypeVar("T")
 _WIDE = 8
@@ -17,8 +19,6 @@ Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
 NO_POSE = "as in [inertia]"
 """Label of records without a pose."""
-UNITS = {"K": "N·m/rad", "D": "N·m·s/rad"}
-"""Unit of each quantity."""
 
 
 def is_dark() -> bool:
@@ -26,9 +26,28 @@ def is_dark() -> bool:
     return st.context.theme.type == "dark"
 
 
+_toolbar = st.components.v2.component(
+    "jointid_figure_toolbar", js=Path(__file__).with_name("figure_toolbar.js").read_text("utf-8")
+)
+
+
+def equip_figures() -> None:
+    """Add SVG and CSV to the toolbars of the figures of a page."""
+    _toolbar(key="figure_toolbar")
+
+
 def plot(figure: Any, description: str, *, key: str | None = None) -> None:
-    """Show a plotly figure over the full width, with a text for those who cannot see it."""
-    settings = {"displaylogo": False, "displayModeBar": False, "scrollZoom": False}
+    """Show a plotly figure over the full width, with a text for those who cannot see it.
+
+    The toolbar on hover saves it as PNG, SVG and CSV, and resets the axes.
+    """
+    settings = {
+        "displaylogo": False,
+        "displayModeBar": "hover",
+        "modeBarButtons": [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+        "toImageButtonOptions": {"filename": file_stem(description), "scale": 2},
+        "scrollZoom": False,
+    }
     st.plotly_chart(figure, config=settings, theme=None, alt=description, key=key)
 
 
@@ -38,6 +57,15 @@ def side_by_side(count: int) -> list[DeltaGenerator]:
         return [st.container()]
     rows = [st.columns(2) for _ in range(-(-count // 2))]
     return [place for row in rows for place in row][:count]
+
+
+def show_tabs(key: str, panels: Mapping[str, Callable[[], None]]) -> None:
+    """Show panels as tabs by their names; only the open one is computed, and the address keeps it."""
+    tabs = st.tabs([*panels], key=key, bind="query-params")
+    for tab, show in zip(tabs, panels.values(), strict=True):
+        if tab.open:
+            with tab:
+                show()
 
 
 def table(columns: Table, *, height: int | None = None) -> None:

@@ -77,6 +77,10 @@ class Page:
         """
         return _figure(self.digest, self.method, self.dark, what, draw)
 
+    def show(self, what: str, draw: Callable[[], Any], description: str) -> None:
+        """Show a figure from the cache, see ``drawn``, with a text for those who cannot see it."""
+        plot(self.drawn(what, draw), description, key=what.split()[0])
+
     def show_per_joint(
         self,
         what: str,
@@ -98,7 +102,8 @@ class Page:
         """
         for j, place in enumerate(side_by_side(self.study.inertia.n)):
             with place:
-                st.markdown(heading.format(j + 1))
+                if heading:
+                    st.markdown(heading.format(j + 1))
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
 

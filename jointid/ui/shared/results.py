@@ -11,12 +11,15 @@ from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future
 from functools import partial
 from threading import Lock
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 import streamlit as st
+from streamlit.delta_generator import DeltaGenerator
 
+from jointid import JointIdError
 from jointid.ui.shared.background import submit
+from jointid.ui.shared.messages import show_error
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -112,6 +115,52 @@ class ResultCache:
 def result_cache() -> ResultCache:
     """Return the cache of this server."""
     return ResultCache()
+
+
+def computed_on_click(
+    key: Hashable,
+    label: str,
+    name: str,
+    compute: Callable[[DeltaGenerator], Found],
+    *,
+    hint: str = "",
+    kind: Literal["primary", "secondary"] = "secondary",
+) -> Found | None:
+    """Return a kept result, or compute it after a click, with a progress bar and a button to stop.
+
+    Parameters
+    ----------
+    key : hashable
+        Of the result in the cache.
+    label, name : str
+        Text and key of the button.
+    compute : callable
+        Given the progress bar; its error is shown.
+    hint, kind : str
+        Help and look of the button.
+
+    Returns
+    -------
+    result or None
+        None before the click, and after an error.
+    """
+    found: Found | None = result_cache().get(key)
+    if found is not None:
+        return found
+    place = st.empty()
+    if not place.button(label, key=name, help=hint or None, type=kind):
+        return None
+    with place.container():
+        bar = st.progress(0.0, "Computing")
+        st.button("Stop", key=f"{name}_stop", help="Ends the computation; nothing is kept of it.")
+    try:
+        found = compute(bar)
+    except JointIdError as error:
+        show_error(error, place)
+        return None
+    result_cache().put(key, found)
+    place.empty()
+    return found
 
 
 def size_bytes(value: object, counted: set[int] | None = None) -> int:

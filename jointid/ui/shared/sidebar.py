@@ -8,6 +8,7 @@ from jointid import JointIdError
 from jointid.answer import STIFFNESS_UNITS
 from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
+from jointid.ui.shared.charts import equip_figures
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
@@ -52,6 +53,7 @@ def choose_study() -> tuple[str, str, str] | None:
             "the motor is N² K at the joint. Figures, tables and files stay at the motor, in SI units.",
         )
         make_scroll_regions_focusable()
+        equip_figures()
     return None if key is None else (key, method, unit)
 
 

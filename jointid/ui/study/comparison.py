@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -9,15 +10,16 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.figures import compared_models
-from jointid.rounding import minus, significant
+from jointid.rounding import significant
 from jointid.study import NOT_USABLE
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side
+from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error, show_info, show_text_table, show_warning
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import names_by_address, open_study
 from jointid.uncertainty.comparison import Difference, compare
-from jointid.wording import capitalised, enumerated
+from jointid.wording import enumerated
 
 _CLEAR = 3.0
 """Standard errors from which a difference counts as one."""
@@ -27,8 +29,7 @@ def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
     names = list(names_by_address().values())
     left, right = st.columns(2)
-    following = (names.index(page.key) + 1) % len(names)
-    key = left.selectbox("Compare with", names, index=following, key="compare_study")
+    key = left.selectbox("Compare with", names, index=_similar(page, names), key="compare_study")
     method = right.selectbox(
         "Its estimator", list(cached.ESTIMATORS), key="compare_estimator", help="See the sidebar."
     )
@@ -40,6 +41,16 @@ def choose_other(page: Page) -> Page:
     return replace(page, key=opened.key, study=opened.study, digest=opened.digest, method=method)
 
 
+def _similar(page: Page, names: list[str]) -> int:
+    """Index of the next study with as many joints, by default the chosen one."""
+    own = names.index(page.key)
+    for name in names[own + 1 :] + names[:own]:
+        with suppress(JointIdError):
+            if open_study(name).study.inertia.n == page.study.inertia.n:
+                return names.index(name)
+    return own
+
+
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
@@ -48,7 +59,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
     except JointIdError as error:
         show_error(error)
         st.stop()
-    st.subheader(_sentence(rows, same=same), anchor=False)
+    st.subheader(_sentence(rows, page, other), anchor=False)
     for each, whose in ((first, page), (second, other)):
         if each.state == NOT_USABLE:
             show_warning(f"{whose.key}: {each.headline}")
@@ -58,16 +69,15 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         _column(other) + (" (second)" if _column(other) == _column(page) else ""): [
             row.second.shown[0] for row in rows
         ],
-        "Difference": [_percent(row.relative) for row in rows],
-        "In standard errors": [_signed(row.sigmas, 1) for row in rows],
+        "Difference": [_signed(100 * row.relative, " %") for row in rows],
+        "Over its error": [_signed(row.sigmas, " σ") for row in rows],
     }
     show_text_table(columns)
     st.caption(
-        "Both come from the same records: their noise is common, so the difference has no standard "
-        "error."
+        "Both come from the same records and share their noise: the difference has no standard error."
         if same
-        else "The standard error of a difference takes both errors as independent. A common cause, such "
-        "as a wrong torque constant of the same robot, moves both alike."
+        else "σ is the standard error of the difference, with both errors independent. A common cause, "
+        "such as a wrong torque constant of the same robot, changes both alike."
     )
 
 
@@ -83,17 +93,16 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
             plot(figure, f"Magnitude of H{j + 1}{j + 1} of both studies", key=f"compare {j}")
 
 
-def _sentence(rows: tuple[Difference, ...], *, same: bool) -> str:
+def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     stiffness = rows[: len(rows) // 2]
-    if same:
+    if page.digest == other.digest:
         largest = max(abs(row.relative) for row in stiffness)
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
         return "The stiffnesses agree within their errors"
-    return capitalised(
-        enumerated([f"joint {row.first.name[1:]} of the second is {_change(row)}" for row in clear])
-    )
+    changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
+    return f"{markdown_escape(other.key)}, compared with {markdown_escape(page.key)}: {changes}"
 
 
 def _change(row: Difference) -> str:
@@ -107,9 +116,7 @@ def _column(page: Page) -> str:
     return f"{page.key}, {page.method}"
 
 
-def _percent(value: float) -> str:
-    return f"{_signed(100 * value, 2)} %" if np.isfinite(value) else "–"
-
-
-def _signed(value: float, digits: int) -> str:
-    return minus(f"{value:+.{digits}f}") if np.isfinite(value) else "–"
+def _signed(value: float, unit: str) -> str:
+    if not np.isfinite(value):
+        return "–"
+    return ("+" if value > 0 else "−" if value < 0 else "") + significant(abs(value), 3) + unit

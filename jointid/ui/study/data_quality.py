@@ -125,21 +125,5 @@ def phasor_table(phasors: Phasors) -> Table:
     return columns
 
 
-def phasor_columns(phasors: Phasors) -> Table:
-    """The phasors for a file: a (sine) and b (cosine) part of every signal, their standard error."""
-    n = phasors.n
-    columns: dict[str, list[object]] = {
-        "record": list(phasors.labels),
-        "frequency_hz": (phasors.omega / (2 * np.pi)).tolist(),
-    }
-    for k in range(2 * n):
-        name, unit = (f"theta_m{k + 1}", "rad") if k < n else (f"tau_m{k - n + 1}", "Nm")
-        columns[f"{name}_a_{unit}"] = phasors.z[:, k].real.tolist()
-        columns[f"{name}_b_{unit}"] = phasors.z[:, k].imag.tolist()
-        error = phasors.standard_deviation[:, k] / np.sqrt(2)
-        columns[f"{name}_standard_error_{unit}"] = error.tolist()
-    return columns
-
-
 def _figure(value: float) -> str:
     return "–" if np.isnan(value) else significant(float(value), 2)

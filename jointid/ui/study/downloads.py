@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Study
 from jointid.answer import without
-from jointid.arrays import Floats
 from jointid.exporting import (
     LANGUAGES,
     Identification,
@@ -31,48 +28,24 @@ from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 
-_SNIPPETS = {
-    "MuJoCo": (".xml", mujoco_snippet),
-    "URDF": (".urdf", urdf_snippet),
-    "SDF": (".sdf", sdf_snippet),
+_SNIPPETS = (
+    ("MuJoCo", ".xml", mujoco_snippet),
+    ("URDF", ".urdf", urdf_snippet),
+    ("SDF", ".sdf", sdf_snippet),
+)
+_HINTS = {
+    "Gear laws": "Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
+    "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller."
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Results:
-    """The files of an analysis."""
-
-    identification: Identification
-    json: str
-    toml: str
-    phasors: str
-    transfer: str
-    """Only a header when the records allow no transfer matrix."""
-    gears: str
-    mat: bytes
+@st.cache_resource(max_entries=64, show_spinner="Collecting the results")
+def results(digest: str, method: str, _analysis: Analysis) -> Identification:
+    """Collect the results of an analysis for its files, which are written when they are saved."""
+    return identification(_analysis)
 
 
-@st.cache_resource(max_entries=64, show_spinner="Writing the files")
-def results(digest: str, method: str, _analysis: Analysis) -> Results:
-    """Write the files of an analysis."""
-    found = identification(_analysis)
-    return Results(
-        identification=found,
-        json=to_json(found),
-        toml=to_toml(found),
-        phasors=phasor_table(_analysis),
-        transfer=transfer_matrix_table(_analysis),
-        gears=gear_table(found),
-        mat=to_mat(_analysis),
-    )
-
-
-def snippets(found: Identification, gear_ratio: Floats) -> dict[str, tuple[str, str]]:
-    """Return each simulator's file ending and text, by the simulator's name."""
-    return {name: (ending, write(found, gear_ratio)) for name, (ending, write) in _SNIPPETS.items()}
-
-
-def show_identification_files(results: Results, stem: str) -> None:
+def show_identification_files(found: Identification, analysis: Analysis, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
     st.subheader("K, D and how they were obtained", anchor=False)
     st.write(
@@ -80,59 +53,54 @@ def show_identification_files(results: Results, stem: str) -> None:
         "fitted. SI units, seen from the motors."
     )
     with st.container(horizontal=True):
-        download("JSON", results.json, f"{stem}.json", "application/json")
-        download("TOML", results.toml, f"{stem}.toml", "application/toml")
+        download("JSON", lambda: to_json(found).encode(), f"{stem}.json", "application/json")
+        download("TOML", lambda: to_toml(found).encode(), f"{stem}.toml", "application/toml")
         download(
             "MATLAB (.mat)",
-            results.mat,
+            lambda: to_mat(analysis),
             f"{stem}.mat",
             "application/octet-stream",
             hint="identification, model for ss(A, B, C, D), transfer for frd(H, omega), as measured and "
             "without friction and delay, and phasors.",
         )
     language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
-    st.code(code_listing(results.identification, language), language=None)
+    st.code(code_listing(found, language), language=None)
     with st.expander("The whole file"):
-        st.code(results.toml, language="toml", height=360)
+        st.code(to_toml(found), language="toml", height=360)
 
 
-def show_tables(results: Results, analysis: Analysis, stem: str) -> None:
-    """Offer phasors and transfer matrix as CSV."""
+def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
+    """Offer phasors, gear laws and transfer matrix as CSV."""
     st.subheader("Tables", anchor=False)
+    separate = f", and in separate columns from torques {without(analysis.fit)}"
     st.write(
-        "CSV with a header line, every number with all its digits. H stands there as measured"
-        + (
-            f", and from torques {without(analysis.fit)} in columns of their own."
-            if without_friction_and_delay(analysis)
-            else "."
-        )
+        "CSV with a header line, every number with all its digits. H as measured"
+        + (separate if without_friction_and_delay(analysis) else "")
+        + "."
     )
+    tables = {
+        "Phasors": ("phasors", lambda: phasor_table(analysis), analysis.study.sine_records),
+        "Gear laws": ("gears", lambda: gear_table(found), True),
+        "Transfer matrix H": ("H", lambda: transfer_matrix_table(analysis), analysis.transfer_matrices),
+    }
     with st.container(horizontal=True):
-        if analysis.study.sine_records:
-            download("Phasors (.csv)", results.phasors, f"{stem}_phasors.csv", "text/csv")
-        download(
-            "Gear laws (.csv)",
-            results.gears,
-            f"{stem}_gears.csv",
-            "text/csv",
-            hint="Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
-            "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller.",
-        )
-        if analysis.transfer_matrices:
-            download("Transfer matrix H (.csv)", results.transfer, f"{stem}_H.csv", "text/csv")
+        for name, (end, write, there) in tables.items():
+            if there:
+                file, data = f"{stem}_{end}.csv", lambda write=write: write().encode()
+                download(f"{name} (.csv)", data, file, "text/csv", hint=_HINTS.get(name))
     if not analysis.transfer_matrices:
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 
 
-def show_simulator_files(results: Results, study: Study, stem: str) -> None:
+def show_simulator_files(found: Identification, study: Study, stem: str) -> None:
     """Offer the joints as snippets for simulators; ask for gear ratios that the study does not state."""
     n, ratio = study.inertia.n, study.gear_ratios
     st.subheader("For robot simulators", anchor=False)
     st.write(
         "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
-        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: of a "
-        "nonlinear gear they get the secant of its torsion curve at the largest torque tried, stated "
-        "in the file."
+        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: a "
+        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque tried, "
+        "which the file states."
     )
     if ratio is None:
         entered = st.text_input(
@@ -149,20 +117,15 @@ def show_simulator_files(results: Results, study: Study, stem: str) -> None:
     if entered.strip():
         try:
             ratio = np.array(numbers_in("Gear ratios", entered, count=n))
-            for tab, (name, (ending, text)) in zip(
-                st.tabs(["MuJoCo", "URDF", "SDF"]),
-                snippets(results.identification, ratio).items(),
-                strict=True,
-            ):
+            texts = [(name, ending, write(found, ratio)) for name, ending, write in _SNIPPETS]
+            for tab, (name, ending, text) in zip(st.tabs([x[0] for x in texts]), texts, strict=True):
                 with tab:
                     download(f"{name} ({ending})", text, f"{stem}{ending}", "application/xml")
                     st.code(text, language="xml", height=360)
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption(
-            "Without them there is no snippet: a ratio that was guessed would be wrong by its square."
-        )
+        st.caption("Without gear ratios there is no snippet: an error in a ratio counts by its square.")
 
 
 def show_study_files(study: Study, stem: str) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import streamlit as st
 
 from jointid import Analysis
@@ -14,7 +17,7 @@ from jointid.figures import (
     torsion_curve,
     unexplained_torque,
 )
-from jointid.ui.shared.charts import download, side_by_side
+from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
@@ -22,94 +25,85 @@ from jointid.wording import file_stem
 
 _SPREAD = 1.5
 """Largest over smallest torque amplitude from which K over amplitude is worth a plot."""
+_DYNAMIC_STIFFNESS = r"""
+$(K_j + i\omega D_j)\,a_j = b_j$ (8) with
+$\mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q - \mathbf M_2^{-1}\boldsymbol\tau$ (9)
+and $\mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q$ (11).
+The real part of b/a is K at every frequency, the imaginary part ωD; bars are ± one standard error.
+Deviations at some frequencies only indicate friction, a torque delay or wrong inertias.
+"""
 
 
-def show_torsion(page: Page, analysis: Analysis) -> None:
-    """Show the torsion curve of every gear, and K over amplitude where the records differ in it."""
-    fit = analysis.fit
-    st.subheader("Torsion curve of each gear", anchor=False)
+def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
+    """Return the figures that a study allows by their names, the torsion curves first."""
+    fit, dark, nominal = analysis.fit, page.dark, page.study.nominal
+    only_sines = not page.study.motion_records  # most figures look at every sine separately
+    pose = next(iter(analysis.transfer_matrices), "")
+    poses = [record.pose or "" for record in analysis.study.records]
+    amplitudes = [curve.amplitude_Nm for curve in fit.torsion_curves]
+
+    def show(
+        what: str, draw: Callable[[int], Any], caption: str, heading: str = "**Joint {0}**"
+    ) -> None:
+        st.caption(caption)
+        page.show_per_joint(f"{what} {pose}", draw, what, heading=heading)
+
+    found = {
+        "Torsion curve": lambda: _show_torsion(page, analysis),
+        "Frequency response": lambda: show(
+            "H{0}{0} over frequency, measured and modelled",
+            lambda j: element_response(analysis, j, j, pose=pose, dark=dark),
+            "Acceleration of each motor over its torque, the controllers removed." + freed_note(fit),
+            heading="**H{0}{0}**",
+        ),
+        "Dynamic stiffness": lambda: show(
+            "Dynamic stiffness of joint {0}",
+            lambda j: dynamic_stiffness(fit, j, nominal, dark=dark),
+            _DYNAMIC_STIFFNESS,
+        ),
+        "K over amplitude": lambda: show(
+            "Stiffness of joint {0} over the torque amplitude of the records",
+            lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
+            "K of each record over its torque amplitude. A linear gear gives a level line.",
+        ),
+        "Residual": lambda: show(
+            "Residual torque of joint {0} against noise",
+            lambda j: unexplained_torque(fit, j, dark=dark),
+            "Torque that the model leaves unexplained in each record. Noise alone leaves the dashes; "
+            "points far above them show an effect that the model lacks, and the error bars are widened.",
+        ),
+    }
+    allowed = {
+        "Torsion curve": True,
+        "Frequency response": bool(analysis.transfer_matrices),
+        "Dynamic stiffness": only_sines,
+        "K over amplitude": only_sines and all(a.max() > _SPREAD * a.min() for a in amplitudes),
+        "Residual": only_sines,
+    }
+    return {name: show for name, show in found.items() if allowed[name]}
+
+
+def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
-        "Torque through the gear over its wind-up, from motor data alone: s = τ − Mθ̈ − friction, wound "
-        "up by θ − θₐ with M₂θ̈ₐ = s. Each loop is one record, or one segment of a motion, with a band "
-        "of ± two standard errors; damping opens it. The mean wind-up of a record is not observable and "
-        "set to 0. "
-        "Amplitudes beyond those tried are not known."
+        "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
+        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
     page.show_per_joint(
         "torsion",
-        lambda j: torsion_curve(fit, j, dark=page.dark),
+        lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    for j, place in enumerate(side_by_side(fit.n)):
-        with place:
-            terms = gear_terms(fit, j)
-            show_text_table({"": [*terms], f"Joint {j + 1}": [*terms.values()]})
+    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    names = dict.fromkeys(name for terms in each for name in terms)
+    show_text_table(
+        {"Joint": [f"{j}" for j in range(1, len(each) + 1)]}
+        | {name: [terms.get(name, "–") for terms in each] for name in names}
+    )
     download(
         "Torsion curves (.csv)",
         lambda: torsion_table(analysis).encode(),
         f"{file_stem(page.study.name)}_torsion.csv",
         "text/csv",
-    )
-    largest = [curve.amplitude_Nm for curve in fit.torsion_curves]
-    sines = not analysis.study.motion_records
-    if sines and all(a.max() > _SPREAD * a.min() for a in largest):
-        with st.expander("K over amplitude and pose"):
-            poses = [record.pose or "" for record in analysis.study.records]
-            page.show_per_joint(
-                "amplitude",
-                lambda j: stiffness_over_amplitude(fit, j, poses, dark=page.dark),
-                "Stiffness of joint {0} over the torque amplitude of the records",
-            )
-
-
-def show_dynamic_stiffness(page: Page, analysis: Analysis) -> None:
-    """Show b/a of every record over frequency, with its equations."""
-    st.subheader("Dynamic stiffness of each record", anchor=False)
-    st.latex(
-        r"""\begin{gathered}
-        (K_j + i\omega D_j)\,a_j = b_j \quad (8) \\
-        \mathbf a = (\mathbf I + \mathbf M_2^{-1}\mathbf M)s^2\mathbf q
-        - \mathbf M_2^{-1}\boldsymbol\tau \quad (9) \\
-        \mathbf b = s^2\boldsymbol\tau - \mathbf M s^4\mathbf q \quad (11)
-        \end{gathered}"""
-    )
-    st.caption(
-        "The real part of b/a is K at every frequency, the imaginary part grows as ωD. Bars: ± one "
-        "standard error. Points that leave the lines at some frequencies only tell of friction, a "
-        "torque delay, or inertias that are off; a joint that hardly moves in a record tells "
-        "little there."
-    )
-    page.show_per_joint(
-        "stiffness",
-        lambda j: dynamic_stiffness(analysis.fit, j, page.study.nominal, dark=page.dark),
-        "Dynamic stiffness of joint {0}",
-    )
-
-
-def show_unexplained(page: Page, analysis: Analysis) -> None:
-    """Show the residual torque of every record against noise."""
-    st.subheader("What the model leaves unexplained", anchor=False)
-    st.caption(
-        "Points at the height of the dashes: noise explains the rest. Points far above: there the model "
-        "is wrong, not the noise, and the error bars are widened accordingly."
-    )
-    page.show_per_joint(
-        "unexplained",
-        lambda j: unexplained_torque(analysis.fit, j, dark=page.dark),
-        "Unexplained torque of joint {0} against noise",
-    )
-
-
-def show_response(page: Page, analysis: Analysis) -> None:
-    """Show the diagonal of H of the first pose, models over measurement."""
-    st.subheader("Fit over measurement", anchor=False)
-    st.caption(
-        "The identified and the nominal model over the transfer matrix." + freed_note(analysis.fit)
-    )
-    pose = next(iter(analysis.transfer_matrices))
-    page.show_per_joint(
-        f"fit {pose}",
-        lambda j: element_response(analysis, j, j, pose=pose, dark=page.dark),
-        "H{0}{0} over frequency, measured and modelled",
-        heading="**H{0}{0}**",
+        hint="Torque s = τ − Mθ̈ − friction over wind-up θ − θₐ, with M₂θ̈ₐ = s. The mean wind-up of a "
+        "record is not observable and set to 0.",
     )

@@ -8,7 +8,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit
-from jointid.answer import ERROR_BARS, further_quantities, model_name
+from jointid.answer import ERROR_BARS, friction_note, further_quantities, model_name
 from jointid.estimation.candidates import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.cached import ESTIMATORS
@@ -18,21 +18,20 @@ from jointid.ui.shared.messages import show_text_table
 
 def show_estimates(analysis: Analysis) -> None:
     """One row per estimator, the chosen one first."""
-    st.caption(
-        f"Shown on every page: **{analysis.fit.method}**; the sidebar chooses another. {ERROR_BARS} "
-        "The linear estimators keep the given inertias, so that their error bars contain all of "
-        "their uncertainty."
-    )
     show_text_table(estimates_table(analysis))
-    with st.expander("What each estimator is"):
-        st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
-        st.markdown(
-            "The D formula that the paper prints as (15) weights the records differently from its "
-            "pseudo-inverse (13)–(14). Both are exact without noise."
-        )
+    st.caption(
+        f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
+        "The linear estimators keep the given inertias, so their error bars contain the whole "
+        "uncertainty of these."
+    )
+    st.markdown("\n".join(f"- **{name}**: {line}" for name, line in ESTIMATORS.items()))
+    st.markdown(
+        "The D formula that the paper prints as (15) weights the records differently from its "
+        "pseudo-inverse (13)–(14). Both are exact without noise."
+    )
 
 
-def show_also_fitted(fit: ElasticityFit) -> None:
+def show_fitted_model(fit: ElasticityFit) -> None:
     """The model, what was fitted in addition to K and D, and the compared models."""
     st.write(f"Fitted model: {model_name(fit)}.")
     if further := further_quantities(fit):
@@ -40,23 +39,23 @@ def show_also_fitted(fit: ElasticityFit) -> None:
         show_text_table(
             {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
         )
+    if note := friction_note(fit):
+        st.caption(note)
     if fit.candidates:
-        with st.expander("Which models were compared"):
-            _show_candidates(fit.candidates)
+        _show_candidates(fit.candidates)
 
 
 def _show_candidates(candidates: Sequence[Candidate]) -> None:
     st.write(
-        "The model with the smallest criterion is taken: what is left unexplained, plus a price for "
-        "every parameter. Around a reversal a motor may stick, and its friction is then unknown: "
-        '"free below 3 %" leaves it open where the motor is slower than 3 % of its largest speed, at '
-        "the price of many parameters."
+        "Models compared. The one with the smallest information criterion is chosen: its residual "
+        "plus a penalty for every parameter. Around a reversal a motor may stick and its friction is "
+        'unknown: "free below 3 %" leaves friction free below 3 % of the largest speed.'
     )
     show_text_table(
         {
-            "Model": [c.name + (" (taken)" if c.chosen else "") for c in candidates],
+            "Model": [c.name + (" (chosen)" if c.chosen else "") for c in candidates],
             "Parameters": ["–" if c.problem else str(c.parameters) for c in candidates],
-            "Left over / noise": [_left_over(c) for c in candidates],
+            "Residual / noise": [_left_over(c) for c in candidates],
             "Criterion": [c.problem or significant(c.criterion, 4) for c in candidates],
         }
     )
@@ -81,10 +80,10 @@ def estimates_table(analysis: Analysis) -> Table:
         columns[name] = [with_error(v, e) for v, e in zip(values, errors, strict=True)]
         if nominal is not None:
             columns[name].append(plain(float(np.concatenate([nominal.K, nominal.D])[k])))
-    columns["Left over / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
+    columns["Residual / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
     if nominal is not None:
         columns["Estimator"].append("nominal")
-        columns["Left over / noise"].append("–")
+        columns["Residual / noise"].append("–")
     return columns
 
 
@@ -92,8 +91,8 @@ def show_matrix(fit: ElasticityFit) -> None:
     """Equation (12) with its condition, and the correlation of the estimates."""
     st.write(
         f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With columns of "
-        f"unit length its condition number is {significant(fit.condition, 3)}. Near 1, K and D are "
-        "told apart well."
+        f"unit length its condition number is {significant(fit.condition, 3)}; near 1, the records "
+        "determine K and D independently."
     )
     A, b = fit.equations.matrix()
     names = [name for j in range(1, fit.n + 1) for name in (f"D{j}", f"K{j}")]

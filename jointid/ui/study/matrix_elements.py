@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, TransferMatrix
-from jointid.figures import element_response, single_record, torque_condition
+from jointid.figures import VIEWS, element_response, single_record, torque_condition
 from jointid.rounding import minus, significant, with_error
 from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
 from jointid.ui.shared.messages import show_info
@@ -47,38 +50,30 @@ def choose_element(n: int) -> tuple[int, int]:
 def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> None:
     """Show H_ij over frequency; a diagonal element beside the single-record responses of its joint."""
     n, name = page.study.inertia.n, f"H{i + 1}{j + 1}"
-    figure = page.drawn(
-        f"element {i} {j} {pose}", lambda: element_response(analysis, i, j, pose=pose, dark=page.dark)
-    )
+    view = choose_segment("View", VIEWS, "view", hide_label=True)
+    drawn: dict[str, Any] = {"pose": pose, "dark": page.dark, "view": view}
+    what = f"{name} over frequency, measured and modelled"
+    draw = partial(element_response, analysis, i, j, **drawn)
     if i == j and n > 1 and page.study.of_pose(pose).any():
         left, right = st.columns(2)
         with left:
             st.markdown(f"**One record alone** (Figure 3): acceleration over torque of joint {i + 1}")
-            alone = page.drawn(
-                f"single {i} {pose}", lambda: single_record(analysis, i, pose=pose, dark=page.dark)
-            )
-            plot(
-                alone,
+            page.show(
+                f"alone {i} {pose} {view}",
+                partial(single_record, analysis, i, **drawn),
                 f"Acceleration over torque of joint {i + 1} from single records, over frequency",
-                key="alone",
             )
         with right:
             figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
             st.markdown(f"**All records together**{figure_number}: {name}")
-            plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
-        st.caption(
-            "Both figures share their scale. A peak that stands on the left only is made by the other "
-            "joints' controllers." + freed_note(analysis.fit)
-        )
+            page.show(f"H {i} {j} {pose} {view}", draw, what)
+        note = "A peak only in the left figure comes from the other joints' controllers."
     else:
-        if i == j:
-            st.caption("Measured points with ± one standard error." + freed_note(analysis.fit))
-        plot(figure, f"{name} over frequency, magnitude and phase, measured and modelled", key="H")
+        page.show(f"H {i} {j} {pose} {view}", draw, what)
+        note = "Measured points with ± one standard error."
         if i != j:
-            st.caption(
-                f"{name} and H{j + 1}{i + 1} must be equal, because the coupling inertia is one number."
-                + freed_note(analysis.fit)
-            )
+            note = f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
+    st.caption(note + freed_note(analysis.fit))
 
 
 def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
@@ -86,9 +81,9 @@ def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
     if matrix.H.shape[1] > 1:
         st.subheader("How well H is known", anchor=False)
         st.write(
-            "A condition number of 1 means that the records' torques are as different as can be; at "
-            "100 their noise is amplified about a hundredfold. The reciprocity error is the largest "
-            "difference between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
+            "With a condition number of 1 the torques of the records are orthogonal; at 100 their "
+            "noise is amplified about a hundredfold. The reciprocity error is the largest difference "
+            "between $H_{ij}$ and $H_{ji}$, relative to the diagonal."
         )
         what = "Condition number and reciprocity error over frequency"
         plot(torque_condition(matrix, dark=dark), what)

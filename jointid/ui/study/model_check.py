@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
 from jointid.rounding import significant, with_error
+from jointid.study import NOT_USABLE
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
@@ -39,21 +42,32 @@ def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
     return fits_by_pose(_analysis.phasors, study.inertias, poses, _analysis.fit)
 
 
+def show_prediction(page: Page, analysis: Analysis) -> None:
+    """How well the model predicts records that are left out, in one line; nothing where it cannot."""
+    if page.study.motion_records or analysis.state == NOT_USABLE:
+        return
+    with suppress(JointIdError):
+        st.caption(_sentence(_prediction(page.digest, page.method, analysis)))
+
+
+def _sentence(prediction: Prediction) -> str:
+    apart = significant(100 * float(np.median(prediction.relative_error)), 2)
+    times = significant(float(np.sqrt(prediction.misfit)), 2)
+    return (
+        f"Prediction of records left out of the fit: H within {apart} % (median), {times} × the stated "
+        "errors; about 1 when the model holds."
+    )
+
+
 def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
-    st.markdown("**Prediction of what was left out**")
+    st.markdown("**Prediction of records left out of the fit**")
     try:
         prediction = _prediction(page.digest, page.method, analysis)
     except JointIdError as error:
         show_info(error)
     else:
-        apart = significant(100 * float(np.median(prediction.relative_error)), 2)
-        times = significant(float(np.sqrt(prediction.misfit)), 2)
-        st.caption(
-            "The model is fitted to every second frequency and predicts H at the others, and the other "
-            f"way round. Median difference {apart} %: {times} times what the error bars explain, about "
-            "1 when the model holds."
-        )
+        st.caption("Fits to every second frequency predict H at the others. " + _sentence(prediction))
         what = "Measured and predicted H over frequency, and their relative difference"
         plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
 
@@ -61,8 +75,8 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     residuals = record_residuals(analysis.phasors, analysis.fit)
     record, joint = residuals.worst
     show_note(
-        "Torque left unexplained over what noise makes of it: about 1 when the model holds, seldom "
-        f"above 3. Largest: {residuals.labels[record]}, joint {joint + 1}."
+        "Residual torque over its noise: about 1 when the model holds, seldom above 3. "
+        f"Largest: {residuals.labels[record]}, joint {joint + 1}."
     )
     plot(
         normalised_residuals(residuals, dark=page.dark),
@@ -81,8 +95,8 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         return
     st.markdown("**Harmonics of the torques**")
     st.caption(
-        "Linear springs put nothing at multiples of the excitation. Odd harmonics tell of friction, "
-        "even ones of play or a lopsided load. Pale: not told from noise."
+        "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
+        "backlash or a one-sided load. Pale bars: within the noise."
     )
     n = analysis.fit.n
     for j, place in enumerate(side_by_side(n)):
@@ -94,12 +108,12 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
 
 def _show_amplitudes(analysis: Analysis) -> None:
     found = amplitude_dependence(analysis.fit)
-    told = np.flatnonzero(np.isfinite(found.standard_error))
-    if not told.size:
+    known = np.flatnonzero(np.isfinite(found.standard_error))
+    if not known.size:
         return
     st.markdown("**Stiffness over amplitude**")
     lines = []
-    for j in told:
+    for j in known:
         low, high = (significant(1e3 * float(x), 2) for x in found.deflection_rad[j])
         change = with_error(100 * float(found.change[j]), 100 * float(found.standard_error[j]))
         lines.append(f"- Joint {j + 1}: {change} % from {low} to {high} mrad of deflection.")
@@ -114,8 +128,9 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         show_info(error)
         return
     st.write(
-        "K and D do not depend on the pose. Where they seem to, M2 of a pose is off or the gear "
-        "hardens. Distance: of the poses from their mean, in standard errors; about 1 when they agree."
+        "K and D do not depend on the pose. A difference indicates a wrong M2 of one pose or a "
+        "hardening gear. Distance: of the poses from their mean, in standard errors; about 1 when they "
+        "agree."
     )
     columns: dict[str, list[str]] = {"Pose": [*(name or NO_POSE for name in fits.names), "Distance"]}
     for k, name in enumerate(names_of(analysis)):

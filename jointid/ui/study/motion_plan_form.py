@@ -1,4 +1,4 @@
-"""Planning of motions: limits, and what a sweep and a multisine would tell."""
+"""Planning of motions: limits, and the expected accuracy of a sweep and a multisine."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _planned(
 
 
 def show_motion_plan(page: Page, analysis: Analysis) -> None:
-    """Ask for the limits and show what each motion would tell."""
+    """Ask for the limits and show the expected accuracy of each motion."""
     st.write(
         "The identified robot is simulated with a sweep and a multisine within your limits and with the "
         "noise of this study; the table shows the expected errors of K and D. A multisine on odd "

@@ -13,14 +13,17 @@ from jointid.rounding import plain
 from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_note
+from jointid.ui.shared.messages import show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
+from jointid.ui.shared.page import Page
+from jointid.ui.study.corrections import offer_changes
 from jointid.wording import counted, file_stem
 
-_ORIGINS = {"simulated": "simulated", "measured": "measured", "": "origin not stated"}
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}
 _MOST_FINDINGS = 3
+_MOST_TILES = 4
+"""Joints; more are shown in a table."""
 _TILE_GAP = 16  # px, streamlit's
 _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1440 px
 
@@ -28,17 +31,24 @@ _TILE_WIDTH = 232  # px: room for "0.015006 ± 0.000007", and four in a row at 1
 def show_heading(study: Study) -> None:
     """Name, origin and contents."""
     st.title(markdown_escape(study.name) or "Study without a name", anchor=False)
-    badge = f":gray-badge[{_ORIGINS[study.origin]}]"
+    badge = f":gray-badge[{study.origin or 'origin not stated'}]"
     st.markdown(" &nbsp;·&nbsp; ".join([badge, *study.facts]))
     for text in (study.description, *study.remarks):
         if text:
             st.caption(markdown_escape(text))
 
 
-def show_headline(analysis: Analysis) -> None:
-    """The answer as a sentence, or why it is not usable; what limits it."""
+def show_headline(analysis: Analysis, page: Page | None = None) -> None:
+    """The answer as a sentence, or why it is not usable; what limits it.
+
+    With a page, the reason comes with its finding and the changes that may remedy it.
+    """
     if analysis.state == NOT_USABLE:
-        st.error(f"#### {markdown_escape(analysis.headline)}")
+        lead = f"#### {markdown_escape(analysis.headline)}"
+        if page is None:
+            st.error(lead)
+        else:
+            _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
     st.subheader(analysis.headline, anchor=False)
@@ -52,26 +62,41 @@ def show_tiles(analysis: Analysis) -> None:
     """K and D of every joint with ± one standard error, against the nominal values."""
     n = analysis.fit.n
     found = analysis.quantities
-    if n <= 2:  # a joint's two tiles stay together: four in a row, or two and two
-        with st.container(horizontal=True):
-            for j in range(n):
-                with st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
-                    for k in (j, n + j):
-                        _tile(analysis, found[k], k)
+    if n > _MOST_TILES:
+        show_text_table(_values_table(analysis, found))
         return
-    for first in (0, n):
-        with st.container(horizontal=True):
-            for k in range(first, first + n):
+    for j in range(n):  # a joint's two tiles stay together; a row holds two joints
+        if j % 2 == 0:
+            row = st.container(horizontal=True)
+        with row, st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
+            for k in (j, n + j):
                 _tile(analysis, found[k], k)
 
 
+def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:
+    """One row per joint, for many joints."""
+    n = analysis.fit.n
+    columns: dict[str, list[str]] = {"Joint": [f"{j + 1}" for j in range(n)]}
+    for name, own in (("K", found[:n]), ("D", found[n:])):
+        columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
+        if analysis.nominal is not None and analysis.state != NOT_USABLE:
+            first = 0 if name == "K" else n
+            columns[f"nominal {name}"] = [_nominal(analysis, q, first + j) for j, q in enumerate(own)]
+    return columns
+
+
+def _nominal(analysis: Analysis, found: Quantity, k: int) -> str:
+    """Nominal value with its change, empty without one."""
+    if analysis.nominal is None:
+        return ""
+    reference = float(analysis.nominal[k])
+    change = f" ({change_from(found.value, found.error, reference)})" if reference > 0 else ""
+    return plain(float(f"{reference:.5g}")) + change
+
+
 def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
-    n, assumed = analysis.fit.n, None
-    if analysis.nominal is not None:
-        reference = float(analysis.nominal[k])
-        assumed = f"nominal {plain(reference)}"
-        if reference > 0:
-            assumed += f" ({change_from(found.value, found.error, reference)})"
+    n = analysis.fit.n
+    assumed = f"nominal {text}" if (text := _nominal(analysis, found, k)) else None
     label = f"{found.name} ({found.unit})"
     if analysis.state == NOT_USABLE:
         label, assumed = f":red[Not usable:] {label}", None
@@ -89,23 +114,29 @@ def _tile(analysis: Analysis, found: Quantity, k: int) -> None:
     )
 
 
-def show_findings(findings: Sequence[Finding]) -> None:
-    """At most three findings, most important first; the others on demand."""
+def show_findings(page: Page, analysis: Analysis) -> None:
+    """At most three findings, most important first; the others on demand.
+
+    That of an unusable answer is in the headline.
+    """
+    findings = analysis.findings[analysis.state == NOT_USABLE :]
     for finding in findings[:_MOST_FINDINGS]:
-        _finding(finding)
+        _finding(page, analysis, finding)
     if rest := findings[_MOST_FINDINGS:]:
         with st.expander(counted(len(rest), "more finding")):
             for finding in rest:
-                _finding(finding)
+                _finding(page, analysis, finding)
 
 
-def _finding(finding: Finding) -> None:
+def _finding(page: Page, analysis: Analysis, finding: Finding, lead: str = "") -> None:
     box = _BOXES[finding.level]
     remedy = f"  \n*{markdown_escape(finding.remedy)}*" if finding.remedy else ""
     if finding.action:
         step, part = ACTIONS[finding.action]
         remedy += f"  \nIn the app: page {step.name}, {part}"
-    box(f"**{markdown_escape(finding.title)}.** {markdown_escape(finding.detail)}{remedy}")
+    lead = f"{lead}\n\n" if lead else f"**{markdown_escape(finding.title)}.** "
+    box(f"{lead}{markdown_escape(finding.detail)}{remedy}")
+    offer_changes(page, analysis, finding)
 
 
 def freed_note(fit: ElasticityFit) -> str:

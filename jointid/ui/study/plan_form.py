@@ -8,10 +8,11 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Inertia, JointIdError
+from jointid.answer import UNITS
 from jointid.arrays import Complexes, Floats
 from jointid.rounding import UNDETERMINED, minus, significant, with_error
 from jointid.ui.shared.background import run_in_background
-from jointid.ui.shared.charts import NO_POSE, UNITS, Table
+from jointid.ui.shared.charts import NO_POSE, Table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page

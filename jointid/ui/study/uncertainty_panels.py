@@ -11,20 +11,19 @@ from streamlit.delta_generator import DeltaGenerator
 from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
-from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, Quantity, elasticity_quantities
+from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
-    show_error,
     show_info,
     show_progress,
     show_text_table,
 )
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import result_cache
+from jointid.ui.shared.results import computed_on_click
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
@@ -32,12 +31,6 @@ from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 
 _PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
-
-
-def reporter(place: DeltaGenerator, what: str) -> Callable[[float], None]:
-    """Return a function that shows progress at ``place`` after half a second."""
-    began, show = monotonic(), steps_at(place)
-    return lambda done: show(done, what) if monotonic() > began + _PATIENCE_S and done > 0 else None
 
 
 def steps_at(place: DeltaGenerator) -> Callable[[float, str], None]:
@@ -63,47 +56,34 @@ def on_demand(label: str, key: str) -> ExpanderContainer:
 
 
 def show_errors(analysis: Analysis) -> None:
-    """K and D with their errors beside the paper's answer, the parts of the errors, and the inertias."""
+    """K and D with the parts of their errors, beside the paper's answer."""
     show_text_table(errors_table(analysis))
-    show_error_parts(analysis)
-    st.markdown("**Inertias and torque scale**")
-    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
     st.caption(
-        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
-        "study states. Fitted: together with K and D."
+        f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
+        "square."
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
 
 
-def show_error_parts(analysis: Analysis) -> None:
-    """The parts of the standard errors, one click away."""
-    with st.expander("Parts of the error bars"):
-        header, rows = error_table(analysis.fit)
-        show_text_table(dict(zip(header, _columns(rows), strict=True)))
-        st.caption(f"{ERROR_BARS} The squares of its parts add up to its square.")
-
-
 def errors_table(analysis: Analysis) -> Table:
-    """One row per parameter, with the paper's answer."""
-    found = elasticity_quantities(analysis.fit)
-    columns: dict[str, list[str]] = {
+    """One row per parameter: estimate, parts of its error, and the paper's answer."""
+    fit, found = analysis.fit, elasticity_quantities(analysis.fit)
+    header, rows = error_table(fit)
+    columns: dict[str, Sequence[str]] = {
         "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
         "Estimate": [quantity.shown[0] for quantity in found],
     }
-    if "least-squares" not in analysis.fits:
+    columns |= dict(list(zip(header, _columns(rows), strict=True))[2:])  # after name and whole error
+    if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
     paper = elasticity_quantities(analysis.fits["least-squares"])
-
-    def apart(one: Quantity, other: Quantity) -> str:
-        if analysis.fit.method == "least-squares":
-            return "the same"
-        known = np.isfinite([one.error, other.error]).all()
-        return difference(other.value, one.value) if known else "–"
-
+    pairs = list(zip(paper, found, strict=True))
+    known = [np.isfinite([one.error, other.error]).all() for one, other in pairs]
+    apart = [difference(one.value, other.value) for one, other in pairs]
     return columns | {
         "Paper's least squares": [quantity.shown[0] for quantity in paper],
-        "Difference": [apart(one, other) for one, other in zip(found, paper, strict=True)],
+        "Difference": [text if is_known else "–" for text, is_known in zip(apart, known, strict=True)],
     }
 
 
@@ -120,8 +100,13 @@ def difference(other: float, value: float) -> str:
     return f"{'+' if percent > 0 else '−'}{size} %" if percent else "0 %"
 
 
-def show_influence(page: Page, analysis: Analysis) -> None:
-    """Change of K and D by each given inertia and torque scale."""
+def show_inertias(analysis: Analysis) -> None:
+    """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
+    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
+    st.caption(
+        "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
+        "study states. Fitted: together with K and D."
+    )
     try:
         found = prior_influence(analysis.fit)
     except JointIdError as error:
@@ -152,34 +137,23 @@ def _signed(percent: float) -> str:
 def show_checks(page: Page, analysis: Analysis) -> None:
     """Bootstrap and jackknife, on demand."""
     st.write(
-        "Two checks that do not use the stated error bars. The bootstrap draws the noise and the given "
-        "inertias again and repeats the estimate: compare it with the stated error. The jackknife "
-        "leaves out one frequency at a time and takes the scatter for the error, from any cause but the "
-        "inertias, which all records share: compare it with the part from noise. A factor of two is no "
-        "reason for concern. A jackknife far above that part indicates a model that does not hold; a "
-        "bootstrap far above the range of 68 % of its draws indicates an estimate that some noise "
-        "throws far off."
+        "Two checks independent of the stated errors. The bootstrap repeats the estimate with new noise "
+        "and new given inertias: compare it with the stated error. The jackknife leaves out one "
+        "frequency at a time; its scatter includes every cause but the inertias, which all records "
+        "share: compare it with the part from noise. A factor of two is normal. A jackknife far above "
+        "it indicates a wrong model; a bootstrap far above the range of 68 % of its draws indicates "
+        "outliers by noise."
     )
-    key = ("checks", page.digest, page.method)
-    checks: tuple[Bootstrap, Jackknife | str] | None = result_cache().get(key)
+    slow = analysis.fit.friction is not None or analysis.fit.delay is not None
+    draws = _SLOW_DRAWS if slow else _FAST_DRAWS
+    checks = computed_on_click(
+        ("checks", page.digest, page.method),
+        f"Check the error bars ({draws} draws)",
+        "check_errors",
+        lambda bar: _checks(page, analysis, draws, steps_at(bar)),
+    )
     if checks is None:
-        place, working = st.empty(), st.empty()
-        slow = analysis.fit.friction is not None or analysis.fit.delay is not None
-        draws = _SLOW_DRAWS if slow else _FAST_DRAWS
-        if not place.button(f"Check the error bars ({draws} draws)", key="check_errors"):
-            return
-        place.button("Checking the error bars", key="checking_errors", disabled=True)
-        with working.container():
-            bar = st.progress(0.0, "Drawing noise")
-            st.button("Stop", key="stop_checks", help="Ends the check; nothing is kept of it.")
-        try:
-            checks = _checks(page, analysis, draws, bar)
-        except JointIdError as error:
-            show_error(error, working)
-            return
-        result_cache().put(key, checks)
-        place.empty()
-        working.empty()
+        return
     drawn, left_out = checks
     names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
@@ -195,20 +169,22 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if isinstance(left_out, str):
         show_info(left_out)
         return
-    st.write("What leaving out a frequency changes, in standard errors:")
+    st.write("Change by leaving out a frequency, in standard errors:")
     plot(
         influence_strip(left_out, names, dark=page.dark), "Influence of each frequency", key="influence"
     )
 
 
 def _checks(
-    page: Page, analysis: Analysis, draws: int, bar: DeltaGenerator
+    page: Page, analysis: Analysis, draws: int, show: Callable[[float, str], None]
 ) -> tuple[Bootstrap, Jackknife | str]:
     given = (analysis.phasors, page.study.inertias, analysis.fit)
-    drawn = run_in_background(bootstrap, *given, draws=draws, progress=reporter(bar, "Drawing noise"))
+    drawn = run_in_background(
+        bootstrap, *given, draws=draws, progress=lambda done: show(done, "Drawing noise")
+    )
     try:
         return drawn, run_in_background(
-            jackknife, *given, progress=reporter(bar, "Leaving out frequencies")
+            jackknife, *given, progress=lambda done: show(done, "Leaving out frequencies")
         )
     except JointIdError as error:
         return drawn, str(error)

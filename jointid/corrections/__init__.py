@@ -1,0 +1,1 @@
+"""Corrections of a study, as findings of the verdict propose them."""

@@ -1,0 +1,102 @@
+"""Changes that may remedy a finding: offered, previewed, made and taken back."""
+
+from __future__ import annotations
+
+import numpy as np
+import streamlit as st
+
+from jointid import Analysis, Finding, JointIdError, Study
+from jointid.answer import elasticity_quantities
+from jointid.corrections.changes import corrected, label
+from jointid.files.digest import study_digest
+from jointid.rounding import UNDETERMINED, significant
+from jointid.ui.shared import cached
+from jointid.ui.shared.messages import show_error, show_note, show_text_table
+from jointid.ui.shared.page import Page
+from jointid.ui.shared.workspace import delete, keep, names_by_address, recent
+from jointid.verdict.evidence import Change
+
+_PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
+_SUFFIX = ", corrected"
+
+
+def show_changes(page: Page) -> None:
+    """List the changes of the data as logged, with a way back."""
+    if not page.study.changes:
+        return
+    with st.container(border=True):
+        show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
+        before = st.session_state.get(_BEFORE, {}).get(page.digest)
+        if before in names_by_address():
+            st.button("Undo the last change", key="undo_change", on_click=_undo, args=(before,))
+
+
+def offer_changes(page: Page, analysis: Analysis, finding: Finding) -> None:
+    """Offer the changes that may remedy a finding, and the answer with the one being looked at."""
+    if not finding.changes:
+        return
+    texts = [label(page.study, change) for change in finding.changes]
+    with st.container(horizontal=True):
+        for text in texts:
+            chosen = (page.digest, text)
+            st.button(f"Fix it: {text}", key=f"fix {text}", on_click=_look_at, args=(chosen,))
+    for text, change in zip(texts, finding.changes, strict=True):
+        if st.session_state.get(_PREVIEWED) == (page.digest, text):
+            _preview(page, analysis, change)
+
+
+def _preview(page: Page, analysis: Analysis, change: Change) -> None:
+    with st.container(border=True):
+        try:
+            study = corrected(page.study, change)
+            after = cached.analysis(study_digest(study), page.method, study)
+        except JointIdError as error:
+            show_error(error)
+            st.button("Close", key="cancel_change", on_click=_look_at, args=(None,))
+            return
+        st.markdown("**Before and after**")
+        show_note(study.changes[-1])
+        show_text_table(_compared(analysis, after))
+        show_note(after.headline)
+        with st.container(horizontal=True):
+            st.button(
+                "Apply",
+                key="apply_change",
+                type="primary",
+                on_click=_apply,
+                args=(page, study),
+                help="Makes a new study with this change. The present one stays in the list.",
+            )
+            st.button("Cancel", key="cancel_change", on_click=_look_at, args=(None,))
+
+
+def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
+    columns = {"": ["State"]}
+    columns[""] += [f"{found.name} ({found.unit})" for found in elasticity_quantities(before.fit)]
+    columns[""] += ["Residual / noise"]
+    for heading, each in (("Now", before), ("With the change", after)):
+        misfit = float(np.sqrt(each.fit.misfit))
+        columns[heading] = [
+            each.state,
+            *(found.shown[0] for found in elasticity_quantities(each.fit)),
+            significant(misfit, 2) if np.isfinite(misfit) else UNDETERMINED,
+        ]
+    return columns
+
+
+def _look_at(chosen: tuple[str, str] | None) -> None:
+    st.session_state[_PREVIEWED] = chosen
+
+
+def _apply(page: Page, study: Study) -> None:
+    """Keep the corrected study and show it."""
+    st.session_state.setdefault(_BEFORE, {})[study_digest(study)] = st.session_state["chosen"]
+    keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
+    _look_at(None)
+
+
+def _undo(before: str) -> None:
+    """Show the study before the change, and remove the changed one."""
+    if (changed := st.session_state["chosen"]) in {entry.id for entry in recent().values()}:
+        delete(changed)
+    st.session_state["chosen"] = before
