@@ -116,7 +116,11 @@ def test_mapping_with_anything_in_one_place(data: st.DataObject) -> None:
     place = values
     while True:
         key = data.draw(st.sampled_from(sorted(place) if isinstance(place, dict) else range(len(place))))
-        if not isinstance(place[key], dict | list) or data.draw(st.integers(0, 4)) == 0:
+        if (
+            not isinstance(place[key], dict | list)
+            or not place[key]
+            or data.draw(st.integers(0, 4)) == 0
+        ):
             break
         place = place[key]
     if isinstance(place, dict) and data.draw(st.booleans()):

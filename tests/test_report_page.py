@@ -56,7 +56,9 @@ def test_the_report_is_made_on_demand_and_kept(
     assert not at.error
     assert {"Report as PDF", "Report as HTML"} <= set(offered(at))
     digest = study_digest(studies[joints])
-    made = result_cache().get(("report", digest, at.selectbox(key="estimator").value))
+    made = result_cache().get(
+        ("report", digest, at.selectbox(key="estimator").value, at.selectbox(key="unit").value)
+    )
     assert made is not None
     assert made.pdf.startswith(b"%PDF-")
     assert digest in made.html

@@ -39,8 +39,8 @@ def show_fitted_model(fit: ElasticityFit) -> None:
         show_text_table(
             {"": names, "Fitted": [text for text, _ in shown], "Unit": [unit for _, unit in shown]}
         )
-    if note := friction_note(fit):
-        st.caption(note)
+    if of_friction := friction_note(fit):
+        st.caption(of_friction)
     if fit.candidates:
         _show_candidates(fit.candidates)
 
