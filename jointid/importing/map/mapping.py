@@ -186,7 +186,8 @@ class Mapping:
                         "choose another for one of them."
                     )
                 seen[channel.column] = role
-        if not all(isinstance(what, str) for what in self.assumed):
+        listed = isinstance(self.assumed, list | tuple)
+        if not listed or not all(isinstance(what, str) for what in self.assumed):
             raise JointIdError(f"assumed = {shown(self.assumed)}: expected names of entries.")
         object.__setattr__(self, "assumed", tuple(self.assumed))
         object.__setattr__(self, "joints", tuple(self.joints))

@@ -67,13 +67,13 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
             figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
             st.markdown(f"**All records together**{figure_number}: {name}")
             page.show(f"H {i} {j} {pose} {view}", draw, what)
-        note = "A peak only in the left figure comes from the other joints' controllers."
+        caption = "A peak only in the left figure comes from the other joints' controllers."
     else:
         page.show(f"H {i} {j} {pose} {view}", draw, what)
-        note = "Measured points with ± one standard error."
+        caption = "Measured points with ± one standard error."
         if i != j:
-            note = f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
-    st.caption(note + freed_note(analysis.fit))
+            caption = f"{name} and H{j + 1}{i + 1} are equal, because the coupling inertia is one number."
+    st.caption(caption + freed_note(analysis.fit))
 
 
 def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
