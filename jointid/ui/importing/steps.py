@@ -1,7 +1,5 @@
 """The steps of an import as a list to open: which are done, what is missing, and where one is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 
