@@ -101,7 +101,7 @@ class TestPage:
         app.query_params["study"] = key
         at = shown(app.switch_page(PAGE).run())
         assert "needs a study of two joints" in at.info[0].value
-        assert "is of no study" in at.info[0].value
+        assert "not this study" in at.info[0].value
         assert "Study's own" not in control(at, "cut_nominal").options
         assert "mm" not in at.subheader[0].value
         assert "the example arm with the paper's springs" in words(at)

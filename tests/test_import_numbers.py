@@ -21,6 +21,7 @@ from jointid.ui.shared.parse_numbers import matrix_in, numbers_in
         ("43 7,5", (43, 7.5)),
         ("-1,5 2,5e-3", (-1.5, 2.5e-3)),
         ("0,0031", (0.0031,)),
+        ("101, \N{MINUS SIGN}93.5", (101, -93.5)),
         ("12", (12,)),
     ],
 )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from streamlit.testing.v1 import AppTest
 
@@ -102,3 +104,22 @@ def test_what_is_no_gear_ratio_is_said(app: AppTest, entered: str, said: str) ->
     assert said in at.error[0].value
     assert not any(label.startswith("MuJoCo") for label in offered(at))
     assert any(label.startswith("Study") for label in offered(at))
+
+
+def test_negative_gear_ratios_of_the_study_make_snippets(studies: dict[int, Study]) -> None:
+    def panel(found: object, study: object) -> None:  # its source runs without this file's names
+        from jointid import Study
+        from jointid.exporting import Identification
+        from jointid.ui.study.downloads import show_simulator_files
+
+        assert isinstance(found, Identification)
+        assert isinstance(study, Study)
+        show_simulator_files(found, study, "cell")
+
+    study = replace(studies[2], gear_ratio=np.array([101, -93.5]))
+    kwargs = {"found": identification(analyse(study)), "study": study}
+    at = AppTest.from_function(panel, kwargs=kwargs).run()
+    assert not at.exception
+    assert not at.error
+    assert len(offered(at)) > 1
+    assert "101, −93.5" in at.caption[0].value

@@ -46,7 +46,7 @@ RULES: dict[Rule, str] = {
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
     "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
     "ratios of nominal to identified values, D/K, and the relative uncertainties are this study's.",
-    "demonstration": "A cut in the plane needs a study of two joints. What is shown here is of no "
+    "demonstration": "A cut in the plane needs a study of two joints. This is a demonstration, not this "
     "study: the paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as "
     "if they were known within 1 % and 5 %.",
 }

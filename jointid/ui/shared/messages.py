@@ -12,7 +12,17 @@ from streamlit.delta_generator import DeltaGenerator
 
 from jointid.ui.shared.markdown_escape import markdown_escape
 
-__all__ = ["show_error", "show_info", "show_note", "show_progress", "show_text_table", "show_warning"]
+__all__ = [
+    "SHOWN_AT_MOTOR",
+    "show_error",
+    "show_info",
+    "show_note",
+    "show_progress",
+    "show_text_table",
+    "show_warning",
+]
+
+SHOWN_AT_MOTOR = "K and D of this table are seen from the motor, whatever unit the sidebar selects."
 
 
 def show_error(error: object, place: DeltaGenerator | None = None) -> None:

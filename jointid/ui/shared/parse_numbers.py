@@ -15,7 +15,7 @@ _SURELY = re.compile(r"[+-]?\d+,0\d+(e[+-]?\d+)?", re.IGNORECASE)
 
 
 def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float, ...]:
-    """Read "43, 7.5", or "43 7,5" with decimal commas.
+    """Read "43, 7.5", or "43 7,5" with decimal commas. A typographic minus counts.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
     JointIdError
         When something is not a number, their count is wrong, or a comma can be read in two ways.
     """
-    values = _unambiguous(name, text)
+    values = _unambiguous(name, _hyphens(text))
     if count is not None and len(values) == 1:
         values *= count
     if count is not None and len(values) != count:
@@ -50,7 +50,7 @@ def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
     JointIdError
         When something is not a number, a comma can be read in two ways, or the rows differ in length.
     """
-    parts = text.strip().strip(";").split(";")
+    parts = _hyphens(text).strip().strip(";").split(";")
     for read in (_separated, _decimal):
         try:
             rows = [read(name, part) for part in parts]
@@ -65,6 +65,11 @@ def matrix_in(name: str, text: str) -> list[tuple[float, ...]]:
             f"{name}: its rows have {lengths} values. Give as many in every row as there are joints."
         )
     return rows
+
+
+def _hyphens(text: str) -> str:
+    """Return the text with typographic minus signs as ``float`` reads them."""
+    return text.replace("\N{MINUS SIGN}", "-")
 
 
 def _unambiguous(name: str, text: str) -> tuple[float, ...]:

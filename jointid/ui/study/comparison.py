@@ -13,7 +13,13 @@ from jointid.study import NOT_USABLE
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side
 from jointid.ui.shared.markdown_escape import markdown_escape
-from jointid.ui.shared.messages import show_error, show_info, show_text_table, show_warning
+from jointid.ui.shared.messages import (
+    SHOWN_AT_MOTOR,
+    show_error,
+    show_info,
+    show_text_table,
+    show_warning,
+)
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import names_by_address, open_study
 from jointid.uncertainty.comparison import Difference, compare
@@ -77,6 +83,7 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         else "σ is the standard error of the difference, with both errors independent. A common cause, "
         "such as a wrong torque constant of the same robot, changes both alike."
     )
+    st.caption(f"Difference: second study minus first. {SHOWN_AT_MOTOR}")
 
 
 def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
@@ -94,6 +101,8 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
 def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     stiffness = rows[: len(rows) // 2]
     if page.digest == other.digest:
+        if page.method == other.method:
+            return "Both sides show one study and one estimator: choose another study or estimator"
         largest = max(abs(row.relative) for row in stiffness)
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]

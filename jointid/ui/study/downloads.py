@@ -114,7 +114,8 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
         st.caption(f"Gear ratios of the study: {entered}.")
     if entered.strip():
         try:
-            ratio = np.array(numbers_in("Gear ratios", entered, count=n))
+            if ratio is None:
+                ratio = np.array(numbers_in("Gear ratios", entered, count=n))
             texts = [(name, ending, write(found, ratio)) for name, ending, write in _SNIPPETS]
             for tab, (name, ending, text) in zip(st.tabs([x[0] for x in texts]), texts, strict=True):
                 with tab:

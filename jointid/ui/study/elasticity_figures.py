@@ -84,7 +84,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
-        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
+        "K; damping opens the loops, one per record or segment, coloured by frequency and drawn with "
+        "± two standard errors."
     )
     page.show_per_joint(
         "torsion",

@@ -11,7 +11,7 @@ from jointid.estimation.candidates import Candidate
 from jointid.rounding import plain, significant, with_error
 from jointid.ui.shared.cached import ESTIMATORS
 from jointid.ui.shared.charts import Table, table
-from jointid.ui.shared.messages import show_text_table
+from jointid.ui.shared.messages import SHOWN_AT_MOTOR, show_text_table
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -19,6 +19,7 @@ def show_estimates(analysis: Analysis) -> None:
     show_text_table(estimates_table(analysis))
     st.caption(
         f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
+        f"{SHOWN_AT_MOTOR} "
         "The linear estimators keep the given inertias, so their error bars contain the whole "
         "uncertainty of these."
     )

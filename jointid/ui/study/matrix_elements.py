@@ -65,7 +65,7 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
             figure_number = {0: " (Figure 4)", 1: " (Figure 5)"}.get(i, "")
             st.markdown(f"**All records together**{figure_number}: {name}")
             page.show(f"H {i} {j} {pose} {view}", draw, what)
-        caption = "A peak only in the left figure comes from the other joints' controllers."
+        caption = "A peak seen only in one record alone comes from the other joints' controllers."
     else:
         page.show(f"H {i} {j} {pose} {view}", draw, what)
         caption = "Measured points with ± one standard error."

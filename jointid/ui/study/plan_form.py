@@ -12,7 +12,7 @@ from jointid.rounding import UNDETERMINED, minus, significant, with_error
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
-from jointid.ui.shared.messages import show_text_table
+from jointid.ui.shared.messages import SHOWN_AT_MOTOR, show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.uncertainty.information import planning_model
@@ -165,6 +165,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
     show_text_table(predicted_table(errors, analysis.fit))
+    st.caption(SHOWN_AT_MOTOR)
     return plan
 
 

@@ -16,6 +16,7 @@ from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
+    SHOWN_AT_MOTOR,
     show_info,
     show_progress,
     show_text_table,
@@ -58,7 +59,7 @@ def show_errors(analysis: Analysis) -> None:
     show_text_table(errors_table(analysis))
     st.caption(
         f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
-        "square."
+        f"square. {SHOWN_AT_MOTOR}"
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
