@@ -35,7 +35,7 @@ _FAR_OFF = 4.0
 """Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
-_POSITIVE_EVIDENCE = 3.0
+_STRONG_EVIDENCE = 10.0
 """Least Bayes factor that counts for a part."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
@@ -299,7 +299,7 @@ def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
     A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
     test of significance sees it. The Bayes factor with a half-normal prior of its size decides instead
     (Kass and Raftery, Journal of the American Statistical Association 90, 1995), with the probability
-    of positive values as if these were independent; nothing is added without positive evidence.
+    of positive values as if these were independent; nothing is added without strong evidence.
 
     Parameters
     ----------
@@ -317,7 +317,7 @@ def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
     evidence = np.linalg.slogdet(np.eye(std.size) + std[:, np.newaxis] * information * std)[1]
     positive = np.log(2) + log_ndtr(mean / np.sqrt(np.diag(covariance)))
     log_factor = 0.5 * float(mean @ pull - evidence) + float(positive.sum())
-    if not log_factor > np.log(_POSITIVE_EVIDENCE):
+    if not log_factor > np.log(_STRONG_EVIDENCE):
         return np.zeros((score.shift.size,) * 2)
     weight = 1 / (1 + np.exp(-log_factor))
     second_moment = covariance + np.outer(mean, mean)
