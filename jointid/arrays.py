@@ -1,7 +1,5 @@
 """Checked, read-only arrays for the dataclasses of this package."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

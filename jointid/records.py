@@ -1,7 +1,5 @@
 """Logs of one experiment: motor position and torque of n joints over time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

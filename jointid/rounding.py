@@ -1,7 +1,5 @@
 """Number formatting with the digits that the uncertainty supports."""
 
-from __future__ import annotations
-
 import math
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

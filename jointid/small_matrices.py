@@ -4,8 +4,6 @@ LAPACK is called once per matrix; for a 2 × 2 one the call costs far more than 
 BLAS threads only wait for each other.
 """
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager
 from functools import cache
 from typing import TypeVar

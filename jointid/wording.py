@@ -1,7 +1,5 @@
 """Pieces of text that messages, reports and file names share."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Sequence
 

@@ -111,7 +111,9 @@ def hold_torque(page: Page) -> None:
     box = "Torque between samples"
     if not page.get_by_role("combobox", name=box).is_visible():
         page.get_by_text("3 Drive data").click()
-    choose(page, box, "held until the next sample")
+    held = "held until the next sample"
+    if page.get_by_role("combobox", name=box).input_value() != held:  # as of the same columns before
+        choose(page, box, held)
     button = page.get_by_role("button", name="Confirm the drive data")
     if button.count():  # confirmed for these columns already
         with answered(page):

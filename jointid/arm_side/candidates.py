@@ -1,7 +1,5 @@
 """Sensible sets of terms for the deflection of one joint, and their average."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

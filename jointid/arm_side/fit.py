@@ -1,7 +1,5 @@
 """Stiffness of each joint from its deflection, and what the fit predicts for other records."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

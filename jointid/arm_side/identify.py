@@ -1,7 +1,5 @@
 """Stiffness of each joint from the deflection between its two encoders."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

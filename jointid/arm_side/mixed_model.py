@@ -1,7 +1,5 @@
 """Linear model whose coefficients have priors; its noise is given by its density at low frequency."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

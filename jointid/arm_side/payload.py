@@ -1,7 +1,5 @@
 """The payload from the motor torques: a prior for the deflection's equations."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arm_side.band_limited import BandLimited

@@ -1,7 +1,5 @@
 """Transmission error over the joint's position that remains after the fit: for predictions only."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 The data as logged are never changed: the new study holds corrected copies of the records concerned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any

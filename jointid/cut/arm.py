@@ -14,8 +14,6 @@ of motion have one form (Spong, Hutchinson and Vidyasagar, Robot Modeling and Co
 and virtual work carries them to q: M_q = Lᵀ M_φ L, c_q = Lᵀ c_φ.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Self
 

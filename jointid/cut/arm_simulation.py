@@ -7,8 +7,6 @@ predicted, φ⁺ = φ + v dt (exactly those after the step), the rates extrapola
 v⁺ = 1.5 v − 0.5 v_before, and the joint torques K Δφ⁺ + D Δv⁺ are applied.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pymunk
 from numpy.typing import ArrayLike

@@ -7,8 +7,6 @@ u with B = N² J_m. The controller assumes K̂ and D̂; a rigid controller has x
 side.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

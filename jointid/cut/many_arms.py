@@ -4,8 +4,6 @@ Same equations and leapfrog scheme as ``jointid.cut.arm_simulation.ArmSimulation
 in place of pymunk's pivots: the two agree within nanometres at the tool.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ simulations include the identified friction and the same default controller. ``r
 arm and its stiffness.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

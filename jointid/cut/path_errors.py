@@ -1,7 +1,5 @@
 """Largest path errors of many cuts along one path, vectorised over the cuts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypedDict
 

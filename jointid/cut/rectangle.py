@@ -1,7 +1,5 @@
 """The rectangle of the paper's Figure 7, as fast as corners and ramps allow."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

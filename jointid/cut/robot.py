@@ -15,8 +15,6 @@ therefore always uses the example arm. Its K and D follow from the study by one 
   within 1 % and 5 %.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

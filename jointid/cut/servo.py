@@ -4,8 +4,6 @@ A PD controller of the motor angle around a reference, with a feedforward torque
 Values are arm side unless a name says motor.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ A grid of mismatches shows the required accuracy of K; draws from a fit's covari
 after an identification.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Unpack
 

@@ -5,8 +5,6 @@ tool's Jacobian, C the gears (joint = C · motor) and G the stiffness of gravity
 J C x. With C = 1/N, the compliance J (N²K)⁻¹ Jᵀ is that of the stiffness at the joints.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ acceleration, jerk and snap are continuous, as the feedforward of an elastic arm
 A cruise has v_a = v_b, a ramp v_a ∥ v_b, and a corner turns from one side's direction to the next's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

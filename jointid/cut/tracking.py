@@ -1,7 +1,5 @@
 """Simulated cut: the servo drives the arm along a tool path; contour and tracking error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Deviations of real robots from equation (1), each of one or two numbers per joint."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

@@ -1,7 +1,5 @@
 """Result of an identification: stiffness and damping with their whole error."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

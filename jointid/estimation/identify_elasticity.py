@@ -1,7 +1,5 @@
 """Identification of stiffness and damping from phasors, equations (8)-(15), by several estimators."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
 from dataclasses import replace

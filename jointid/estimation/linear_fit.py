@@ -5,8 +5,6 @@ paper's explicit solution (15) has the same K, but D = Σ Im(a*b) / Σ ω|a|²: 
 weighted differently for several, and exact without noise as well. Both are provided.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ scatter around it justifies (empirical Bayes; Smyth, Statistical Applications in
 Biology 3, 2004).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

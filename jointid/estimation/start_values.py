@@ -6,8 +6,6 @@ loss that forgives outliers; friction is linear in it and is eliminated (variabl
 Pereyra, SIAM Journal on Numerical Analysis 10, 1973).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """K and D as a few lines of code, to paste into a controller or a script."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

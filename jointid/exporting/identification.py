@@ -1,7 +1,5 @@
 """The exported part of an analysis: K and D with their covariance, model, inertias and origin."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -23,8 +23,6 @@ infinite error, of what the records do not determine, is null in JSON and "not d
 infinite standard deviation of an unknown inertia is null and "unknown". Readers ignore the disagreement.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """All results as one MATLAB file (version 5), for ``ss`` and ``frd``."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from io import BytesIO
 from typing import Any

@@ -8,8 +8,6 @@ An elastic joint is two hinges in series about one axis: the driven one of the m
 its friction, and the one of the spring, with stiffness and damping.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

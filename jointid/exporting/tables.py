@@ -1,7 +1,5 @@
 """Phasors and transfer matrix as CSV tables; numbers are exact."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO

@@ -1,7 +1,5 @@
 """The cut over time, one corner, and the predicted distribution of the path error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Outlines of cuts as small SVG pictures, drawn without a browser."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """How well the springs must be known: path error over the assumed stiffnesses."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 

@@ -1,7 +1,5 @@
 """A fleet's results: how a quantity is spread, and how it drifts."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 

@@ -1,7 +1,5 @@
 """A whole log with the sine runs that were found in it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

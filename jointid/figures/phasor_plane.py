@@ -1,7 +1,5 @@
 """Phasors as arrows: amplitude as length, phase as direction."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 

@@ -1,7 +1,5 @@
 """The transfer matrix of the motors: Figures 3, 4 and 5 of the paper, for n joints."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, Literal, get_args
 

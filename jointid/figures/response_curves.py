@@ -3,8 +3,6 @@
 The app's figures and the report's drawings take the same curves from here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """The springs: dynamic stiffness of every record, and what the model leaves unexplained."""
 
-from __future__ import annotations
-
 import numpy as np
 import plotly.graph_objects as go
 

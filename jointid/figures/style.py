@@ -1,7 +1,5 @@
 """What every figure shares: one colour per meaning (Okabe-Ito), axes with quantity and unit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """Deflection of the tool under a force from any direction."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torsion curves of the gears: measured torque over wind-up, with the fitted law; K over amplitude."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

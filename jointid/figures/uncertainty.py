@@ -1,7 +1,5 @@
 """Uncertainty: ellipses, influence, prediction, residuals, harmonics, planned records."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

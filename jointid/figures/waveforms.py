@@ -1,7 +1,5 @@
 """Waveforms with their fitted sine, spectra, and raw columns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The measured torsion curve of a gear: the torque through it over its wind-up."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The band of a motion: frequencies that motion and torque visibly have."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

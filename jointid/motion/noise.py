@@ -5,8 +5,6 @@ what springs and friction add, which is small at high frequencies. The differenc
 that of the torque falls with frequency, that of the angle rises with its fourth power.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction of a segment at its bins: the sign of the velocity, and free friction at its pauses."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Motion records on a uniform grid: small jitter is resampled, gaps divide a record."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

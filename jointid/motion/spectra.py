@@ -7,8 +7,6 @@ a segment's length. Segments keep time and memory linear in the samples, and the
 error bars.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

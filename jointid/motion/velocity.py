@@ -1,7 +1,5 @@
 """Velocity of the motors at every sample, for friction."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 

@@ -1,7 +1,5 @@
 """Coherence of torque and motion in a record of any motion, and the band that it proposes."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fit of jittered or very short records by normal equations at the sample times."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -5,8 +5,6 @@ noise appears between the lines of a period as well (Pintelon and Schoukens, Sys
 ed. 2012, section 4.3).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Input and result of a sine fit, and the basis functions of both."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

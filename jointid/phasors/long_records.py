@@ -1,7 +1,5 @@
 """Records larger than memory: read in parts, each fitted like a record, and combined."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 

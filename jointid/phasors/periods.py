@@ -1,7 +1,5 @@
 """Waveforms over one period and their phasors."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A stretch of any motion, whose Fourier bins are phasors at the harmonics of its length."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ That of a slow signal always repeats, and averages over the steps that it passes
 noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Settling test: does the first quarter of a record agree with its second half?"""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arrays import Complexes, Floats

@@ -5,8 +5,6 @@ equations at their sample times (``direct_fit``); records larger than memory are
 (``long_records``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import lru_cache

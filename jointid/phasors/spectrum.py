@@ -1,7 +1,5 @@
 """Amplitude spectrum of a logged signal, and the frequency of its largest line."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.arrays import Floats

@@ -7,8 +7,6 @@ contributions gives the noise of the result. The Gram matrix of the basis is kno
 records they dominate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Contents of a report as plain values, for HTML and PDF."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 

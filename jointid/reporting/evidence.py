@@ -1,7 +1,5 @@
 """Figures of a report with their explanations: frequency responses and cut."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -4,8 +4,6 @@ Drawn without a plotting library: plotly exports through a browser, matplotlib a
 scales the height of a figure without its texts, by which the PDF fills its pages.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

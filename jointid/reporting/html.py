@@ -1,7 +1,5 @@
 """A report as one self-contained HTML file: no network, no script, figures as inline SVG."""
 
-from __future__ import annotations
-
 from html import escape
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A report as PDF on A4 with embedded typeface; equal reports give equal bytes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from io import BytesIO
 from typing import Any

@@ -1,7 +1,5 @@
 """A figure on a PDF page; it shrinks a little where it then fits on the page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from jointid.reporting.blocks import Figure

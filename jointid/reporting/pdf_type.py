@@ -1,7 +1,5 @@
 """Typeface and styles of the PDF report."""
 
-from __future__ import annotations
-
 from functools import cache
 from html import escape
 from importlib.resources import files

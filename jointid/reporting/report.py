@@ -3,8 +3,6 @@
 The same study gives the same report to the last byte: it has no date and no machine name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from itertools import count
 

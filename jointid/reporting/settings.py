@@ -1,7 +1,5 @@
 """The appendix of a report: settings, inertias, records, and all digits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import isfinite
 

@@ -1,7 +1,5 @@
 """Robots as TOML with standard Denavit-Hartenberg parameters."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

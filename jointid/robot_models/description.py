@@ -1,7 +1,5 @@
 """What a file says about a robot."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

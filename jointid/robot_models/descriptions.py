@@ -3,8 +3,6 @@
 pinocchio takes an unreadable mass for 0 and ignores what it does not know; the checks here precede it.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from tempfile import TemporaryDirectory

@@ -1,7 +1,5 @@
 """What a robot carries, and what balances its arm."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

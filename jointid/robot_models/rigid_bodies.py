@@ -5,8 +5,6 @@ the torque of joint j is z_j · (moment − o_j × force) of all bodies beyond i
 value or a conjugate: complex angles give exact derivatives.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

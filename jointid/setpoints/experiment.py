@@ -1,7 +1,5 @@
 """An experiment as a smooth motion of the motors, from the start pose and back to it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple

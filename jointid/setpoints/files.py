@@ -1,7 +1,5 @@
 """From a played experiment to a checked file of set points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jointid.errors import JointIdError

@@ -1,7 +1,5 @@
 """Planned records as an experiment: sines, multisines or sweeps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

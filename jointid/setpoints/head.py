@@ -1,7 +1,5 @@
 """Head of a file of set points: robot, check, what to log, and safety."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from jointid.setpoints.file_format import Format

@@ -1,7 +1,5 @@
 """Peaks of a played experiment against the limits of the robot."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Limits, gears and start pose of a robot, as entered or from a TOML file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """ROS 2: a trajectory_msgs/JointTrajectory message as YAML."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Universal Robots: URScript with one servoj per set point."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from jointid.setpoints.file_format import Format, SetPoints, numbers

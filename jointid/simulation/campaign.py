@@ -1,7 +1,5 @@
 """Records of a robot whose inertias are given wrongly, without and with a known payload."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple

@@ -4,8 +4,6 @@ Between two events (a control sample, a change of the delayed torque) the motor 
 the linear dynamics advance exactly, by a matrix exponential. All records advance in parallel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of an experiment on the simulated robot: control, excitation, friction and sensors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias

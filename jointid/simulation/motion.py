@@ -1,7 +1,5 @@
 """Motions other than single sines, as references of the simulated joints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

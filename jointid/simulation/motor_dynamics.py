@@ -1,7 +1,5 @@
 """Exact step of the arm and motors under a constant torque, with set-valued Coulomb friction."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 Small motions around one pose: gravity as a stiffness, and no velocity coupling.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The estimator and model of a fit, applied to other phasors or other inertias."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

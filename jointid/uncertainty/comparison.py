@@ -1,7 +1,5 @@
 """Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

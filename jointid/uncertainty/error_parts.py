@@ -1,7 +1,5 @@
 """Parts of the standard errors of K and D by their cause."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

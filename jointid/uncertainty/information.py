@@ -5,8 +5,6 @@ is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction
 records and of the prior of the inertias adds up; the inverse of the sum is the Cramér–Rao bound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Planning of motions: what a sweep or a multisine within limits would tell about K and D."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Experiment planning: expected accuracy of K and D with more records, and a choice of records."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

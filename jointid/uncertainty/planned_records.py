@@ -1,7 +1,5 @@
 """Planned sine experiments: torques from the motion, or the motion from the torques."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

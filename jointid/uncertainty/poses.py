@@ -1,7 +1,5 @@
 """Fits by pose, and whether the poses agree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

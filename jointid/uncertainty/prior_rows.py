@@ -1,7 +1,5 @@
 """Inertias and torque scales as given and as fitted, side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

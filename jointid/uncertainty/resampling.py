@@ -8,8 +8,6 @@ would scatter by the noise alone, which is little where the prior decides.
 (Efron and Tibshirani, An Introduction to the Bootstrap, 1993.)
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

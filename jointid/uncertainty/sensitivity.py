@@ -5,8 +5,6 @@ and its estimate moves by C B per unit of the given values. An error of one stan
 given value e moves K and D by C B^½, column e; all columns together make the prior's part C B C of C.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Model validation: prediction of records left out of the fit, residuals, harmonics, nonlinearity."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table of wrong units by the factor that they make, and the sentences of findings on wrong data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

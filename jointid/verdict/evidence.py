@@ -1,7 +1,5 @@
 """Input of the verdict's rules, and the finding as their result."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal

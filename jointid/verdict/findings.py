@@ -1,7 +1,5 @@
 """Findings on the data and the answer, most important first."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Findings on studies with records of motions that are no sines."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

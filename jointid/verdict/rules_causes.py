@@ -1,7 +1,5 @@
 """Rules of the verdict that name a cause: friction, delay, poses that disagree, a gear that hardens."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rule of the verdict on deviations from the ideal model that are fitted along with K and D."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 

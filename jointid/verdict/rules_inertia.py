@@ -1,7 +1,5 @@
 """Rules of the verdict on the given inertias: wrong, or of other joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

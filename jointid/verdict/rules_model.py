@@ -1,7 +1,5 @@
 """Rules of the verdict on the answer: whether it is physical, precise, and limited by noise."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

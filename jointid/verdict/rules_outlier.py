@@ -5,8 +5,6 @@ without a single record. Its error follows from the torques that K and D of the 
 angles: a factor on angle or torque that corrects the record.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

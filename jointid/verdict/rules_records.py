@@ -1,7 +1,5 @@
 """Rules of the verdict on the records: frequency, length, motion and resolution."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 

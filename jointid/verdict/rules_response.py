@@ -1,7 +1,5 @@
 """Rules of the verdict on frequency responses: origin of peaks, and frequencies without H."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

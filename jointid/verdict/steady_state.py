@@ -1,7 +1,5 @@
 """Start of the steady state of a record, by the settling test of the phasors."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ a factor on a joint. Whether a hypothesis holds is then tried: with the data as 
 joint equations must hold far better than without. Data that are right cannot be corrected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product

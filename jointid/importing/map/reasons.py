@@ -1,7 +1,5 @@
 """Reasons for the entries of a guessed mapping, and its assumptions in words."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from jointid.importing.columns.units import QUANTITIES

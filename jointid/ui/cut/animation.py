@@ -1,7 +1,5 @@
 """The animated cut: a canvas component that runs in the browser without the server."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cuts, computed once for each study and settings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from typing import TypeVar

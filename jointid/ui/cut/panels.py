@@ -1,7 +1,5 @@
 """Panels of the page Cut, and its summary for the first screen."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from html import escape
 

@@ -1,7 +1,5 @@
 """Pictures of cuts: Figure 7 of the paper, and the parts shared with the overview."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Sequence
 from html import escape

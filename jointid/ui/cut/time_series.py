@@ -1,7 +1,5 @@
 """The cut over time, one corner of it, and the predicted path error."""
 
-from __future__ import annotations
-
 import streamlit as st
 
 from jointid.cut.outcome import Outcome

@@ -1,7 +1,5 @@
 """Path error over errors of the assumed stiffness: a table, and a map on demand."""
 
-from __future__ import annotations
-
 import numpy as np
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator

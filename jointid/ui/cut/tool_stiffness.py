@@ -1,7 +1,5 @@
 """What K means at the tool: force in, millimetres out."""
 
-from __future__ import annotations
-
 import numpy as np
 import streamlit as st
 

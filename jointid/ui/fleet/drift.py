@@ -1,7 +1,5 @@
 """How K and D of each robot drift over the years, on the fleet's page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

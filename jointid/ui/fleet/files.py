@@ -1,7 +1,5 @@
 """The fleet that is open: tables of results, and studies analysed here; kept at the page's address."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Panels of the fleet page: headline, spread, outliers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The studies of a fleet one by one: those that failed, all in a table, one to open."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import streamlit as st

@@ -1,7 +1,5 @@
 """Every entry of a mapping as a widget: columns and units first, then what no log states."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Dropped logs, read once and kept in the session."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from hashlib import blake2b

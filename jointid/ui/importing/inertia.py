@@ -1,7 +1,5 @@
 """The inertias as numbers, TOML or links of the arm, converted to the motor side."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mapping step: the guessed role of each column, with reasons, open to correction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

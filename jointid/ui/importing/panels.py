@@ -1,7 +1,5 @@
 """The steps of the import page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The logs as they are: first rows and curves, folded once the columns are understood."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import streamlit as st

@@ -1,7 +1,5 @@
 """Rows of the table of sine runs with their corrections, kept beyond page and session."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

@@ -4,8 +4,6 @@ Files and a small JSON lie in the store as long as the logs are open: a refresh,
 server loses neither. The JSON holds what was entered, never results.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """The sine runs of the logs as a table that can be corrected."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The steps of an import as a list to open: which are done, what is missing, and where one is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -29,7 +27,7 @@ class Steps:
     """The list. A step's head shows the state that ``tell`` stated; a change draws the list again."""
 
     def __init__(self) -> None:
-        self._shown: dict[str, tuple[bool, str]] = st.session_state.get(_STATES, {})
+        self._shown: dict[str, tuple[bool, str]] = st.session_state.get(_STATES, {LOGS: (False, "")})
         self._states: dict[str, tuple[bool, str]] = {}
 
     @contextmanager

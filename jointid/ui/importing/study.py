@@ -1,7 +1,5 @@
 """Entries that no log contains: inertias, poses and a name."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

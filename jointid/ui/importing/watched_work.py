@@ -4,8 +4,6 @@ Each job runs in its own thread while the page shows its progress. A click elsew
 which finds the job still running; results are cached for all sessions.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

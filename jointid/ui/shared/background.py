@@ -4,8 +4,6 @@ Sessions share one interpreter: ten computations at once would slow every click 
 needs no worker processes; the second one starts them.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

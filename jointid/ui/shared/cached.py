@@ -1,7 +1,5 @@
 """Results cached by the study's digest: streamlit's own hash only samples large arrays."""
 
-from __future__ import annotations
-
 import inspect
 
 import streamlit as st

@@ -1,7 +1,5 @@
 """Figures, tables, downloads and choices, as every page shows them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar

@@ -1,7 +1,5 @@
 """Entries of forms, kept in the address; questions for the uncertainty of what is given."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """The way back to the last workspace from the bare address: its id is kept in the browser only."""
 
-from __future__ import annotations
-
 from urllib.parse import quote
 
 import streamlit as st

@@ -3,8 +3,6 @@
 Streamlit reads nearly every text as Markdown: messages, labels, help, progress, cells of ``st.table``.
 """
 
-from __future__ import annotations
-
 import re
 
 __all__ = ["markdown_escape"]

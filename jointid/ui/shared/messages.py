@@ -4,8 +4,6 @@ Whatever a page shows that is not its own prose goes through here, or through ``
 it is part of a sentence in Markdown.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

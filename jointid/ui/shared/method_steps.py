@@ -1,7 +1,5 @@
 """The pages in the order of the method, each with a one-line description."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from jointid.verdict.evidence import Action

@@ -1,7 +1,5 @@
 """The beginning of every page: settings, sidebar, and the chosen study."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

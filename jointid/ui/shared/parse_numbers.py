@@ -1,7 +1,5 @@
 """Parsing of typed lists and tables of numbers."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

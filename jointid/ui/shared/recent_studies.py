@@ -1,7 +1,5 @@
 """The studies kept at this address: open, rename, delete; notes of the store."""
 
-from __future__ import annotations
-
 import streamlit as st
 
 from jointid import JointIdError

@@ -1,7 +1,5 @@
 """A refused file: one message, and a preview of its tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import streamlit as st
 

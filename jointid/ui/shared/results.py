@@ -3,8 +3,6 @@
 Streamlit's own cache serves functions without progress or concurrency; everything else is kept here.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping

@@ -1,7 +1,5 @@
 """Wide equations, tables and listings: reached by keyboard, so that the arrow keys scroll them."""
 
-from __future__ import annotations
-
 import streamlit as st
 
 _JS = """

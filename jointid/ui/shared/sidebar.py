@@ -1,7 +1,5 @@
 """The sidebar: pages, choice of the study, and settings of the whole study."""
 
-from __future__ import annotations
-
 import streamlit as st
 
 from jointid import JointIdError

@@ -5,8 +5,6 @@ whoever has the address has its studies, which outlive session, tab and server. 
 refuses stay in the session, with a message.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Panels of the page Compare."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Changes that may remedy a finding: offered, previewed, made and taken back."""
 
-from __future__ import annotations
-
 import numpy as np
 import streamlit as st
 

@@ -1,7 +1,5 @@
 """Tables of the records' quality and of their phasors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

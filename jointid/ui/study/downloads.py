@@ -1,7 +1,5 @@
 """Files for other tools: results, tables, simulator snippets, and the study itself."""
 
-from __future__ import annotations
-
 import numpy as np
 import streamlit as st
 

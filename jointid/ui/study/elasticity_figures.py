@@ -1,7 +1,5 @@
 """Figures of the page Elasticity, one per joint."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The estimators side by side, and the linear problem in detail."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One element of the transfer matrix as a figure, and the matrix as a table."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Planning of motions: limits, and the expected accuracy of a sweep and a multisine."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any

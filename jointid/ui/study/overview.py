@@ -1,7 +1,5 @@
 """Panels of the first screen."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import streamlit as st

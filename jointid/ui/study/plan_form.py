@@ -1,7 +1,5 @@
 """Experiment planning: limits, suggested records, and an own plan."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

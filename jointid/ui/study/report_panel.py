@@ -1,7 +1,5 @@
 """The report: made on demand, offered as files, and shown on the page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape

@@ -1,7 +1,5 @@
 """Set points of a plan: limits of the robot, check table and file."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import streamlit as st

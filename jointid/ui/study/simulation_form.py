@@ -1,7 +1,5 @@
 """The form of a simulated robot, and its study."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from time import monotonic
 
