@@ -78,6 +78,14 @@ def test_no_deviation_is_silently_wrong(name: str) -> None:
     assert not any(each.silent_wrong for each in found), told(found)
 
 
+def test_links_far_above_the_band_widen_the_errors() -> None:
+    """K and M2 imitate the links: no significance shows them, while K is up to 8 standard errors off."""
+    campaigns = [replace(THIRTEEN["10"], band=(0.3, 3.0, 18)).campaign(run) for run in (0, 1)]
+    found = outcomes(campaigns)
+    assert max(np.abs(each.z).max() for each in found) < 3, told(found)
+    assert max(each.standard_error.max() for each in found) < 0.03, told(found)
+
+
 @pytest.mark.parametrize("name", KINDS["others"])
 def test_no_further_deviation_is_silently_wrong(name: str) -> None:
     found = analysed("others", name)

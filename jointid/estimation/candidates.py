@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc, chdtri, log_ndtr
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -35,6 +35,8 @@ _FAR_OFF = 4.0
 """Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_STRONG_EVIDENCE = 10.0
+"""Least Bayes factor that counts for a part."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
@@ -289,3 +291,34 @@ class Fits:
         for weight, shift in equals:
             spread += weight / total * np.outer(shift, shift)
         return spread
+
+
+def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
+    """Covariance of K and D by an absent positive part of roughly known size, shape (2n, 2n).
+
+    A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
+    test of significance sees it. The Bayes factor with a half-normal prior of its size decides instead
+    (Kass and Raftery, Journal of the American Statistical Association 90, 1995), with the probability
+    of positive values as if these were independent; nothing is added without strong evidence.
+
+    Parameters
+    ----------
+    score : Score
+        Of the part, at the estimate without it.
+    std : ndarray, shape (count,)
+        Standard deviations of the normal prior before its negative half is cut.
+    misfit : float
+        Factor on the variances of the data.
+    """
+    information = score.information / misfit
+    covariance = np.linalg.inv(information + np.diag(std**-2.0))
+    pull = information @ score.value
+    mean = covariance @ pull
+    evidence = np.linalg.slogdet(np.eye(std.size) + std[:, np.newaxis] * information * std)[1]
+    positive = np.log(2) + log_ndtr(mean / np.sqrt(np.diag(covariance)))
+    log_factor = 0.5 * float(mean @ pull - evidence) + float(positive.sum())
+    if not log_factor > np.log(_STRONG_EVIDENCE):
+        return np.zeros((score.shift.size,) * 2)
+    weight = 1 / (1 + np.exp(-log_factor))
+    second_moment = covariance + np.outer(mean, mean)
+    return np.asarray(weight * score.slope @ second_moment @ score.slope.T)

@@ -240,6 +240,12 @@ class Score:
     """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
     possible: tuple[float, Floats]
     """Gain and shift by the values alone that have a sign that they can have."""
+    value: Floats
+    """Its most likely parameters, shape (count,)."""
+    information: Floats
+    """Inverse covariance of its parameters, shape (count, count)."""
+    slope: Floats
+    """Change of K1 ... Kn, D1 ... Dn with its parameters, shape (2n, count)."""
 
     def penalised(self, rows: int) -> float:
         """Decrease of half the information criterion: of the cost, less the penalty."""
@@ -268,26 +274,38 @@ def scores(
     found = {}
     for name in parts:
         own = np.arange(layout.size)[layout.of_part(name)]
-        step, gain, shift = _further_step(gradient, normal, inner, base, own)
+        step, gain, through, left = _further_step(gradient, normal, inner, base, own)
+        shift = through @ step
         shift, possible = shift / size[base], (gain, shift / size[base])
         if name in EFFECTS and EFFECTS[name].positive and np.any(step > 0):
-            _, gain_of_some, shift_of_some = _further_step(gradient, normal, inner, base, own[step < 0])
-            possible = gain_of_some, shift_of_some / size[base]
+            some = own[step < 0]
+            step_of_some, gain_of_some, through_some, _ = _further_step(
+                gradient, normal, inner, base, some
+            )
+            possible = gain_of_some, through_some @ step_of_some / size[base]
         of_joints = slice(2 * prior.n)
-        found[name] = Score(gain, own.size, shift[of_joints], (possible[0], possible[1][of_joints]))
+        found[name] = Score(
+            gain,
+            own.size,
+            shift[of_joints],
+            (possible[0], possible[1][of_joints]),
+            value=-step / size[own],
+            information=2 * left * np.outer(size[own], size[own]),
+            slope=-(through * size[own] / size[base][:, np.newaxis])[of_joints],
+        )
     return found
 
 
 def _further_step(
     gradient: Floats, normal: Floats, inner: Floats, base: np.ndarray, own: np.ndarray
-) -> tuple[Floats, float, Floats]:
-    """Step against further parameters, the decrease of the cost, and the change of the base."""
+) -> tuple[Floats, float, Floats, Floats]:
+    """Step against further parameters, decrease of the cost, change of the base per step, curvature."""
     coupling = normal[np.ix_(base, own)]
     through = np.linalg.solve(inner, coupling)
     left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
     pull = gradient[own] - through.T @ gradient[base]
     step = np.linalg.solve(left, pull)
-    return step, float(pull @ step), through @ step
+    return step, float(pull @ step), through, left
 
 
 def _require_rows(problem: Problem, p: Floats) -> None:

@@ -14,7 +14,15 @@ from scipy.special import chdtri
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import EXPLAINED, NEEDED, WORTH, Choice, Fits, Model
+from jointid.estimation.candidates import (
+    EXPLAINED,
+    NEEDED,
+    WORTH,
+    Choice,
+    Fits,
+    Model,
+    spread_by_prior,
+)
 from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
@@ -74,6 +82,9 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
+_LINK_SHARE, _LINK_TIMES = 0.2, 10.0
+"""Share of the arm that bends with its link, and the link's mode over the joint's with free motor: sizes
+of a usual arm."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -478,7 +489,20 @@ class _Search:
         """The best model with the candidates, and how far others that explain the data differ."""
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
         spread = self.fits.spread(best, self.scores(best)) + self._spread_of_reversals(best)
-        return Choice(best, found, candidates, spread)
+        return Choice(best, found, candidates, spread + self._spread_of_links(best))
+
+    def _spread_of_links(self, best: Model) -> Floats:
+        """Covariance of K and D by links that a model lacks, shape (2n, 2n).
+
+        Links bend like −s⁴c; with uncertain inertias, K and M2 imitate most of it.
+        """
+        found, score = self.fits.tried[best], self.scores(best).get("link")
+        if isinstance(found, JointIdError) or score is None or self.phasors.motion.any():
+            return np.zeros((2 * self.phasors.n,) * 2)
+        arm = np.diagonal(self.prior.M2, axis1=1, axis2=2).mean(axis=0)
+        squared = np.abs(found.named.K) * (1 / self.prior.M.mean(axis=0) + 1 / arm)
+        std = _LINK_SHARE * arm / (_LINK_TIMES**2 * squared)
+        return spread_by_prior(score, std, max(1.0, found.misfit))
 
     def _spread_of_reversals(self, best: Model) -> Floats:
         """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).
