@@ -94,10 +94,17 @@ def with_poison(folder: Path) -> dict[str, str]:
     return os.environ | {"PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "PYTHONIOENCODING": "utf-8"}
 
 
+_COMMAND = """
+import runpy, signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+runpy.run_module("jointid.cli", run_name="__main__", alter_sys=True)
+"""
+
+
 def batch(*arguments: object, env: dict[str, str]) -> subprocess.Popen[str]:
-    """The command, begun."""
+    """The command, begun; it obeys Ctrl-C even where the tests run in the background of a shell."""
     return subprocess.Popen(
-        [sys.executable, "-m", "jointid.cli", "batch", *(str(a) for a in arguments)],
+        [sys.executable, "-c", _COMMAND, "batch", *(str(a) for a in arguments)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
