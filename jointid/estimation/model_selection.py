@@ -279,11 +279,13 @@ class _Search:
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
-        laws = [(self.base, law, with_play if law == "backlash" else by_motion) for law in _FAR_LAWS]
-        beside = [(rubbing, "backlash", start) for start in (with_play, by_motion) if self.may_rub]
-        for model, law, begin in (
-            [] if self.phasors.motion.any() else (beside if rubs else laws + beside)
-        ):
+        laws = []
+        if not rubs and not self.phasors.motion.any():
+            begins = {"backlash": with_play}
+            laws += [(self.base, law, begins.get(law, by_motion)) for law in _FAR_LAWS]
+        if self.may_rub:
+            laws += [(rubbing, "backlash", begin) for begin in (with_play, by_motion)]
+        for model, law, begin in laws:
             if self._is_lost() and law in fits.optional:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
