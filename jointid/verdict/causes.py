@@ -55,7 +55,6 @@ def _time(factor: float, unit: str, taken: str, why: str, by: str) -> Cause:
 
 
 _ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias"}
-_DIVIDED, _TIMES = "divide it by {}", "multiply it by {}"
 CAUSES = (
     _unit(DEGREES, "position", "looks given in degrees",
           "a position in degrees that was taken for radians (180/π = 57.3)", "deg",
