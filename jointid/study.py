@@ -129,7 +129,7 @@ class Study:
         object.__setattr__(self, "changes", tuple(str(change) for change in self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
-            raise JointIdError("A pose has no name: call it something, such as stretched.")
+            raise JointIdError("A pose has no name: give it one, such as stretched.")
         if self.origin not in ("", "simulated", "measured"):
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'

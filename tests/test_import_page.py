@@ -165,7 +165,7 @@ class TestMapping:
         at = drop(shown(at.run()), ("two.csv", long_log(ratio=50.0)))
         assert widget(at, "text_input", "Gear ratios").value == "101"
         assert any("again" in info.value for info in at.info)
-        widget(at, "button", "Guess afresh").click()
+        widget(at, "button", "Guess again").click()
         at = shown(at.run())
         assert widget(at, "text_input", "Gear ratios").value == ""
         assert not any("again" in info.value for info in at.info)
@@ -189,7 +189,7 @@ class TestMapping:
         uploader = at.file_uploader(key="import_mapping_file 0")
         uploader.set_value(("m.json", text.replace(b"motor torque", b"effort"), "application/json"))
         at = shown(at.run())
-        assert "m.json was not taken" in at.error[0].value
+        assert "m.json was not used" in at.error[0].value
         uploader = at.file_uploader(key="import_mapping_file 0")
         uploader.set_value(("m.json", text, "application/json"))
         at = shown(at.run())

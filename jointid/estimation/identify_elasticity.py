@@ -22,7 +22,7 @@ from jointid.small_matrices import one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model that the noise allows",
-    "maximum-likelihood": "errors in variables; friction and delay on demand",
+    "maximum-likelihood": "maximum likelihood; friction and delay on request",
     "weighted": "weighted least squares, weights from the noise of each record",
     "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",

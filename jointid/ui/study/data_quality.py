@@ -39,7 +39,7 @@ def show_quality(page: Page) -> None:
             "- **Settl.**, settling: how much the sine of the first quarter differs from that of the "
             "second half. Above 1 % the robot had not settled.\n"
             "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
-            "- **Jitter**: largest distance of a sample from its place on an even grid."
+            "- **Jitter**: largest deviation of a sample time from a uniform grid."
         )
 
 
