@@ -205,7 +205,7 @@ def ok(*arguments: str) -> str:
 
 
 def test_convert_finds_both_joints_in_two_files(here: Path, paper: Study) -> None:
-    assert "joined as joints recorded at once" in ok(
+    assert "joined as joints logged simultaneously" in ok(
         "convert", "axis1.csv", "axis2.csv", "--guess", "m.json"
     )
     mapping = json.loads((here / "m.json").read_text("utf-8"))

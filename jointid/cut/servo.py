@@ -317,6 +317,6 @@ def require_tracking(error_rad: float) -> None:
     """
     if not error_rad < LOST_RAD:
         raise JointIdError(
-            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. "
+            f"The arm diverged: a motor is more than {LOST_RAD:g} rad (joint side) from its reference. "
             "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
         )

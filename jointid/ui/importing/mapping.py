@@ -101,7 +101,7 @@ def _known(signature: str) -> Mapping | None:
     place = place_for(_PART)
     if place is not None and signature not in known:
         known[signature] = None
-        with noting_problems("The mapping used before is not known any more. "):
+        with noting_problems("The earlier mapping is no longer known.  "):
             found = [entry for entry in store().entries(place) if entry.digest == signature]
             if found:
                 known[signature] = mapping_from_json(store().read(place, found[0].id))
