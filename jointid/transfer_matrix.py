@@ -230,6 +230,11 @@ def single_record_response(phasors: Phasors) -> Complexes:
 
     For two joints this is H11 + H12 τ2/τ1, which depends on the other joint's controller through τ2.
 
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
+
     Returns
     -------
     ndarray, shape (r, n), complex

@@ -1,6 +1,6 @@
-"""Elastic joints as snippets for robot simulators, on the arm side of the gears.
+"""Elastic joints as snippets for robot simulators, on the joint side of the gears.
 
-A motor shaft turns N times its joint, so on the arm side
+A motor shaft turns N times its joint, so on the joint side
 
     K_arm = N² K,   D_arm = N² D,   rotor inertia N² J_m,   F_c,arm = |N| F_c,   F_v,arm = N² F_v.
 
@@ -25,7 +25,7 @@ from jointid.wording import counted
 
 @dataclass(frozen=True, eq=False)
 class ArmSide:
-    """An identification on the arm side of the gears."""
+    """An identification on the joint side of the gears."""
 
     gear_ratio: Floats
     """Motor turns per joint turn, negative where the motor turns the other way, shape (n,)."""
@@ -51,7 +51,7 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the arm side.
+    """Reflect an identification to the joint side.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def sdf_snippet(
 ) -> str:
     """Joints and rotor links for SDFormat (Gazebo); parameters and errors as in ``mujoco_snippet``.
 
-    SDFormat joints take arm-side torques: multiply a motor torque by the gear ratio.
+    SDFormat joints take joint-side torques: multiply a motor torque by the gear ratio.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
     root = Element("sdf", version="1.9")

@@ -90,6 +90,6 @@ def _require_possible(
         raise JointIdError(f"The experiment has {n} joints, the limits another number.")
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(
-            f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, given "
-            f"are {axes}: give that of every axis of the robot."
+            f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, got "
+            f"{axes}: give the angle of every axis of the robot."
         )
