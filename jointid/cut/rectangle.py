@@ -34,9 +34,9 @@ def rectangle(
 
     The tool starts at rest on the line of a longer side, reaches the speed in the middle of that side,
     goes round, and slows down beyond the same point. A corner begins ``zone_m`` before the corner point,
-    ends as far behind it, and takes 2 zone / speed. A small zone is passed more slowly, so that neither the
-    acceleration limit nor the shortest ramp is violated, and the sides then ramp up and down. On a side
-    too short for its ramps the tool moves as fast as the ramps permit.
+    ends as far behind it, and takes 2 zone / speed. A small zone is passed more slowly, so that neither
+    the acceleration limit nor the shortest ramp is violated, and the sides then ramp up and down. On a
+    side too short for its ramps the tool moves as fast as the ramps permit.
 
     Parameters
     ----------
