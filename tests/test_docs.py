@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from pathlib import Path
@@ -92,3 +93,26 @@ def test_the_reference_lists_every_public_name() -> None:
         re.findall(r"^::: jointid\.(\w+)", (ROOT / "docs/reference/api.md").read_text("utf-8"), re.M)
     )
     assert listed == set(FUNCTIONS + CLASSES)
+
+
+def _texts() -> str:
+    """All texts of the package, with … for every value in them."""
+    texts = []
+    for path in sorted((ROOT / "jointid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "…" for v in node.values)
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_the_listed_errors_exist() -> None:
+    rows = (ROOT / "docs/reference/errors.md").read_text("utf-8").splitlines()
+    messages = [row.split(" | ")[1] for row in rows if row.startswith("| ") and "---" not in row][1:]
+    texts = _texts()
+    fragments = [part.strip(" :,.?") for message in messages for part in re.split("[…;]", message)]
+    assert len(messages) > 15
+    for fragment in fragments:
+        assert fragment in texts, fragment
