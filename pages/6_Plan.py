@@ -40,7 +40,7 @@ except JointIdError as error:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.subheader(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)
@@ -63,7 +63,7 @@ try:
     show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-st.subheader("Motions in place of sines", anchor=False)
+st.header("Motions in place of sines", anchor=False)
 with on_demand("Predict a sweep and a multisine", "motions") as expander:
     if expander.open:
         show_motion_plan(page, analysis)

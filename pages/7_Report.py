@@ -23,7 +23,7 @@ except JointIdError as error:
     show_error(error)
     st.stop()
 
-st.subheader("The report", anchor=False)
+st.header("The report", anchor=False)
 st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
 show_report(page, analysis, stem)
 

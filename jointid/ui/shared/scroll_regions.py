@@ -13,6 +13,9 @@ function mark() {
     if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
     else region.removeAttribute("tabindex");
   }
+  // An upload area has a name and takes the focus: it is no mere decoration.
+  for (const area of document.querySelectorAll("section[role=presentation][aria-label]"))
+    area.setAttribute("role", "group");
 }
 
 export default function () {
