@@ -17,8 +17,8 @@ st.write(
     "differentiation of encoder noise. Hold and delay of the torque are corrected."
 )
 st.latex(
-    r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, "
-    r"\quad \ddot\theta = (i\omega)^2\,\theta \quad (3, 4)"
+    r"\theta = a + ib,\;\; \dot\theta = i\omega\,\theta,\;\; "
+    r"\ddot\theta = (i\omega)^2\theta \;\; (3, 4)"
 )
 
 if not page.study.sine_records:

@@ -58,12 +58,14 @@ download(
 )
 plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
 
+own, set_points, motions = st.tabs(["A plan of your own", "Set points", "Motions in place of sines"])
 try:
-    plan = show_own_plan(page, found, analysis, settings.pose)
-    show_set_points(page, plan, analysis, settings.pose)
+    with own:
+        plan = show_own_plan(page, found, analysis, settings.pose)
+    with set_points:
+        show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-st.header("Motions in place of sines", anchor=False)
-with on_demand("Predict a sweep and a multisine", "motions") as expander:
+with motions, on_demand("Predict a sweep and a multisine", "motions") as expander:
     if expander.open:
         show_motion_plan(page, analysis)

@@ -90,7 +90,7 @@ class Page:
         description: str,
         *,
         heading: str = "**Joint {0}**",
-    ) -> None:
+    ) -> Sequence[int]:
         """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
         Parameters
@@ -101,6 +101,11 @@ class Page:
             Draws the figure of a joint, from 0.
         description, heading : str
             Alternative text and heading, with {0} for the joint's number.
+
+        Returns
+        -------
+        sequence of int
+            The joints drawn.
         """
         joints = self.joints("joint")
         for j, place in zip(joints, side_by_side(len(joints)), strict=True):
@@ -109,6 +114,7 @@ class Page:
                     st.markdown(heading.format(j + 1))
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
+        return joints
 
     def joints(self, key: str) -> Sequence[int]:
         """Return the joints to draw: all of a few, of many the one that a choice selects."""

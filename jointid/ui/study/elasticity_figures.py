@@ -87,15 +87,15 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "K; damping opens the loops, one per record or segment, coloured by frequency and drawn with "
         "± two standard errors."
     )
-    page.show_per_joint(
+    joints = page.show_per_joint(
         "torsion",
         lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
-        {"Joint": [f"{j}" for j in range(1, len(each) + 1)]}
+        {"Joint": [f"{j + 1}" for j in joints]}
         | {name: [terms.get(name, "–") for terms in each] for name in names}
     )
     download(

@@ -160,7 +160,6 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     JointIdError
         When a cell is empty, or the plan is no experiment.
     """
-    st.header("A plan of your own", anchor=False)
     st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)

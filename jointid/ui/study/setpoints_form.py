@@ -50,7 +50,6 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     JointIdError
         When an entry is wrong or a limit is exceeded.
     """
-    st.header("Set points for the robot", anchor=False)
     st.write(
         "The plan above as a motion of the joints, for the controller. It is played on the simulated "
         "robot first; a file exists only within all limits. Read its head before use."
