@@ -19,12 +19,17 @@ function mark() {
 }
 
 export default function () {
-  const later = () => { clearTimeout(waiting); waiting = setTimeout(mark, 300); };
+  const later = () => { waiting ??= setTimeout(() => { waiting = undefined; mark(); }, 100); };
   const changes = new MutationObserver(later);
   changes.observe(document.body, { childList: true, subtree: true });
   addEventListener("resize", later);
+  document.fonts.addEventListener("loadingdone", later);  // of formulas
   later();
-  return () => { changes.disconnect(); removeEventListener("resize", later); };
+  return () => {
+    changes.disconnect();
+    removeEventListener("resize", later);
+    document.fonts.removeEventListener("loadingdone", later);
+  };
 }
 """
 _component = st.components.v2.component("jointid_scroll_regions", html="<i hidden></i>", js=_JS)
