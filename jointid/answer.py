@@ -152,7 +152,7 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     torque = gear.tried_Nm
     terms = {
         "Law": " + ".join(gear.laws),
-        "Tried up to": f"{significant(torque, 2)} N·m" if torque else "–",
+        "Largest torque": f"{significant(torque, 2)} N·m" if torque else "–",
     }
     terms["K at small torque"] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
     if gear.kind in ("hardening", "piecewise"):

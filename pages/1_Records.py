@@ -57,8 +57,8 @@ for view in views[3:]:
         )
         st.caption(
             "Coherence: share of the motor's motion that is linear in the torques of all motors. In "
-            "closed loop the torque also follows encoder noise: only frequencies count at which the "
-            "angle is above its noise floor as well."
+            "closed loop the torque also follows encoder noise, so only frequencies where the angle "
+            "exceeds its noise floor count."
         )
         show_distortion(record)
 

@@ -36,7 +36,7 @@ if page.study.motion_records:
     st.caption(
         "H of a motion is estimated by local polynomials in narrow frequency bands, together with the "
         "contribution of the states at both ends of each record; the scatter gives the error bars. "
-        "Close to a narrow resonance the polynomials bend less than H."
+        "Close to a narrow resonance the polynomials underestimate the curvature of H."
     )
 analysis = page.analysis()
 if analysis.transfer_problem:

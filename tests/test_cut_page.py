@@ -195,7 +195,7 @@ class TestPage:
         at = shown(control(at, "cut_nominal").set_value("Custom").run())
         at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
         at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
-        assert "which stands for K = 43.0, 7.50 N·m/rad" in words(at)
+        assert "which corresponds to K = 43.0, 7.50 N·m/rad" in words(at)
         before, after = meant(at)
         assert before == pytest.approx(after, abs=0.002)
         at = shown(at.switch_page("app.py").run())

@@ -148,7 +148,7 @@ def rotors(page: Page) -> Locator:
 
 def open_study(page: Page) -> None:
     enter(page, [(rotors(page), M), (page.get_by_role("textbox", name="Arm inertia M2"), M2)])
-    expect(page.get_by_text("As the method takes them")).to_be_visible()
+    expect(page.get_by_text("Used by the method")).to_be_visible()
     page.get_by_role("button", name="Open as study").click()
     expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
 

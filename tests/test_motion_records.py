@@ -411,7 +411,7 @@ def test_distortion_is_told_from_noise_by_an_odd_multisine() -> None:
 
 @pytest.mark.parametrize("kind", ["sweep", "random", "moves"])
 def test_other_motions_have_no_level_of_distortion(kind: str) -> None:
-    with pytest.raises(JointIdError, match="no multisine"):
+    with pytest.raises(JointIdError, match="not a multisine"):
         distortion(moved(kind)[0])
 
 

@@ -49,11 +49,11 @@ def identify_arm_side(
 ) -> ArmSideFit:
     """Identify the stiffness of every joint with a sensor behind its gear.
 
-    Torques come from the rigid model at the measured motion. Skew between the encoders, transmission
-    error, friction and damping in the gear, offsets and the payload are fitted along. Their choice
-    enters the error: all sensible sets of terms are averaged by their evidence. So does what any part
-    of the records changes: each is left out in turn (jackknife), since one bump of torque or one bad
-    stretch may decide the whole, which noise does not show.
+    Torques come from the rigid model at the measured motion. The fit includes the skew between the
+    encoders, transmission error, friction and damping in the gear, offsets and the payload. The error
+    includes the choice of these terms (an average over all sensible sets, weighted by evidence) and the
+    change when any part of the records is left out (jackknife): noise does not reveal a single
+    disturbance that dominates the result.
 
     Parameters
     ----------
@@ -66,6 +66,11 @@ def identify_arm_side(
     torque_std : float, default 0.03
         Relative standard deviation of the robot model's torque; it scales K. 0 for an exact model.
 
+    Returns
+    -------
+    ArmSideFit
+        K of every joint, N·m/rad at the joint side; NaN with a reason where it is refused.
+
     Raises
     ------
     JointIdError
@@ -74,7 +79,7 @@ def identify_arm_side(
 
     Notes
     -----
-    A skew cannot be told from viscous friction on the arm's side of one joint: F adds F/K to it.
+    Viscous friction F behind the gear of one joint acts like a skew of F/K; the two are not separated.
     """
     given = [records] if isinstance(records, MotionRecord) else records
     if (

@@ -95,8 +95,9 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                 show_error(error)
         elif row.is_good:
             st.caption(
-                "This study is not in this workspace, and a table's paths are not opened for whoever "
-                "brings them. Open its .zip at the side, or drop it above: then it opens from here."
+                "This study is not in this workspace, and for security, paths "
+                "in a table are not opened. Open its .zip in the sidebar, or drop it above: then it "
+                "opens from here."
             )
 
 

@@ -87,7 +87,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
         When one of them is missing or is no stiffness or damping.
     """
     left, right = st.columns(2)
-    help_ = "What the controller assumes today: the app compares it with what is found."
+    help_ = "The controller's present values; the app compares them with the identified ones."
     K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
     D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
     if not K.strip() and not D.strip():
@@ -109,7 +109,7 @@ def show_inertia(robot: KnownRobot) -> None:
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
     # In braces a formula is not broken: on a narrow screen M2 gets a line of its own.
     text = f"${{M = {_matrix(rotor)}}}$, ${{M_2 = {_matrix(arm)}}}$ kg·m²"
-    st.markdown(f"As the method takes them, motor side: {text}")
+    st.markdown(f"Used by the method, motor side: {text}")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "
         f"Torque scale: {deviation_text(robot.torque_std)}."
@@ -164,7 +164,7 @@ def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
         placeholder="[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
         height=150,
         persist_state="session",
-        help="As in a study's study.toml; the whole file will do, with its poses.",
+        help="As in study.toml; a whole study.toml, with poses, also works.",
     )
     return robot_from_toml(text) if text.strip() else None
 

@@ -93,13 +93,13 @@ def ask_robot(
     clicked = right.button("Open as study", type="primary", width="stretch")
     if assumed:
         st.markdown(
-            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: it "
-            "stays with the study, its report and its files. Confirm it in steps 2 and 3.]"
+            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: "
+            "marked in the study, its report and its files. Confirm in steps 2 and 3.]"
         )
     if clicked and known is None:
         problem = problem or (
-            "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
-            "found without them."
+            "Inertias are missing: enter those of all joints in step 5. K and D cannot be found "
+            "without them."
         )
     if problem:
         show_error(problem)

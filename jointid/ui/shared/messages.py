@@ -22,7 +22,7 @@ __all__ = [
     "show_warning",
 ]
 
-SHOWN_AT_MOTOR = "K and D of this table are seen from the motor, whatever unit the sidebar selects."
+SHOWN_AT_MOTOR = "K and D of this table are motor-side values, regardless of the unit in the sidebar."
 
 
 def show_error(error: object, place: DeltaGenerator | None = None) -> None:

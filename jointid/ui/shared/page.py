@@ -146,7 +146,9 @@ def open_page(title: str) -> Page:
     show_refused()
     if choice is None:
         st.title("No study yet")
-        st.write("There are no sample studies beside the app. Open a .zip at the side, or make records:")
+        st.write(
+            "There are no sample studies beside the app. Open a .zip in the sidebar, or make records:"
+        )
         st.page_link(SIMULATE.path, label=SIMULATE.name)
         st.page_link(IMPORT.path, label=IMPORT.name)
         st.stop()

@@ -61,7 +61,7 @@ def _choose() -> str | None:
     chosen = st.session_state.get("chosen") or st.query_params.get("study")
     if chosen is not None and chosen not in names:
         what = "The study of this address" if len(chosen) == _ID_LENGTH else f'"{chosen}"'
-        show_info(f"{what} is not in this workspace, or not any more. Open its file again.")
+        show_info(f"{what} is not, or no longer, in this workspace. Open its file again.")
     if chosen not in names:
         chosen = next(iter(sample_paths()), next(iter(names), None))
     st.session_state["chosen"] = chosen
@@ -72,7 +72,7 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="What was opened, simulated or imported at this address, and the sample studies.",
+        help="Studies opened, simulated or imported at this address, and the samples.",
     )
     if chosen is not None:
         set_in_address("study", chosen)

@@ -63,7 +63,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
                 type="primary",
                 on_click=_apply,
                 args=(page, study),
-                help="Makes a new study with this change. The present one stays in the list.",
+                help="Makes a new study with this change. The current one stays in the list.",
             )
             st.button("Cancel", key="cancel_change", on_click=_look_at, args=(None,))
 

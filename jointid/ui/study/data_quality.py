@@ -31,15 +31,15 @@ def show_quality(page: Page) -> None:
         show_error(error)
     with st.expander("What the columns mean"):
         st.markdown(
-            "These are the figures of the joint that moves most.\n"
+            "Values of the joint with the largest motion.\n"
             "- **θ** is the motor's angle, **τ** its torque.\n"
             "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
             "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. "
-            "Friction makes it.\n"
-            "- **Settl.**, settling: how much the sine of the first quarter differs from that of the "
-            "second half. Above 1 % the robot had not settled.\n"
-            "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
-            "- **Jitter**: largest distance of a sample from its place on an even grid."
+            "Friction causes it.\n"
+            "- **Settl.**, settling: relative difference of the sine between the first quarter "
+            "and the second half. Above 1 % the robot had not settled.\n"
+            "- **Found**: frequency of the motor's angle; it should equal the stated one.\n"
+            "- **Jitter**: largest deviation of a sample time from a uniform grid."
         )
 
 

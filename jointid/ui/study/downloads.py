@@ -32,8 +32,8 @@ _SNIPPETS = (
     ("SDF", ".sdf", sdf_snippet),
 )
 _HINTS = {
-    "Gear laws": "Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
-    "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller."
+    "Gear laws": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
+    "records: for a 1-D Lookup Table in Simulink, a CombiTable1Ds in Modelica, or your own controller."
 }
 
 
@@ -72,7 +72,7 @@ def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
     st.subheader("Tables", anchor=False)
     separate = f", and in separate columns from torques {without(analysis.fit)}"
     st.write(
-        "CSV with a header line, every number with all its digits. H as measured"
+        "CSV with a header line and full precision. H as measured"
         + (separate if without_friction_and_delay(analysis) else "")
         + "."
     )
@@ -95,10 +95,10 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
     n, ratio = study.inertia.n, study.gear_ratios
     st.subheader("For robot simulators", anchor=False)
     st.write(
-        "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
-        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: a "
-        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque tried, "
-        "which the file states."
+        "Simulators use joint-side values. With a gear ratio N, a stiffness K at the motor becomes "
+        "N²K at the joint; damping and rotor inertia likewise. These formats hold linear springs: the "
+        "secant of its torsion curve at the largest torque in the records replaces a nonlinear gear, "
+        "and the file states this torque."
     )
     if ratio is None:
         entered = st.text_input(
@@ -106,8 +106,8 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
             key="gears",
             bind="query-params",
             placeholder=", ".join(["100", "80", "60", "50", "50", "50"][:n]),
-            help="Negative where the motor turns the other way than its joint. "
-            "One number holds for all joints.",
+            help="Negative if motor and joint turn in opposite directions. "
+            "One number applies to all joints.",
         )
     else:
         entered = numbers_out(ratio)
@@ -124,7 +124,7 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption("Without gear ratios there is no snippet: an error in a ratio counts by its square.")
+        st.caption("The snippet needs the gear ratios: an error in a ratio enters squared.")
 
 
 def show_study_files(study: Study, stem: str) -> None:

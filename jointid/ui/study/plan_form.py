@@ -51,7 +51,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     torque, velocity = largest_so_far(analysis)
     one, two, three, four = st.columns(4)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
-    seconds = enter_number(two, "plan_seconds", "Seconds each", 4.0, (0.1, 600.0))
+    seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
     # A study's limits are its own: the key holds its digest.
     torques, velocities = (
         enter_text(
@@ -127,7 +127,7 @@ def suggested_table(found: Suggestion) -> Table:
         columns[f"Velocity {j + 1} (rad/s)"] = [significant(v, 3) for v in velocity]
     columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
     worst = found.relative_error.argmax(axis=1)[1:]
-    columns["Worst error after it"] = [
+    columns["Worst error afterwards"] = [
         f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
         for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
     ]
@@ -160,7 +160,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     JointIdError
         When a cell is empty, or the plan is no experiment.
     """
-    st.subheader("A plan of your own", anchor=False)
+    st.subheader("Your own plan", anchor=False)
     st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
@@ -186,7 +186,7 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
         column_config={name: number(format="%g", required=True) for name in start},
-        alt="A plan of your own",
+        alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
 

@@ -141,7 +141,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "frequency at a time; its scatter includes every cause but the inertias, which all records "
         "share: compare it with the part from noise. A factor of two is normal. A jackknife far above "
         "it indicates a wrong model; a bootstrap far above the range of 68 % of its draws indicates "
-        "outliers by noise."
+        "outliers caused by noise."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
     draws = _SLOW_DRAWS if slow else _FAST_DRAWS
