@@ -46,27 +46,21 @@ def nominal(stiffness: str, damping: str) -> Elasticity | None:
 
 def gears(texts: Sequence[str], joints: int) -> list[Gear]:
     """Parse laws of the gears, one text for a joint or, without its number, for all of them."""
-    example = 'expected laws as in "1: cubic=9000, backlash=0.004"'
     laws: list[dict[str, float]] = [{} for _ in range(joints)]
     for text in texts:
         joint, _, values = text.rpartition(":")
         if joint and not (joint.strip().isdecimal() and 1 <= int(joint) <= joints):
-            raise typer.BadParameter(f'--gear "{text}": there is no joint "{joint}" of {joints}.')
+            raise typer.BadParameter(f'"{text}": there is no joint "{joint}" of {joints}.')
         for entry in values.split(","):
             name, _, value = (part.strip() for part in entry.partition("="))
-            if name not in GEAR_FIELDS:
-                known = ", ".join(GEAR_FIELDS)
-                raise typer.BadParameter(
-                    f'--gear "{text}": "{name}" is no law; {example}. Laws: {known}.'
-                )
             try:
-                number = float(value)
-            except ValueError:
-                raise typer.BadParameter(
-                    f'--gear "{text}": "{value}" is no number; {example}.'
-                ) from None
+                law = {GEAR_FIELDS[name]: float(value)}
+            except (KeyError, ValueError) as error:
+                fault = f"{name!r} is no law" if name not in GEAR_FIELDS else f"{value!r} is no number"
+                laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
+                raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
             for own in [laws[int(joint) - 1]] if joint else laws:
-                own[GEAR_FIELDS[name]] = number
+                own |= law
     return [Gear(**own) for own in laws]
 
 
