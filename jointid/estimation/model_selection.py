@@ -28,7 +28,7 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
-from jointid.estimation.residual import make_problem
+from jointid.estimation.residual import make_problem, with_law_noise
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -208,7 +208,8 @@ def evaluated(
     """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
     waveforms = model_waveforms(phasors, model)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    return WhitenedResidual.of(replace(problem, motion=motor_motion(phasors)), estimate.p, scale)
+    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    return WhitenedResidual.of(problem, estimate.p, scale)
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
