@@ -25,6 +25,7 @@ from jointid import (
     simulate_records,
     track,
 )
+from jointid.figures.torsion import torsion_curve
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import phasors_of, samples_of
@@ -118,6 +119,18 @@ def test_the_torsion_curve_is_the_gear_s_torque(stiffening: ElasticityFit) -> No
     within = 8 * (curve.torque_noise_Nm + 43.0 * curve.deflection_noise_rad)
     assert np.all(np.abs(curve.torque_Nm - true).max(axis=1) < within + 2e-3 * curve.amplitude_Nm.max())
     assert stiffening.gears[0].tried_Nm == pytest.approx(curve.amplitude_Nm.max())
+
+
+def test_colours_of_the_curve_rise_with_frequency_or_amplitude(stiffening: ElasticityFit) -> None:
+    curve = stiffening.torsion_curves[0]
+    ends = {
+        by: [trace.name for trace in torsion_curve(stiffening, 0, colour_by=by).data if trace.showlegend]
+        for by in ("frequency", "amplitude")
+    }
+    assert ends["frequency"][0] == "3 Hz"
+    largest = ends["amplitude"][1]
+    assert largest == f"{curve.amplitude_Nm.max():.3g} N·m"
+    assert float(ends["amplitude"][0].split()[0]) < float(largest.split()[0])
 
 
 def test_backlash_and_damping_are_told_apart() -> None:
