@@ -68,7 +68,7 @@ _SIMILAR = 0.3
 _DECISIVE = 0.3
 """Score over the cost from which a part is fitted before richer friction."""
 _NEARLY_ALL = 0.9
-"""Score over the cost from which a part is fitted in place of a law."""
+"""Score over the cost from which a part is fitted in place of a law, or before others that are."""
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _HOPELESS = 3e4
@@ -90,7 +90,7 @@ _MOST_STARTS = 2
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
-_MOST_SLOW_FITS = 9
+_MOST_SLOW_FITS = 12
 """Fits with a law of the gears."""
 _MOST_SLOW_FITS_OF_MOTIONS = 3
 """The same where the records hold motions."""
@@ -413,7 +413,9 @@ class _Search:
         if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / spread:
             plain = model.without("cubic")
             laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
-            wider = [*(plain.with_part(law) for law in laws_instead), *wider]
+            instead_of_cubic = [plain.with_part(law) for law in laws_instead]
+            complete = bool(clear) and scored[clear[0]].gain > _NEARLY_ALL * found.cost
+            wider = [*wider, *instead_of_cubic] if complete else [*instead_of_cubic, *wider]
         return [each for each in wider if self._is_open(each)]
 
     def _clear_parts(self, model: Model, found: LikelihoodEstimate) -> list[str]:
