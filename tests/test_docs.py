@@ -5,8 +5,11 @@ from __future__ import annotations
 import ast
 import inspect
 import re
+import struct
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
@@ -14,7 +17,7 @@ import jointid
 from jointid.cli import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
 LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
@@ -116,3 +119,24 @@ def test_the_listed_errors_exist() -> None:
     assert len(messages) > 15
     for fragment in fragments:
         assert fragment in texts, fragment
+
+
+def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    exec(SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8"))[0], names)
+    heads = [
+        struct.pack("<32s8s", name.encode(), unit.encode())
+        for name, unit in (("q", "deg"), ("tau", "%"))
+    ]
+    values = np.arange(20, dtype="<f4")
+    log = b"PLANT7" + struct.pack("<dII", 500.0, 2, 10) + b"".join(heads) + values.tobytes()
+    path = tmp_path / "run.p7"
+    path.write_bytes(log)
+    (table,) = names["READER"].read("run.p7", str(path))
+    assert (table.column("q").unit, table.column("tau").unit) == ("deg", "%")
+    assert table.column("time").values[-1] == pytest.approx(9 / 500)
+    assert table.column("tau").values.tolist() == values[1::2].tolist()
+    assert names["READER"].recognises(log[:4096])
+    path.write_bytes(log[:-1])
+    with pytest.raises(jointid.JointIdError, match="cut short"):
+        names["READER"].read("run.p7", str(path))
