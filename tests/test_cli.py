@@ -290,7 +290,7 @@ def test_cut_of_a_study(study: Path, here: Path) -> None:
 def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
     said = {
         "The inertias of this study are those of the example arm": ["cut", study],
-        "K and D of this study apply as they are, but": ["cut", study, "--drive", "serial"],
+        "K and D of this study apply unchanged, but": ["cut", study, "--drive", "serial"],
         "A cut in the plane needs a study of two joints": ["cut", one_joint],
     }
     for text, command in said.items():
@@ -442,7 +442,7 @@ def test_what_is_read_is_never_written_over(study: Path, here: Path) -> None:
     with zipfile.ZipFile(study) as archive:
         archive.extractall(here / "folder")
     before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
-    read = "is what this command reads"
+    read = "is the input of this command"
     assert "ends in .json" in refused(2, "convert", log, "--guess", log)
     assert read in refused(1, "convert", "log.json", "--guess", "log.json", "--overwrite")
     given = ("--mapping", "log.json", "--inertia", "one.zip", "--overwrite")
