@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs, phasors_of, samples_of
 
@@ -15,6 +16,8 @@ _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
+_SINE_POINTS = 512
+"""Samples of a sine."""
 _NEWTON, _CONVERGED = 24, 1e-6
 """Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
 _CENTRED = 1e-9
@@ -221,6 +224,14 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
     found[..., 1:] += phasors_of(average, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
     steep = (torque - np.roll(torque, 1, axis=-1)) / move
     return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1)), chords
+
+
+def sine_stiffness(gear: Gear, amplitude_rad: Floats) -> Floats:
+    """Stiffness of a gear in a sine of the wind-up, hysteresis included, N·m/rad, as the amplitudes."""
+    delta = np.zeros((*amplitude_rad.shape, 2), complex)
+    delta[..., 1] = amplitude_rad
+    beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, _SINE_POINTS)
+    return np.asarray(gear.K + beyond[..., 1].real / amplitude_rad)
 
 
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
