@@ -282,9 +282,26 @@ def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
 
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:
-    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope."""
-    waves, parts = _waves(H, slope.shape[-1])
-    return np.asarray((slope[..., None, :] * waves[_inner(m, H)]) @ parts)
+    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope.
+
+    A product of two waves is one of the sum and one of the difference of their orders: the slope's own
+    Fourier coefficients hold all of it.
+    """
+    c = np.fft.rfft(slope, axis=-1)[..., : m + H + 1] / slope.shape[-1]
+    k, h = np.arange(1, m + 1)[:, None], np.arange(1, H + 1)
+    apart, sign, together = np.abs(h - k), np.sign(h - k), h + k
+    re, im = np.ascontiguousarray(c.real), np.ascontiguousarray(c.imag)
+    found = np.empty((*slope.shape[:-1], 1 + 2 * m, 1 + 2 * H))
+    sines, cosines = slice(1, 1 + m), slice(1 + m, None)
+    found[..., 0, 0], found[..., 0, 1 : 1 + H], found[..., 0, 1 + H :] = (
+        re[..., 0], -2 * im[..., 1 : 1 + H], 2 * re[..., 1 : 1 + H]
+    )  # fmt: skip
+    found[..., sines, 0], found[..., cosines, 0] = -im[..., 1 : 1 + m], re[..., 1 : 1 + m]
+    near, far = re[..., apart], re[..., together]
+    found[..., sines, 1 : 1 + H], found[..., cosines, 1 + H :] = near - far, near + far
+    near, far = sign * im[..., apart], im[..., together]
+    found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
+    return found
 
 
 def _parts(z: Complexes) -> Floats:
