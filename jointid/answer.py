@@ -152,7 +152,7 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     torque = gear.tried_Nm
     terms = {
         "Law": " + ".join(gear.laws),
-        "Tried up to": f"{significant(torque, 2)} N·m" if torque else "–",
+        "Largest torque": f"{significant(torque, 2)} N·m" if torque else "–",
     }
     small = "K outside the play" if gear.backlash_rad else "K at small torque"
     terms[small] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"

@@ -619,7 +619,7 @@ def test_convert_takes_a_zip_of_logs_and_their_poses(here: Path) -> None:
     assert load_study("study").robot == "cell 7"
     assert str(load_study("study").date) == "2026-11-20"
     message = refused(1, "convert", "logs.zip", *known, "--date", "20.11.2026", "-o", "other")
-    assert "The date '20.11.2026' is none: write year, month and day as in 2026-11-20." in message
+    assert "'20.11.2026' is not a date: write year, month and day as in 2026-11-20." in message
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def export(
             "--output",
             "-o",
             help="Files; the ending selects the format: .json, .toml (identification), .mat, "
-            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of the gears), .gears.txt (the "
+            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
             "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
@@ -57,7 +57,7 @@ def export(
     ratio = ratio or (None if known is None else known.tolist())
     for file in output:
         if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
-            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+            raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
     from jointid.exporting import identification
 
     result = identification(analysis)

@@ -334,7 +334,7 @@ class _Search:
         if model.is_slow:
             motions = bool(self.phasors.motion.any())
             if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if motions else _MOST_SLOW_FITS):
-                tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
+                tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
                 return
             self.slow_fits += 1
         try:

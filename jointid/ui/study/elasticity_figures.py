@@ -93,16 +93,19 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Colour of the records by", options, default=options[0], key="torsion_colour"
     )
     colour_by = by or options[0]
-    page.show_per_joint(
+    joints = page.show_per_joint(
         f"torsion by {colour_by}",
         lambda j: torsion_curve(analysis.fit, j, colour_by=colour_by, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
         {"Gear": list(names)}
-        | {f"Joint {j}": [terms.get(name, "–") for name in names] for j, terms in enumerate(each, 1)}
+        | {
+            f"Joint {j + 1}": [terms.get(name, "–") for name in names]
+            for j, terms in zip(joints, each, strict=True)
+        }
     )
     download(
         "Torsion curves (.csv)",
