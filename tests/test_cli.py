@@ -252,6 +252,10 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     ok(*made, "--gear", "2:backlash=0.004")
     laws = json.loads(ok("identify", "s.zip", "--json"))["gears"]
     assert laws["kind"] == ["hardening", "backlash"]
+    ok("export", "s.zip", "-o", "s.gears.csv", "-o", "s.gears.txt", "-o", "s.torsion.csv")
+    assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
+    assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
+    assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
     again = [*made[:-2], "--overwrite", "--gear"]

@@ -177,7 +177,11 @@ def maximum_likelihood(
         phasors=clean,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
-        inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
+        inertias=tuple(
+            prior.inertias(
+                problem.rotor_inertia(named), problem.arm_inertia(named), problem.gravity(named)
+            )
+        ),
         scale=scale,
     )
 
