@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import re
+import runpy
+import shlex
+import shutil
 import struct
 from pathlib import Path
 from typing import Any
@@ -12,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 import jointid
 from jointid.cli import app
@@ -42,6 +47,43 @@ def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     names: dict[str, object] = {}
     for code in SNIPPET.findall(page.read_text("utf-8")):
         exec(compile(code, name(page), "exec"), names)
+
+
+SHELL = re.compile(r"^```bash\n(.*?)^```", re.MULTILINE | re.DOTALL)
+WITH_COMMANDS = [
+    page
+    for page in PAGES
+    if re.search(r"^jointid (?!app)", "".join(SHELL.findall(page.read_text("utf-8"))), re.MULTILINE)
+]
+
+
+def edit_mapping(path: Path) -> None:
+    """The corrections of the tutorial: gear ratios, rated torques, held torque, all confirmed."""
+    mapping = json.loads(path.read_text("utf-8"))
+    for joint, ratio, rated in zip(mapping["joints"], (101.0, -93.5), (8.2, 2.1), strict=True):
+        joint["gear_ratio"], joint["torque"]["scale"] = ratio, rated
+    path.write_text(json.dumps(mapping | {"torque_hold": True, "assumed": []}), "utf-8")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=name)
+def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In order, with the log of the example, the TOML of the tutorials and a folder of studies."""
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(ROOT / "examples" / "twincat_log.py"), run_name="__main__")
+    shutil.copy("cell7.csv", "log.csv")
+    shutil.copytree(ROOT / "sample_data" / "single_joint", "cells/one")
+    for source, target in (("tutorials/own-robot", "robot.toml"), ("how-to/plan", "cell7.toml")):
+        text = (ROOT / "docs" / f"{source}.md").read_text("utf-8")
+        Path(target).write_text(re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S)[0], "utf-8")
+    lines = [line for block in SHELL.findall(page.read_text("utf-8")) for line in block.splitlines()]
+    for line in lines:
+        command = shlex.split(line, comments=True)
+        if command[:1] == ["jointid"] and command[1] != "app":
+            result = CliRunner().invoke(app, command[1:])
+            assert result.exit_code == 0, (line, result.output, result.exception)
+        if "--guess" in command:
+            edit_mapping(Path("columns.json"))
 
 
 def test_every_command_and_option_is_listed() -> None:
