@@ -52,7 +52,7 @@ def convert(
         Path | None,
         typer.Option(
             parser=named,
-            help="TOML with M and M2 (motor side, kg·m²) and std, of poses too; or a study.",
+            help="TOML with M, M2 (motor side, kg·m²), std and poses; or a study.",
         ),
     ] = None,
     pose: Annotated[
@@ -113,7 +113,10 @@ def convert(
         print_table(["entry", "", "reason"], rows)
         for text in tables[0].notes:
             typer.echo(f"{tables[0].name}: {text}", err=True)
-        print(f"\n{guess} is written. Correct it, then: jointid convert … --mapping {guess}")
+        print(
+            f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
+            f"FILE --output STUDY"
+        )
         return
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")

@@ -66,7 +66,7 @@ def simulate(
     gear: Annotated[
         list[str] | None,
         typer.Option(
-            help='Laws of the gears beside K, motor side, for a joint or all: "1: cubic=9000", '
+            help='Gear laws in addition to K, motor side, for one joint or all: "1: cubic=9000", '
             f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {", ".join(GEAR_FIELDS)}.'
         ),
     ] = None,
@@ -93,7 +93,7 @@ def simulate(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate closed-loop experiments, sines or another motion, and save it as a study."""
+    """Simulate closed-loop experiments, sines or another motion, and save them as a study."""
     import numpy as np
 
     from jointid import (
