@@ -47,4 +47,4 @@ pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
 matrix = analysis.transfer_matrices[pose]
 show_element(page, analysis, pose, i, j)
-show_how_well_known(matrix, dark=page.dark)
+show_how_well_known(matrix, i, j, dark=page.dark)

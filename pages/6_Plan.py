@@ -40,7 +40,7 @@ except JointIdError as error:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.subheader(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)
@@ -58,12 +58,14 @@ download(
 )
 plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
 
+own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
 try:
-    plan = show_own_plan(page, found, analysis, settings.pose)
-    show_set_points(page, plan, analysis, settings.pose)
+    with own:
+        plan = show_own_plan(page, found, analysis, settings.pose)
+    with set_points:
+        show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-st.subheader("Motions in place of sines", anchor=False)
-with on_demand("Predict a sweep and a multisine", "motions") as expander:
+with motions, on_demand("Predict a sweep and a multisine", "motions") as expander:
     if expander.open:
         show_motion_plan(page, analysis)

@@ -23,7 +23,7 @@ except JointIdError as error:
     show_error(error)
     st.stop()
 
-st.subheader("The report", anchor=False)
+st.header("The report", anchor=False)
 st.write("Records, answer with error bars, verdict, figures and settings.")
 show_report(page, analysis, stem)
 

@@ -9,7 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -224,7 +224,7 @@ def tree(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     tree = tmp_path_factory.mktemp("app")
     shutil.copy2(ROOT / "app.py", tree)
-    for name in ("pages", "jointid", ".streamlit"):
+    for name in ("pages", "jointid", ".streamlit", "docs/reference"):
         shutil.copytree(ROOT / name, tree / name)
     (tree / "sample_data").symlink_to(sample_folder)
     return tree
@@ -284,8 +284,9 @@ def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
     watches: list[Watch] = []
     pages: list[Page] = []
 
-    def open_address(url: str, *, width: int = 1440, height: int = 900) -> Page:
+    def open_address(url: str, *, width: int = 1440, height: int = 900, scheme: Any = None) -> Page:
         page = new_page(context)
+        page.emulate_media(color_scheme=scheme)
         page.set_viewport_size({"width": width, "height": height})
         pages.append(page)
         watches.append(Watch(page))

@@ -33,10 +33,14 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "test_cut_page.py": {
         "test_of_another_robot_custom_values_are_its_own": (),
+        "test_the_map_is_made_on_demand_kept_and_covers_the_range_that_was_chosen": (),
         "test_of_other_than_two_joints_is_a_demonstration": ("three joints",),
     },
     "test_figures.py": {
         "test_every_figure_names_its_axes_with_units_and_its_meanings_once": ("True-2", "True-1"),
+    },
+    "test_fleet.py": {
+        "test_a_process_that_was_ended_while_idle_is_begun_anew": (),
     },
     "test_gears.py": {
         "test_a_play_of_a_sixth_of_the_deflection_is_found": (),

@@ -199,7 +199,7 @@ def drop(at: AppTest, **files: bytes) -> AppTest:
 
 
 def text_of(at: AppTest) -> str:
-    parts = [*at.markdown, *at.caption, *at.info, *at.success, *at.error, *at.subheader]
+    parts = [*at.markdown, *at.caption, *at.info, *at.success, *at.error, *at.header]
     return "\n".join(str(part.value) for part in parts)
 
 

@@ -105,7 +105,7 @@ def send(at: AppTest, M: str, M2: str) -> AppTest:
 def test_every_action_of_a_finding_has_its_place_on_a_page(page: AppTest) -> None:
     """The verdict says what to edit, without a page's label; the app says where."""
     at = drop(page, ("one.csv", long_log()))
-    labels = [*(e.label for e in at.expander), *(s.value for s in at.subheader)]
+    labels = [*(e.label for e in at.expander), *(s.value for s in at.header)]
     assert set(ACTIONS) == {*get_args(Action), ""} - {""}
     for step, part in ACTIONS.values():
         assert step.path == PAGE

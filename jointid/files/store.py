@@ -53,7 +53,7 @@ __all__ = [
 
 LIMIT_BYTES = 1 << 30
 """Default capacity of a store, 1 GiB."""
-PARTS = ("import", "mappings", "fleet")
+PARTS = ("import", "mappings", "fleet", "corrections")
 """Parts of a workspace beside its studies, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")

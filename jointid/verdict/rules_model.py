@@ -23,7 +23,7 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
 from jointid.wording import counted
 
-_EXPLAINED = 3.0
+EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
 _CHANCE = 3e-4
 """Probability that noise alone leaves as much at the fundamentals."""
@@ -89,7 +89,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     misfit, freedom = fit.fundamental
     noise_freedom = 2 * float(fit.equations.noise.degrees_of_freedom.sum())
     beyond = freedom > 0 and fdtrc(freedom, noise_freedom, misfit) < _CHANCE
-    if fit.misfit <= _EXPLAINED and not beyond:
+    if fit.misfit <= EXPLAINED and not beyond:
         return
     action: Action = ""
     remedy = "Check the usual causes: friction, a torque delay, torque constants, inertias."

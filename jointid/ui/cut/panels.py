@@ -206,7 +206,7 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     """Show the same cut with the identified nonlinear gears, by a servo without and with their laws."""
     if not robot.gears:
         return
-    st.subheader("With the identified gear laws", anchor=False)
+    st.header("With the identified gear laws", anchor=False)
     runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
@@ -248,7 +248,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         left, words = st.columns([1, 4], vertical_alignment="center")
         left.html(picture(shapes, what, around, "max-width:9rem"))
         with words:
-            st.subheader(headline(outcome), anchor=False)
+            st.header(headline(outcome), anchor=False)
             st.html(
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}<br>"
                 f"{key_line(ink.identified)}identified values, {escape(after)}"

@@ -25,13 +25,13 @@ def show_failed(rows: Sequence[Row]) -> None:
     failed = [row for row in rows if not row.is_good]
     if not failed:
         return
-    st.subheader(f"Failed: {counted(len(failed), 'study')}", anchor=False)
+    st.header(f"Failed: {counted(len(failed), 'study')}", anchor=False)
     table({"Study": [label(row) for row in failed], "Why": [row.error for row in failed]}, height=300)
 
 
 def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
     """Every study in a table; a chosen one can be opened."""
-    st.subheader("Every study", anchor=False)
+    st.header("Every study", anchor=False)
     if not fleet.columns:
         fleet.columns = _columns(rows)
     st.dataframe(

@@ -26,6 +26,7 @@ from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import assumptions, unchanged
 from jointid.rounding import minus, plain
 from jointid.ui.importing.steps import go_on
+from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
@@ -262,7 +263,7 @@ class Entries:
             label + ", one per joint" * (len(joints) > 1),
             "" if set(known) == {"?"} else ", ".join(known),
             key=self._id(f"{what} {meaning} {len(joints)}"),
-            placeholder=", ".join(example[: len(joints)]),
+            placeholder=example_hint(", ".join(example[: len(joints)])),
             help=help_,
             persist_state="session",
         )

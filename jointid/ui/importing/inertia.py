@@ -15,7 +15,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.entries import deviation_text
+from jointid.ui.shared.entries import deviation_text, example_hint
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
@@ -161,7 +161,7 @@ def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
     text = left.text_area(
         "TOML with M and M2, motor side, kg·m²",
         key="import toml",
-        placeholder="[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
+        placeholder="e.g.\n[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
         height=150,
         persist_state="session",
         help="As in study.toml; a whole study.toml, with poses, also works.",
@@ -225,7 +225,11 @@ def _row(label: str, name: str, example: str) -> tuple[str, str, str]:
 
 def _text(place: DeltaGenerator, label: str, name: str, example: str, help_: str | None = None) -> str:
     return place.text_input(
-        label, key=f"import {name}", placeholder=example, persist_state="session", help=help_
+        label,
+        key=f"import {name}",
+        placeholder=example_hint(example),
+        persist_state="session",
+        help=help_,
     )
 
 

@@ -54,7 +54,6 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     JointIdError
         When an entry is wrong or a limit is exceeded.
     """
-    st.subheader("Set points for the robot", anchor=False)
     st.write(
         "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
         "first; a file is written only if all limits hold. Read its header before use."

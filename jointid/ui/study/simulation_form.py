@@ -82,6 +82,10 @@ _LAWS = {
     "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
     "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
+    "K2": ("K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
+    "K3": ("K3 (N·m/rad)", "Slope beyond the torque T2."),
+    "T1_Nm": ("T1 (N·m)", "Torque from which the slope is K2."),
+    "T2_Nm": ("T2 (N·m)", "Torque from which the slope is K3."),
 }
 """Label and explanation of the laws of a gear, one number for all joints or one each."""
 _ADDED_HELP = (
