@@ -8,6 +8,11 @@ from __future__ import annotations
 
 from fnmatch import fnmatchcase
 
+import pytest
+
+COLLECTED = pytest.StashKey[set[tuple[str, str, str]]]()
+"""File, test and variant of all tests that were read, whether they run or not."""
+
 VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
     "test_answer.py": {
         "test_a_negative_viscous_friction_is_explained": ("viscous1*",),
