@@ -1,7 +1,7 @@
 """Figures of the page Elasticity, one per joint."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import streamlit as st
 
@@ -86,8 +86,9 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
         "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
+    choices: list[Literal["frequency", "amplitude"]] = ["frequency", "amplitude"]
     by = st.segmented_control(
-        "Colour of the records", ["frequency", "amplitude"], default="frequency", key="torsion_colour"
+        "Colour of the records", choices, default="frequency", key="torsion_colour"
     )
     joints = page.show_per_joint(
         "torsion",
