@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 _CONTENTS: dict[str, Callable[[Analysis, Identification, list[float]], str | bytes]] = {
     ".phasors.csv": lambda analysis, *_: exporting.phasor_table(analysis),
     ".h.csv": lambda analysis, *_: exporting.transfer_matrix_table(analysis),
+    ".torsion.csv": lambda analysis, *_: exporting.torsion_table(analysis),
+    ".gears.csv": lambda _, found, __: exporting.gear_table(found),
+    ".gears.txt": lambda _, found, __: exporting.modelica_table(found),
     ".json": lambda _, found, __: exporting.to_json(found),
     ".toml": lambda _, found, __: exporting.to_toml(found),
     ".mat": lambda analysis, *_: exporting.to_mat(analysis),
@@ -42,7 +45,8 @@ def export(
             "--output",
             "-o",
             help="Files; the ending selects the format: .json, .toml (identification), .mat, "
-            ".phasors.csv, .H.csv, .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
+            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
+            "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[
