@@ -66,7 +66,7 @@ def pytest_configure(config: pytest.Config) -> None:
     of pytest-xdist needs.
     """
     begin(long=config.getoption("--long"))
-    gc.disable()  # until all tests are read, which makes a million objects that stay
+    gc.disable()  # until pytest_collection_finish: reading the tests makes a million lasting objects
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
     threadpool_limits(1)
 
@@ -97,7 +97,7 @@ def _name(item: pytest.Item) -> tuple[str, str, str]:
 
 
 def pytest_collection_finish() -> None:
-    """Leave what was made while reading the tests out of every later search for garbage."""
+    """Exclude the objects made so far from every later garbage collection."""
     gc.freeze()
     gc.enable()
 
