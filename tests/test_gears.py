@@ -227,7 +227,7 @@ def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: Elasticity
     rival = replace(others[0], name="elasticity + backlash", criterion=best.criterion + 3)
     advice = second_amplitude(replace(stiffening, candidates=(best, rival)))
     assert "backlash" in advice
-    assert "half its amplitude" in advice
+    assert "half the amplitude" in advice
 
 
 def test_hysteresis_is_no_damping() -> None:
