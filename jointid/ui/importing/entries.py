@@ -194,7 +194,7 @@ class Entries:
                 what, _, unit = meaning.partition(", ")
                 label = capitalised(what) + (f" ({unit})" if unit else "")
                 if len(which) < len(joints):
-                    label += f" of joint {enumerated([str(j + 1) for j in which])}"
+                    label += _of_joints([str(j + 1) for j in which])
                 of_base = [getattr(of, role).scale for of in self.base.joints]
                 name = f"scale of {role}"
                 values = self._numbers(place, label, name, which, of_base, _SCALE, meaning)
@@ -295,7 +295,7 @@ class Entries:
                 line = self._reasons[what].text, entry or what
                 lines.setdefault(line, []).extend([joint] if entry else [])
         for (text, entry), of in lines.items():
-            name = markdown_escape(capitalised(entry + (f" of joint {enumerated(of)}" if of else "")))
+            name = markdown_escape(capitalised(entry + _of_joints(of)))
             # No caption: its pale ink leaves the mark too little contrast.
             st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
 
@@ -317,6 +317,10 @@ class Entries:
 
     def _id(self, name: str) -> str:
         return f"import {name} {self.key}"
+
+
+def _of_joints(names: Sequence[str]) -> str:
+    return f" of joint{'s' * (len(names) > 1)} {enumerated(names)}" if names else ""
 
 
 _RATIO = (
