@@ -63,7 +63,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
         "K over amplitude": lambda: show(
             "Stiffness of joint {0} over the torque amplitude of the records",
             lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
-            "K of each record over its torque amplitude. A linear gear gives a level line.",
+            "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
+            "raises K at large torque, hysteresis at small torque, and play lowers it there.",
         ),
         "Residual": lambda: show(
             "Residual torque of joint {0} against noise",
@@ -87,7 +88,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
         "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
-    by = choose_segment("Colour of the records", get_args(ColourBy), "torsion_colour")
+    by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
         lambda j: torsion_curve(analysis.fit, j, colour_by=by, dark=page.dark),
@@ -96,8 +97,11 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
     each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
-        {"Joint": [f"{j + 1}" for j in joints]}
-        | {name: [terms.get(name, "–") for terms in each] for name in names}
+        {"Gear": list(names)}
+        | {
+            f"Joint {j + 1}": [terms.get(name, "–") for name in names]
+            for j, terms in zip(joints, each, strict=True)
+        }
     )
     download(
         "Torsion curves (.csv)",
