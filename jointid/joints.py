@@ -18,7 +18,7 @@ from jointid.small_matrices import inverse
 from jointid.wording import counted
 
 _SLOWEST = 1e-3
-"""Frequency that stands for zero where gravity acts, rad/s."""
+"""Frequency used in place of zero where gravity acts, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
+import struct
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
@@ -13,7 +17,7 @@ import jointid
 from jointid.cli import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
 LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
@@ -92,3 +96,47 @@ def test_the_reference_lists_every_public_name() -> None:
         re.findall(r"^::: jointid\.(\w+)", (ROOT / "docs/reference/api.md").read_text("utf-8"), re.M)
     )
     assert listed == set(FUNCTIONS + CLASSES)
+
+
+def _texts() -> str:
+    """All texts of the package, with … for every value in them."""
+    texts = []
+    for path in sorted((ROOT / "jointid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "…" for v in node.values)
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_the_listed_errors_exist() -> None:
+    rows = (ROOT / "docs/reference/errors.md").read_text("utf-8").splitlines()
+    messages = [row.split(" | ")[1] for row in rows if row.startswith("| ") and "---" not in row][1:]
+    texts = _texts()
+    fragments = [part.strip(" :,.?") for message in messages for part in re.split("[…;]", message)]
+    assert len(messages) > 15
+    for fragment in fragments:
+        assert fragment in texts, fragment
+
+
+def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    exec(SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8"))[0], names)
+    heads = [
+        struct.pack("<32s8s", name.encode(), unit.encode())
+        for name, unit in (("q", "deg"), ("tau", "%"))
+    ]
+    values = np.arange(20, dtype="<f4")
+    log = b"PLANT7" + struct.pack("<dII", 500.0, 2, 10) + b"".join(heads) + values.tobytes()
+    path = tmp_path / "run.p7"
+    path.write_bytes(log)
+    (table,) = names["READER"].read("run.p7", str(path))
+    assert (table.column("q").unit, table.column("tau").unit) == ("deg", "%")
+    assert table.column("time").values[-1] == pytest.approx(9 / 500)
+    assert table.column("tau").values.tolist() == values[1::2].tolist()
+    assert names["READER"].recognises(log[:4096])
+    path.write_bytes(log[:-1])
+    with pytest.raises(jointid.JointIdError, match="cut short"):
+        names["READER"].read("run.p7", str(path))

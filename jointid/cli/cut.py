@@ -60,8 +60,9 @@ def cut(
         from jointid.reporting.figures import cut_figure
 
         named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
+        before = "nominal" if choice == "study" else choice
         rows = [
-            (f"Before: {choice}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
+            (f"Before: {before}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
             ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())

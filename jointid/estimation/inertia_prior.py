@@ -278,7 +278,7 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
 def checked_std(name: str, value: object) -> float:
     """Return a relative standard deviation as a float, None as 0.
 
-    One too small to matter is 0, exact; one too large to say anything is infinite, unknown.
+    One too small to matter is 0, exact; one too large to have an effect is infinite, unknown.
 
     Raises
     ------

@@ -66,7 +66,7 @@ STUDY_KEYS = {
     "gear_ratio": "gear_ratio = [101.0, -93.5]  # motor turns per joint turn",
     "gear_temperature_C": "gear_temperature_C = 24.0",
     "note": 'note = "after two hours of work"',
-    "assumed": 'assumed = ["torque held between samples"]  # what nobody has confirmed',
+    "assumed": 'assumed = ["torque held between samples"]  # unconfirmed facts',
     "changes": 'changes = ["Left out: 05.csv"]  # changes of the data as logged',
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
@@ -139,7 +139,7 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
 def read_known(
     top: CheckedTable, inertia: CheckedTable, robot: RobotModel | None = None
 ) -> dict[str, Any]:
-    """Return what a file says of a robot: inertia, standard deviations if stated, poses, nominal, name.
+    """Return the robot in a file: inertia, standard deviations if stated, poses, nominal, name.
 
     ``inertia`` is the table with M and M2. Raises JointIdError when one of them is invalid.
     """

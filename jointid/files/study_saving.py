@@ -167,7 +167,7 @@ def _robot_file(robot: RobotModel) -> str:
 
 
 def _robot_table(robot: RobotModel) -> dict[str, Any]:
-    """What the study says of the model: its file, and what was changed or added when it was loaded."""
+    """Table of the robot model: its file, and values that replaced those of the file."""
     plain = RobotModel.parse(*robot.source)
     table: dict[str, Any] = {"file": _robot_file(robot)}
     for key in ("gear_ratio", "rotor_inertia"):

@@ -1,4 +1,4 @@
-"""Planning of motions: what a sweep or a multisine within limits would tell about K and D."""
+"""Planning of motions: expected errors of K and D from a sweep or a multisine within limits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -103,7 +103,7 @@ def _judged(evidence: Evidence) -> ElasticityFit | None:
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
-    """Difference of fitted and given value, in standard deviations of what is uncertain."""
+    """Difference of fitted and given value, in standard deviations of the uncertain one."""
     scale = row.fitted_std if exact else row.given_std
     return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
 

@@ -116,7 +116,7 @@ def remainder(
     friction : CutFriction or None
         At the motors.
     where : str
-        Where errors of K and their cost stand, from the place of this sentence.
+        Place of the errors of K and their cost, seen from this sentence.
     """
     left = millimetres(outcome.after_m)
     if left.startswith("under"):

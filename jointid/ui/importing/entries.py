@@ -202,7 +202,7 @@ class Entries:
         return found
 
     def _torque_timing(self, left: DeltaGenerator, right: DeltaGenerator) -> tuple[bool | None, float]:
-        """Whether the torque is held, None where nobody says so; and its delay in seconds."""
+        """Whether the torque is held, None if not stated; and its delay in seconds."""
         known = None if "torque hold" in self.base.assumed else self.base.torque_hold
         held = left.selectbox(
             "Torque between samples",
@@ -287,7 +287,7 @@ class Entries:
         return tuple(w for w in dict.fromkeys(names) if " of joint " not in w or w.endswith(tuple(ends)))
 
     def _show_reasons(self, open_: Sequence[str]) -> None:
-        """Say why the unconfirmed guesses are as they are, equal reasons together."""
+        """Show the reasons of unconfirmed guesses, equal reasons together."""
         lines: dict[tuple[str, str], list[str]] = {}
         for what in open_:
             if what in self._reasons:
