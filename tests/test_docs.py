@@ -25,7 +25,10 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
-LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
+LONG = {
+    f"docs/{page}.md"
+    for page in ("how-to/simulate", "tutorials/first-study", "tutorials/motion", "tutorials/six-axes")
+}
 """Pages whose analyses take more than a second."""
 
 
@@ -100,6 +103,19 @@ def test_links_have_targets(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), target
+
+
+def test_the_page_about_the_code_names_functions_and_rooms_that_exist() -> None:
+    text = (ROOT / "docs" / "explanation" / "code.md").read_text("utf-8")
+    steps = re.findall(r"(\w+\.py) {2,}(\w+)\(", text)
+    assert len(steps) > 4
+    for name, function in steps:
+        found = [file.read_text("utf-8") for file in (ROOT / "jointid").rglob(name)]
+        assert any(f"\ndef {function}(" in code for code in found), function
+    package = (ROOT / "jointid").iterdir()
+    rooms = {path.name for path in package if path.suffix == ".py" or (path / "__init__.py").exists()}
+    listed = set(re.findall(r"[`/](\w+(?:\.py)?)/?`", text))
+    assert rooms - {"__init__.py"} <= listed
 
 
 def test_readme_is_short() -> None:

@@ -16,6 +16,7 @@ from jointid.cli.options import (
     NOMINAL_K,
     OVERWRITE,
     TORQUE_STD,
+    given,
     named,
     nominal,
     require_ending,
@@ -120,14 +121,9 @@ def convert(
         return
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
-    robot = robot_from(inertia)
-    robot = replace(
-        robot,
-        nominal=nominal(nominal_K, nominal_D) or robot.nominal,
-        name=name or robot.name,
-        inertia_std=robot.inertia_std if inertia_std is None else inertia_std,
-        torque_std=robot.torque_std if torque_std is None else torque_std,
-    )
+    assumed, called = nominal(nominal_K, nominal_D), name or None
+    changes = given(nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std)
+    robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         raise typer.BadParameter(
