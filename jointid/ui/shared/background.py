@@ -11,6 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import cache, partial
 from threading import Semaphore
+from time import monotonic
 from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
@@ -36,6 +37,9 @@ _at_work = ""
 
 # A tenth of the default: short reruns wait less for the thread that computes.
 sys.setswitchinterval(5e-4)
+
+last_seen: dict[str, float] = {}
+"""Time of the last page of each session: the server closes sessions whose tab has closed, s."""
 
 _threads = ThreadPoolExecutor(16, thread_name_prefix="background")
 """They wait for worker processes; computations in this process take turns."""
@@ -66,6 +70,11 @@ def run_in_background(
         When the computation ends its process; and whatever it raises.
     """
     return _computed(_session(), compute, *given, **named)
+
+
+def note_session() -> None:
+    """Note when the session of this run was last seen."""
+    last_seen[_session()] = monotonic()
 
 
 def _session() -> str:

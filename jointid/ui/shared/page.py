@@ -11,6 +11,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui.shared import cached
+from jointid.ui.shared.background import note_session
 from jointid.ui.shared.charts import is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
@@ -127,6 +128,7 @@ def start(title: str) -> None:
 
 
 def _set_up(title: str) -> None:
+    note_session()
     st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
     dark = is_dark()
     style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")
