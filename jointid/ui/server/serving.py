@@ -7,6 +7,7 @@ loop and three descriptors, until another tab closes.
 
 import asyncio
 import os
+import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from time import monotonic
@@ -99,6 +100,8 @@ def serve(script: str, port: int) -> None:
     app = st.App(script, lifespan=_closing_sessions)
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
+    # Streamlit lowers the level of uvicorn's loggers.
+    sys.stderr.write(f"The app is at http://{address}:{port} until Ctrl-C.\n")
     uvicorn.run(
         app,
         host=address,
