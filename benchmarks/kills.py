@@ -48,9 +48,10 @@ def writing(folder: Path) -> list[Path]:
 
 def killed(process: subprocess.Popen[bytes], folder: Path, until_s: float, at_write: bool) -> bool:
     """Kill a process at a random time or at a write; True when it was writing. False if it had ended."""
-    end = time.monotonic() + until_s * (3 if at_write else random.uniform(0.3, 1.1))
-    while time.monotonic() < end and process.poll() is None:
-        if at_write and writing(folder):
+    begin = time.monotonic()
+    some, end = begin + random.uniform(0.1, 1.1) * until_s, begin + 3 * until_s
+    while time.monotonic() < (end if at_write else some) and process.poll() is None:
+        if at_write and time.monotonic() > some and writing(folder):
             break
         time.sleep(0.0005)
     process.kill()
@@ -180,7 +181,7 @@ def server(count: int, folder: Path) -> Counter[str]:
     while found["kills"] < count:
         visitor = Thread(target=visit, args=(1 + 1000 * found["kills"],))
         visitor.start()
-        found["during a write"] += killed(victim.process, folder, 6.0, found["kills"] % 2 == 1)
+        found["during a write"] += killed(victim.process, folder, 8.0, found["kills"] % 2 == 1)
         found["kills"] += 1
         visitor.join()
         there = {e.id: e.digest for e in store.entries(place)}

@@ -94,8 +94,8 @@ class Session:
         state.double_array_value.data.append(value)
         self.widgets[state.id] = state
 
-    def upload(self, help: str, name: str, data: bytes) -> None:
-        """Give a file to the uploader whose help begins so; the next run reads it."""
+    def upload(self, label: str, name: str, data: bytes) -> None:
+        """Give a file to the uploader whose label begins so; the next run reads it."""
         message = BackMsg()
         session = self.begun.initialize.session_id
         message.file_urls_request.session_id = session
@@ -115,7 +115,7 @@ class Session:
             pass
         box = next(
             e.file_uploader for e in self.sent
-            if e.HasField("file_uploader") and e.file_uploader.help.startswith(help)
+            if e.HasField("file_uploader") and e.file_uploader.label.startswith(label)
         )  # fmt: skip
         state = WidgetState(id=box.id)
         state.file_uploader_state_value.uploaded_file_info.add(
