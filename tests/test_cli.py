@@ -21,6 +21,7 @@ import jointid
 from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
+from jointid.cli.options import gears
 from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
@@ -246,6 +247,30 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
     assert json.loads(ok(*made, "--overwrite"))["digest"] == document["digest"]
 
 
+def test_simulated_gears_have_their_laws(here: Path) -> None:
+    made = ["simulate", "s.zip", "--count", "8", "--periods", "6", "--gear", "1: cubic=9000"]
+    ok(*made, "--gear", "2:backlash=0.004")
+    laws = json.loads(ok("identify", "s.zip", "--json"))["gears"]
+    assert laws["kind"] == ["hardening", "backlash"]
+    ok("export", "s.zip", "-o", "s.gears.csv", "-o", "s.gears.txt", "-o", "s.torsion.csv")
+    assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
+    assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
+    assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
+    np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
+    np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
+    again = [*made[:-2], "--overwrite", "--gear"]
+    assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
+    assert "presliding" in refused(2, *again, "loss=0.1")
+    assert "no number" in refused(2, *again, "cubic=hard")
+    assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
+
+
+def test_gears_of_all_joints_and_of_one() -> None:
+    found = gears(["cubic=5, K2=3,K3=4,T1=1,T2=2", " 2 : cubic = 7"], 2)
+    assert [gear.cubic for gear in found] == [5, 7]
+    assert {(gear.K2, gear.K3, gear.T1_Nm, gear.T2_Nm) for gear in found} == {(3, 4, 1, 2)}
+
+
 def test_a_robot_of_ones_own_is_simulated(here: Path) -> None:
     (here / "robot.toml").write_text("M = [0.003]\nM2 = [[0.005]]\n", "utf-8")
     ok("simulate", "s", "--inertia", "robot.toml", "--K", "30", "--D", "0.05", "--count", "3")
@@ -269,7 +294,7 @@ def test_cut_of_a_study(study: Path, here: Path) -> None:
 def test_cut_says_what_its_rule_means(study: Path, one_joint: Path) -> None:
     said = {
         "The inertias of this study are those of the example arm": ["cut", study],
-        "K and D of this study apply as they are, but": ["cut", study, "--drive", "serial"],
+        "K and D of this study apply unchanged, but": ["cut", study, "--drive", "serial"],
         "A cut in the plane needs a study of two joints": ["cut", one_joint],
     }
     for text, command in said.items():
@@ -421,7 +446,7 @@ def test_what_is_read_is_never_written_over(study: Path, here: Path) -> None:
     with zipfile.ZipFile(study) as archive:
         archive.extractall(here / "folder")
     before = {path: path.read_bytes() for path in here.rglob("*") if path.is_file()}
-    read = "is what this command reads"
+    read = "is the input of this command"
     assert "ends in .json" in refused(2, "convert", log, "--guess", log)
     assert read in refused(1, "convert", "log.json", "--guess", "log.json", "--overwrite")
     given = ("--mapping", "log.json", "--inertia", "one.zip", "--overwrite")
@@ -592,7 +617,7 @@ def test_convert_takes_a_zip_of_logs_and_their_poses(here: Path) -> None:
     assert load_study("study").robot == "cell 7"
     assert str(load_study("study").date) == "2026-11-20"
     message = refused(1, "convert", "logs.zip", *known, "--date", "20.11.2026", "-o", "other")
-    assert "The date '20.11.2026' is none: write year, month and day as in 2026-11-20." in message
+    assert "'20.11.2026' is not a date: write year, month and day as in 2026-11-20." in message
 
 
 @pytest.mark.parametrize(

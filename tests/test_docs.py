@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import re
+import struct
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
+import jointid
 from jointid.cli import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
 LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
@@ -56,3 +62,81 @@ def test_links_have_targets(page: Path) -> None:
 
 def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 120
+
+
+FUNCTIONS = [name for name in jointid.__all__ if inspect.isfunction(getattr(jointid, name))]
+CLASSES = [name for name in jointid.__all__ if inspect.isclass(getattr(jointid, name))]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_public_functions_document_parameters_and_results(name: str) -> None:
+    function = getattr(jointid, name)
+    signature, text = inspect.signature(function), inspect.getdoc(function) or ""
+    listed = re.findall(r"^([\w, ]+?)(?: : .*)?$", text.partition("Parameters\n---")[2], re.MULTILINE)
+    documented = {each.strip() for line in listed for each in line.split(",")}
+    assert set(signature.parameters) <= documented
+    if signature.return_annotation not in (None, "None"):
+        assert "\nReturns\n-------\n" in text
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_public_classes_and_their_members_are_documented(name: str) -> None:
+    public = getattr(jointid, name)
+    assert inspect.getdoc(public)
+    members = vars(public).items()
+    for member, value in members:
+        if not member.startswith("_") and isinstance(value, property | staticmethod | classmethod):
+            assert inspect.getdoc(value), member
+        if not member.startswith("_") and inspect.isfunction(value):
+            assert inspect.getdoc(value), member
+
+
+def test_the_reference_lists_every_public_name() -> None:
+    listed = set(
+        re.findall(r"^::: jointid\.(\w+)", (ROOT / "docs/reference/api.md").read_text("utf-8"), re.M)
+    )
+    assert listed == set(FUNCTIONS + CLASSES)
+
+
+def _texts() -> str:
+    """All texts of the package, with … for every value in them."""
+    texts = []
+    for path in sorted((ROOT / "jointid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "…" for v in node.values)
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_the_listed_errors_exist() -> None:
+    rows = (ROOT / "docs/reference/errors.md").read_text("utf-8").splitlines()
+    messages = [row.split(" | ")[1] for row in rows if row.startswith("| ") and "---" not in row][1:]
+    texts = _texts()
+    fragments = [part.strip(" :,.?") for message in messages for part in re.split("[…;]", message)]
+    assert len(messages) > 15
+    for fragment in fragments:
+        assert fragment in texts, fragment
+
+
+def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    exec(SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8"))[0], names)
+    heads = [
+        struct.pack("<32s8s", name.encode(), unit.encode())
+        for name, unit in (("q", "deg"), ("tau", "%"))
+    ]
+    values = np.arange(20, dtype="<f4")
+    log = b"PLANT7" + struct.pack("<dII", 500.0, 2, 10) + b"".join(heads) + values.tobytes()
+    path = tmp_path / "run.p7"
+    path.write_bytes(log)
+    (table,) = names["READER"].read("run.p7", str(path))
+    assert (table.column("q").unit, table.column("tau").unit) == ("deg", "%")
+    assert table.column("time").values[-1] == pytest.approx(9 / 500)
+    assert table.column("tau").values.tolist() == values[1::2].tolist()
+    assert names["READER"].recognises(log[:4096])
+    path.write_bytes(log[:-1])
+    with pytest.raises(jointid.JointIdError, match="cut short"):
+        names["READER"].read("run.p7", str(path))

@@ -10,7 +10,7 @@ import pytest
 from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
-from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope
+from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope, open_questions
 
 from jointid import Inertia, JointIdError
 from jointid.importing import (
@@ -358,7 +358,7 @@ def test_guess_of_the_cell() -> None:
     first, second = guess.mapping.joints
     assert first.position == Channel("Achse 1 Ist", "deg", None, "joint")
     assert second.torque == Channel("Moment 2", "%", 1.0, "motor")
-    asked = {reason.what for reason in guess.open_questions}
+    asked = {reason.what for reason in open_questions(guess)}
     assert {"gear ratio of joint 1", "scale of torque of joint 2", "torque hold"} <= asked
     assert "position of joint 1" not in asked
     assert "unit of time" not in asked
@@ -378,7 +378,7 @@ def test_a_position_without_a_torque_is_said() -> None:
     ):
         part = guess_mapping(table_of(**{key: v for key, v in columns.items() if key != gone}))
         assert part.mapping.n == 1
-        (reason,) = [r for r in part.open_questions if r.what == "joints"]
+        (reason,) = [r for r in open_questions(part) if r.what == "joints"]
         assert said in reason.text
 
 
@@ -399,7 +399,7 @@ def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:
     (table,) = read_log(mat_scope(), "scope.mat")
     guess = guess_mapping(table)
     assert guess.mapping.time == TimeColumn("time", "s")
-    assert {"position of joint 1", "torque of joint 1"} <= {r.what for r in guess.open_questions}
+    assert {"position of joint 1", "torque of joint 1"} <= {r.what for r in open_questions(guess)}
 
 
 @pytest.mark.parametrize(
@@ -415,7 +415,7 @@ def test_sample_numbers_and_no_time_at_all() -> None:
     assert counted.mapping.time == TimeColumn("nr", "samples", 1000.0)
     none = guess_mapping(table_of(q=ANGLE[:50], tau=TORQUE[:50]))
     assert none.mapping.time == TimeColumn("", "samples", 1000.0)
-    assert "time" in {reason.what for reason in none.open_questions}
+    assert "time" in {reason.what for reason in open_questions(none)}
 
 
 def test_counts_are_seen() -> None:
@@ -501,7 +501,7 @@ def test_clocks_that_begin_anew_go_on(unit: str, step: float, turn: float, start
     assert guess.time == TimeColumn("time", unit)
     log = apply_mapping(table, guess)
     np.testing.assert_allclose(log.time_s, (time - start) * TIME_UNITS[unit], atol=1e-9)
-    assert "begins anew" in log.notes[0]
+    assert "restarts" in log.notes[0]
 
 
 def test_gaps_are_said_and_part_the_log() -> None:
@@ -522,7 +522,7 @@ def test_one_gap_for_notes_and_for_segments() -> None:
 def test_a_rate_that_no_log_says_is_said() -> None:
     table = table_of(q=X, tau=X)
     log = apply_mapping(table, guess_mapping(table).mapping)
-    assert "numbered at 1000 Hz; nothing in the log says this rate" in log.notes[0]
+    assert "numbered at 1000 Hz; the log does not state this rate" in log.notes[0]
 
 
 def test_a_time_that_stands_still_is_named() -> None:
@@ -560,7 +560,7 @@ def test_side_of_a_torque_by_its_name(name: str, unit: str, side: str) -> None:
     torque = guess.mapping.joints[0].torque
     assert (torque.column, torque.side) == (name, side)
     said = {r.what: r for r in guess.reasons}
-    assert ("says no side" in said["side of torque of joint 1"].text) == (
+    assert ("does not state the side" in said["side of torque of joint 1"].text) == (
         name in ("tau1", "Drehmoment Achse 1")
     )
     assert ("gear ratio of joint 1" in said) == (side == "joint")
@@ -602,7 +602,7 @@ def test_jumps_of_a_turn_are_taken_out(
         per_unit = JointMapping(channel, Channel("tau", "N·m")).rad_per_unit
         expected = (true - true[0] + seen[0]) * per_unit
         np.testing.assert_allclose(log.theta_rad[:, 0], expected, atol=1e-9 * abs(turn * per_unit))
-        assert "the jumps are taken out" in log.notes[-1]
+        assert "the jumps are removed" in log.notes[-1]
 
 
 @pytest.mark.parametrize(
@@ -669,7 +669,7 @@ def test_a_pair_by_number_alone_is_to_be_looked_at() -> None:
     table = LogTable(
         "log", tuple(LogColumn(n, numbers(values if n == "t" else np.sin(values))) for n in names)
     )
-    asked = {r.what: r.text for r in guess_mapping(table).open_questions}
+    asked = {r.what: r.text for r in open_questions(guess_mapping(table))}
     assert "by its number alone" in asked["position of joint 2"]
     assert "position of joint 1" not in asked
 

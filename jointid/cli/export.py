@@ -18,7 +18,10 @@ from jointid.study import NOT_USABLE, Analysis
 if TYPE_CHECKING:
     from jointid.exporting import Identification
 
-_ENDINGS = (".phasors.csv", ".h.csv", ".json", ".toml", ".mat", ".zip", ".xml", ".urdf", ".sdf")
+_ENDINGS = (
+    ".phasors.csv", ".h.csv", ".torsion.csv", ".gears.csv", ".gears.txt",
+    ".json", ".toml", ".mat", ".zip", ".xml", ".urdf", ".sdf",
+)  # fmt: skip
 
 
 @reported
@@ -30,7 +33,8 @@ def export(
             "--output",
             "-o",
             help="Files; the ending selects the format: .json, .toml (identification), .mat, "
-            ".phasors.csv, .H.csv, .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
+            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
+            "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[
@@ -53,7 +57,7 @@ def export(
     ratio = ratio or (None if known is None else known.tolist())
     for file in output:
         if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
-            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+            raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
     from jointid.exporting import identification
 
     result = identification(analysis)
@@ -83,6 +87,9 @@ def _exported(
         ".zip": lambda: pack_study(analysis.study),
         ".phasors.csv": lambda: exporting.phasor_table(analysis),
         ".h.csv": lambda: exporting.transfer_matrix_table(analysis),
+        ".torsion.csv": lambda: exporting.torsion_table(analysis),
+        ".gears.csv": lambda: exporting.gear_table(result),
+        ".gears.txt": lambda: exporting.modelica_table(result),
         ".json": lambda: exporting.to_json(result),
         ".toml": lambda: exporting.to_toml(result),
         ".xml": lambda: exporting.mujoco_snippet(result, ratio or []),

@@ -76,7 +76,7 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
         if source == target or target in source.parents or inside or _same_file(source, target):
-            raise JointIdError(f"{path} is what this command reads: choose another path for the result.")
+            raise JointIdError(f"{path} is the input of this command: choose another path for results.")
     if path.exists() and not overwrite:
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
 

@@ -39,9 +39,9 @@ SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
 
 RULES: dict[Rule, str] = {
-    "direct": "The inertias of this study are those of the example arm where it cuts, with a {drive} "
-    "drive: its K and D apply as they are.",
-    "springs": "K and D of this study apply as they are, but its inertias are those of the other drive: "
+    "direct": "The inertias of this study are those of the example arm at the cutting pose with a "
+    "{drive} drive: its K and D apply unchanged.",
+    "springs": "K and D of this study apply unchanged, but its inertias are those of the other drive: "
     "the arm that cuts is not the study's robot.",
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
     "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
@@ -157,7 +157,7 @@ def reason_unusable(analysis: Analysis) -> str:
     """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
-            return f"The answer cannot be used for a cut, because of what was found: {finding.title}."
+            return f"The answer cannot be used for a cut. Mend this finding first: {finding.title}."
     fit = analysis.fit
     value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
@@ -167,9 +167,9 @@ def reason_unusable(analysis: Analysis) -> str:
     names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
     k = int(wide[0])
     return (
-        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for millimetres: "
-        f"{names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than a "
-        "third of the value. Add records near the resonances, or see what was found."
+        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
+        f"error: {names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than "
+        "a third of the value. Add records near the resonances, or follow the verdict."
     )
 
 

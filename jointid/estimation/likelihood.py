@@ -22,7 +22,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
-from jointid.estimation.residual import Problem, fitted_layout, make_problem
+from jointid.estimation.residual import Problem, fitted_layout, make_problem, with_law_noise
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
@@ -134,6 +134,7 @@ def maximum_likelihood(
     scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, normal = _minimise(problem, p, scale)
+    problem = with_law_noise(problem, p)
     first = Misfit.at(problem, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
@@ -176,7 +177,11 @@ def maximum_likelihood(
         phasors=clean,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
-        inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
+        inertias=tuple(
+            prior.inertias(
+                problem.rotor_inertia(named), problem.arm_inertia(named), problem.gravity(named)
+            )
+        ),
         scale=scale,
     )
 
@@ -266,7 +271,10 @@ def scores(
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
-    _, gradient, normal = quadratic(problem, problem.start(estimate.named), np.ones(problem.s.shape[1]))
+    p = problem.start(estimate.named)
+    if any(name in fitted for name in GEAR_LAWS):
+        problem = with_law_noise(problem, p)
+    _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     normal, gradient = normal / np.outer(size, size), gradient / size
     base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
@@ -311,15 +319,15 @@ def _further_step(
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows == 0:
         raise JointIdError(
-            "No motor moves visibly in any record, so that friction cannot be told from elasticity: "
-            "move the motors more, or log their positions with more digits."
+            "No motor moves visibly in any record, so that friction cannot be separated from "
+            "elasticity: move the motors more, or log their positions with more digits."
         )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
-            "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
+            "The phasors hold too few harmonics to separate friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
         )
 
@@ -422,6 +430,6 @@ def _require_separable(problem: Problem, normal: Floats) -> None:
     if values[0] < INSEPARABLE:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
         raise JointIdError(
-            f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "
+            f"The records cannot separate {' and '.join(names)}. Add records at other frequencies, "
             "and with other relative amplitudes and phases of the joints."
         )

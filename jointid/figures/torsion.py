@@ -1,6 +1,7 @@
 """Torsion curves of the gears: measured torque over wind-up, with the fitted law; K over amplitude."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -17,14 +18,18 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
+from jointid.gears.harmonic_balance import sine_stiffness
 
 _MOST_RECORDS = 10
 """Records drawn; more would hide each other."""
 _SCALE = ("#7D5BA6", "#5B7DB1", "#2A9D8F", "#6DAF3F", "#B89A00")
-"""Colours of rising frequency, visible on black and on white."""
+"""Colours of rising frequency or amplitude, visible on black and on white."""
+ColourBy = Literal["frequency", "amplitude"]
 
 
-def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.Figure:
+def torsion_curve(
+    fit: ElasticityFit, joint: int, *, colour_by: ColourBy = "frequency", dark: bool = False
+) -> go.Figure:
     """Torque of one gear over its wind-up, a period of every record, and the fitted elastic law.
 
     Parameters
@@ -32,24 +37,29 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
     fit : ElasticityFit
     joint : int
         From 0.
+    colour_by : {"frequency", "amplitude"}
+        What the colours of the records rise with.
     """
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     traces: list[Trace] = []
-    frequency = np.log(curve.frequency_hz)
-    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: frequency[r])
-    span = max(float(np.ptp(frequency)), 1e-9) if ends else 1.0
+    by_frequency = colour_by == "frequency"
+    size, unit = (curve.frequency_hz, "Hz") if by_frequency else (curve.amplitude_Nm, "N·m")
+    height = np.log(np.maximum(size, np.finfo(float).tiny))
+    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
+    span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
     named = {*ends[:1], *ends[-1:]}
     for r in ends:
-        share = (frequency[r] - frequency.min()) / span * (len(_SCALE) - 1)
+        share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (curve.deflection_rad, curve.torque_Nm))
-        name = f"{curve.frequency_hz[r]:.3g} Hz"
+        name = f"{size[r]:.3g} {unit}"
         band = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
         half = 2 * curve.torque_noise_Nm[r]
         edge = np.concatenate([y + half, (y - half)[::-1]])
         both = np.concatenate([x, x[::-1]])
         colour = _SCALE[round(float(share))]
         traces.append(line(1e3 * both, edge, name, colour, fill="toself", fillcolor=colour, **band))
-        hover = f"%{{x:.4g}} mrad<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{name}</extra>"
+        record = f"{curve.frequency_hz[r]:.3g} Hz, {curve.amplitude_Nm[r]:.3g} N·m"
+        hover = f"%{{x:.4g}} mrad<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
         style = {"line": {"width": 1.2}, "hovertemplate": hover, "showlegend": r in named}
         traces.append(line(1e3 * x, y, name, colour, **style))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 401)
@@ -94,16 +104,17 @@ def stiffness_over_amplitude(
     traces: list[Trace] = []
     for k, pose in enumerate(dict.fromkeys(names.tolist())):
         own = names == pose
-        name = plain_text(pose) or "each record"
+        name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
         hover = "%{x:.3g} N·m<br>%{y:.4g} ± %{customdata:.2g} N·m/rad<extra></extra>"
         shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
-        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)]}
-        traces.append(points(amplitude[own], K[own], name, ink.measured, marker=symbol, **shared))
-    size = np.linspace(0.02, 1, 60) * gear.tried_rad
-    turn = np.sin(2 * np.pi * (np.arange(256) + 0.5) / 256)
-    torque = 2 * (gear.torque(size[:, None] * turn) * turn).mean(axis=1)
+        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)], "size": 6}
+        colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
+        traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
+    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
+    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
     law = {"hovertemplate": "%{x:.3g} N·m<br>%{y:.4g} N·m/rad<extra>fitted law</extra>"}
-    traces.insert(0, line(torque, torque / size, "fitted law", ink.identified, **law))
+    inside = size * secant >= amplitude.min(initial=np.inf)
+    traces.insert(0, line((size * secant)[inside], secant[inside], "fitted law", ink.identified, **law))
     return figure(
         traces,
         height=260,

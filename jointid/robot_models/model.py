@@ -57,10 +57,10 @@ class RobotModel(RobotDescription):
         ----------
         path : path
         gear_ratio : array_like, shape (n,), optional
-            Motor turns per joint turn, in place of what the file says. URDF states them as
+            Motor turns per joint turn, in place of those of the file. URDF states them as
             ``mechanicalReduction`` of transmissions, MJCF as ``gear`` of actuators.
         rotor_inertia : array_like, shape (n,), optional
-            Motor side, kg·m², in place of what the file says. MJCF states N² times them as ``armature``.
+            Motor side, kg·m², in place of those of the file. MJCF states N² times them as ``armature``.
 
         Raises
         ------
@@ -184,13 +184,15 @@ class RobotModel(RobotDescription):
         C = self._known_coupling()
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        M2, load = C.T @ self.joint_inertia(q) @ C, self.payload
-        heavier = self.with_payload(mass=load.mass + load.mass_std).joint_inertia(q)
+        M2, gravity = C.T @ self.joint_inertia(q) @ C, self.motor_gravity_stiffness(q)
+        load = self.payload
+        heavier = self.with_payload(mass=load.mass + load.mass_std)
         return Inertia(
             self.rotor_inertia,
             M2,
-            gravity=self.motor_gravity_stiffness(q),
-            shared=C.T @ heavier @ C - M2 if load.mass_std else None,
+            gravity=gravity,
+            shared=C.T @ heavier.joint_inertia(q) @ C - M2 if load.mass_std else None,
+            shared_gravity=heavier.motor_gravity_stiffness(q) - gravity if load.mass_std else None,
         )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:

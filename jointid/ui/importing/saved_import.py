@@ -178,15 +178,15 @@ def _restore() -> None:
         except JointIdError as error:
             st.session_state["store_problem"] = str(error)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            store().set_aside(place, draft.id, "its content is not what this version writes")
+            store().set_aside(place, draft.id, "its format is unknown to this version")
     files, lost = [], []
     for name, digest in names:
         try:
             if digest not in entries:
-                raise JointIdError("It is not in the store any more.")
+                raise JointIdError("It is no longer in the store.")
             files.append(Dropped(name, store().read(place, entries[digest].id), digest))
         except JointIdError as error:
-            lost.append(f"{name} is not open any more: drop it again. {error}")
+            lost.append(f"{name} is no longer open: drop it again. {error}")
     hold(files)
     st.session_state[_LOST] = lost
     if files:

@@ -15,6 +15,7 @@ from jointid.figures import (
     torsion_curve,
     unexplained_torque,
 )
+from jointid.figures.torsion import ColourBy
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
@@ -62,7 +63,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
         "K over amplitude": lambda: show(
             "Stiffness of joint {0} over the torque amplitude of the records",
             lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
-            "K of each record over its torque amplitude. A linear gear gives a level line.",
+            "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
+            "raises K at large torque, hysteresis at small torque, and play lowers it there.",
         ),
         "Residual": lambda: show(
             "Residual torque of joint {0} against noise",
@@ -84,19 +86,26 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
-        "K; damping opens the loops, one per record or segment, coloured by frequency and drawn with "
-        "± two standard errors."
+        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
-    page.show_per_joint(
-        "torsion",
-        lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
+    options: list[ColourBy] = ["frequency", "amplitude"]
+    by = st.segmented_control(
+        "Colour of the records by", options, default=options[0], key="torsion_colour"
+    )
+    colour_by = by or options[0]
+    joints = page.show_per_joint(
+        f"torsion by {colour_by}",
+        lambda j: torsion_curve(analysis.fit, j, colour_by=colour_by, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
-        {"Joint": [f"{j}" for j in range(1, len(each) + 1)]}
-        | {name: [terms.get(name, "–") for terms in each] for name in names}
+        {"Gear": list(names)}
+        | {
+            f"Joint {j + 1}": [terms.get(name, "–") for name in names]
+            for j, terms in zip(joints, each, strict=True)
+        }
     )
     download(
         "Torsion curves (.csv)",
