@@ -17,8 +17,8 @@ ANGLE = 0.3 * np.sin(2 * np.pi * 10 * TIME_S) + 0.1
 TORQUE = 0.7 * np.cos(2 * np.pi * 10 * TIME_S) - 0.01
 
 
-def open_questions(guess: Guess) -> list[Reason]:
-    """Entries of a guess that the user should check."""
+def unsure(guess: Guess) -> list[Reason]:
+    """Entries of a guess that the user should check before the mapping is used."""
     return [reason for reason in guess.reasons if not reason.sure]
 
 

@@ -171,7 +171,8 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         return
     error = fit.standard_error / np.sqrt(fit.inflation)
     share = float(relative(error, fit.estimate).max())
-    missed, covered = [], 0
+    missed: list[float] = []
+    covered = 0
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
         f = evidence.frequency_hz[index]
