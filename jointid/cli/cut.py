@@ -21,7 +21,8 @@ def cut(
     ] = None,
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[
-        str, typer.Option(help="Servo model before: study (its nominal values), rigid, soft or stiff.")
+        str,
+        typer.Option(help="The servo before assumes: study (nominal), rigid, soft or stiff."),
     ] = "",
     drive: Annotated[str, typer.Option(help="parallelogram or serial; by default the study's.")] = "",
     svg: Annotated[Path | None, typer.Option(help="Write Figure 7 to this file.")] = None,
