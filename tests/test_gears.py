@@ -232,7 +232,7 @@ def test_a_doubt_between_laws_asks_for_a_second_amplitude(stiffening: Elasticity
 
 def test_hysteresis_is_no_damping() -> None:
     robot = replace(PAPER, hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003)
-    fit = fitted(robot, max_step_s=1e-4, periods=4.5)
+    fit = fitted(robot, max_step_s=2e-4, periods=4.5)
     assert fit.gears[0].kind == "hysteresis"
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
     assert np.all(np.abs(fit.estimate - robot.answer) < 4 * fit.standard_error)

@@ -1,7 +1,7 @@
 """Figures of the page Elasticity, one per joint."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import streamlit as st
 
@@ -16,7 +16,7 @@ from jointid.figures import (
     unexplained_torque,
 )
 from jointid.figures.torsion import ColourBy
-from jointid.ui.shared.charts import download
+from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
@@ -88,14 +88,10 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
         "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
-    options: list[ColourBy] = ["frequency", "amplitude"]
-    by = st.segmented_control(
-        "Colour of the records by", options, default=options[0], key="torsion_colour"
-    )
-    colour_by = by or options[0]
+    by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
-        f"torsion by {colour_by}",
-        lambda j: torsion_curve(analysis.fit, j, colour_by=colour_by, dark=page.dark),
+        f"torsion {by}",
+        lambda j: torsion_curve(analysis.fit, j, colour_by=by, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
     each = [gear_terms(analysis.fit, j) for j in joints]
