@@ -307,8 +307,11 @@ class _Search:
             if isinstance(found, JointIdError):
                 break
             falls = False
-            for part in sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]:
-                wider = model.with_part(part)
+            parts = sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]
+            further = [model.with_part(part) for part in parts]
+            for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
+                further += [model.without(law).with_part(part) for part in parts[:1]]
+            for wider in further:
                 self.slow_fits -= wider.is_slow  # not one of those that compare
                 self.fit(wider, found.named)
                 falls = fits.misfit(wider) < _CLIMB * found.misfit
