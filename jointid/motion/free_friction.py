@@ -184,10 +184,10 @@ class Projection:
         return left
 
     def first_sizes(self, rows: Floats, count: int) -> Floats:
-        """Amplitudes of the first of the further columns fitted to rows (r, 2Hn, 1), shape (r, count)."""
+        """Amplitudes (r, count) of the first of the further columns fitted to rows (r, 2Hn, 1)."""
         found, ends = np.zeros((len(rows), count)), self.groups[-1]
-        size = ends.sizes(rows[ends.records])[..., 0] / np.where(ends.length > 0, ends.length, np.inf)
-        found[ends.records] = size[:, :count]
+        length = np.where(ends.length > 0, ends.length, np.inf)
+        found[ends.records] = (ends.sizes(rows[ends.records])[..., 0] / length)[:, :count]
         return found
 
     def rank(self) -> int:
