@@ -70,7 +70,7 @@ class TestFirstScreen:
         for name, truth in {"K1": 43.0, "K2": 7.5, "D1": 0.10, "D2": 0.015}.items():
             value, error = metric(at, name)
             assert abs(value - truth) < 5 * error + 0.003 * truth, name
-        assert "2.0 times as stiff as the controller assumes" in at.subheader[0].value
+        assert "2.0 times as stiff as the controller assumes" in at.header[0].value
         assert figures(at) == 2
 
     def test_it_says_where_the_study_comes_from(self, app: AppTest) -> None:
@@ -243,7 +243,7 @@ class TestAnalysisThatFails:
         at = upload(shown(app.run()), pack_study(wrong))
         at = shown(at.selectbox(key="estimator").set_value("least-squares").run())
         assert "Not usable: " in at.error[0].value
-        assert not any("stiff" in subheader.value for subheader in at.subheader)
+        assert not any("stiff" in subheader.value for subheader in at.header)
         assert all("Not usable" in metric.label for metric in at.metric)
         for page, count in FIGURES.items():
             at = shown(at.switch_page(page).run())
