@@ -472,7 +472,9 @@ class _Search:
             needed = WORTH * (found.misfit - 1) * found.expected_cost
             return score.gain > _HALFWAY * needed
         sigma = np.sqrt(np.diag(found.elasticity_covariance))
-        return not self.fits.is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))
+        if self.fits.is_explained(model):  # of motions, a law takes a minute
+            return not self.phasors.motion.any() and bool(np.any(np.abs(score.shift) > sigma))
+        return True
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""

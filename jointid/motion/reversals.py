@@ -59,7 +59,11 @@ def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFrictio
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     columns = [np.zeros((H, n, 0), complex)]
     for j in np.flatnonzero(~stationary).tolist():
-        unknown = _polynomials(_stretches(v[j], max(window * largest[j], blur[j]), blur[j]), N, H)
+        stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
+        if len(stretches) > 2 * (H - segment.lowest + 1):
+            stationary[j] = True  # they fill its equations
+            continue
+        unknown = _polynomials(stretches, N, H)
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
         turns, signs = _steps(v[j], blur[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
