@@ -438,6 +438,8 @@ def test_a_planned_motion_keeps_its_limits_and_its_promise(analyses: dict[str, A
     np.testing.assert_allclose(plan.alone, stated.standard_error / analysis.fit.estimate, rtol=0.5)
     today = analysis.fit.standard_error / analysis.fit.estimate
     assert np.all(plan.together < np.minimum(plan.alone, today) * 1.001)
+    whole = analyse(replace(analysis.study, records=[*analysis.study.records, *record])).fit
+    np.testing.assert_allclose(plan.together, whole.standard_error / whole.estimate, rtol=0.3)
 
 
 @pytest.fixture
