@@ -459,5 +459,7 @@ def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
         assert not at.exception, page.name
         if page.name.startswith("1_"):
             assert [tab.label for tab in at.tabs][-1] == "Coherence"
+        if page.name.startswith("4_"):
+            assert any("Hz, chosen from its spectrum" in caption.value for caption in at.caption)
         if page.name.startswith("6_"):
             assert any(button.label == "Predict" for button in at.button)
