@@ -66,8 +66,8 @@ _FAR = 1e4
 _CHANCE = 1e-3
 """Probability that the score of any part leads to a fit on an ideal robot."""
 _EXPLAINED_MOTIONS = 1.3
-"""Misfit of motions below which richer friction is not tried: their noise is that of the residual, and
-wide reversals leave few equations."""
+"""Misfit of motions below which richer friction and laws are not tried: their noise is that of the
+residual, and wide reversals leave few equations."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
@@ -316,7 +316,7 @@ class _Search:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
     def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
-        """Whether richer friction may lower the cost noticeably."""
+        """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
         return found.misfit > (_EXPLAINED_MOTIONS if self.phasors.motion.any() else EXPLAINED)
 
     def _is_lost(self) -> bool:
@@ -468,13 +468,13 @@ class _Search:
         found = self.fits.tried[model]
         if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
             return True
+        if self.phasors.motion.any() and not self._may_be_richer(found):
+            return False  # it takes a minute
         if part != "friction" and found.misfit > EXPLAINED:
             needed = WORTH * (found.misfit - 1) * found.expected_cost
             return score.gain > _HALFWAY * needed
         sigma = np.sqrt(np.diag(found.elasticity_covariance))
-        if self.fits.is_explained(model):  # of motions, a law takes a minute
-            return not self.phasors.motion.any() and bool(np.any(np.abs(score.shift) > sigma))
-        return True
+        return not self.fits.is_explained(model) or bool(np.any(np.abs(score.shift) > sigma))
 
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""

@@ -100,10 +100,11 @@ def _incoherent(evidence: Evidence) -> Iterator[Finding]:
 
 def _resting(evidence: Evidence) -> Iterator[Finding]:
     """Joints that friction holds so long that their own torques hardly show the spring."""
-    fit, records = evidence.fit, evidence.records
+    fit = evidence.fit
+    records = [record for record in evidence.records if isinstance(record, MotionRecord)]
     if fit.friction is None or not records:
         return
-    shares = np.mean([_share_at_rest(record) for record in records], axis=0)
+    shares = np.mean([share_at_rest(record) for record in records], axis=0)
     known = fit.standard_error[: fit.n] / np.abs(fit.K)
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:
@@ -120,7 +121,7 @@ def _resting(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _share_at_rest(record: MotionRecord) -> Floats:
+def share_at_rest(record: MotionRecord) -> Floats:
     """Share of the time in which each motor hardly moves, shape (n,)."""
     theta = record.theta_rad[record.start :]
     span = max(1, round(_SPAN_S / record.interval_s))

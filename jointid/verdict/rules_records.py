@@ -141,7 +141,8 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
                     pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
                     second.add(int(k))
-    rows = [(record, _rows(record)) for record in evidence.records if isinstance(record, MotionRecord)]
+    motions = [record for record in evidence.records if isinstance(record, MotionRecord)]
+    rows = [(record, sample_digests(record)) for record in motions]
     for (one, these), (other, those) in itertools.combinations(rows, 2):
         same = np.intersect1d(these, those, assume_unique=True).size
         if same > _SHARED * min(these.size, those.size):
@@ -159,7 +160,7 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _rows(record: MotionRecord) -> np.ndarray:
+def sample_digests(record: MotionRecord) -> np.ndarray:
     """Digests, 8 bytes each, of the distinct samples of all angles and torques."""
     digest = np.zeros(record.time_s.size - record.start, np.uint64)
     for column in (*record.theta_rad.T, *record.tau_Nm.T):
