@@ -39,9 +39,6 @@ _STRONG_EVIDENCE = 10.0
 """Least Bayes factor that counts for a part."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
-_MOST_FREEDOM = 1000.0
-"""Degrees of freedom of that test at most: the noise itself is known to a few per cent, and the bins of
-motions are many."""
 _BEND = 4.0
 """Largest ratio of two slopes of a gear; catalogues have up to 2."""
 _CERTAIN = 200.0
@@ -180,7 +177,6 @@ class Fits:
         if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
             return False
         misfit, freedom = found.fundamental
-        freedom = min(freedom, _MOST_FREEDOM)
         return bool(chdtrc(freedom, misfit * freedom) > _USUAL)
 
     def is_certain(self, model: Model, part: str) -> bool:
