@@ -82,7 +82,8 @@ class WoundGears:
         H, m = f.shape[2], low.shape[2]
         points = _POINTS * max(H, _LEAST_HARMONICS)
         first = _started(laws, f, stiffness, points) if start is None else start
-        mean, solved = np.zeros_like(f[..., :1]), np.concatenate([low[..., :1] | True, low], axis=2)
+        mean = np.zeros_like(f[..., :1])
+        solved = np.concatenate([np.ones((*low.shape[:2], 1), bool), low], axis=2)
         delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
         delta[..., : 1 + m] = np.where(solved, first[..., : 1 + m], delta[..., : 1 + m])
         if start is None:
