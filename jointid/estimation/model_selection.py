@@ -84,7 +84,9 @@ _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
 _LINK_SHARE, _LINK_TIMES = 0.2, 10.0
 """Share of the arm that bends with its link, and the link's mode over the joint's with free motor: sizes
-of a usual arm."""
+of a usual arm. A coupling allows less: M2 without the share stays positive definite."""
+_LEAST_LINK_SHARE = 1e-3
+"""Of an M2 that is nearly singular."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -501,9 +503,12 @@ class _Search:
         found, score = self.fits.tried[best], self.scores(best).get("link")
         if isinstance(found, JointIdError) or score is None or self.phasors.motion.any():
             return np.zeros((2 * self.phasors.n,) * 2)
-        arm = np.diagonal(self.prior.M2, axis1=1, axis2=2).mean(axis=0)
+        M2 = self.prior.M2.mean(axis=0)
+        arm = np.diag(M2)
         squared = np.abs(found.named.K) * (1 / self.prior.M.mean(axis=0) + 1 / arm)
-        std = _LINK_SHARE * arm / (_LINK_TIMES**2 * squared)
+        rest = float(np.linalg.eigvalsh(M2 / np.sqrt(np.outer(arm, arm)))[0])
+        share = np.clip(rest / 2, _LEAST_LINK_SHARE, _LINK_SHARE)
+        std = share * arm / (_LINK_TIMES**2 * squared)
         return spread_by_prior(score, std, max(1.0, found.misfit))
 
     def _spread_of_reversals(self, best: Model) -> Floats:
