@@ -86,6 +86,18 @@ def test_links_far_above_the_band_widen_the_errors() -> None:
     assert max(each.standard_error.max() for each in found) < 0.03, told(found)
 
 
+def test_few_frequencies_show_links_as_well() -> None:
+    """Seven frequencies from 0.7 of the resonance on; K was up to 6 standard errors off without a word."""
+    kinds = {"links": THIRTEEN["10"], "rigid": Case()}
+    seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
+    campaigns = {name: [case.campaign(run) for run in range(3)] for name, case in seven.items()}
+    links, rigid = (outcomes(campaigns[name]) for name in kinds)
+    assert max(np.abs(each.z).max() for each in links) < 4, told(links)
+    assert max(each.standard_error.max() for each in links) < 0.03, told(links)
+    bounds = np.array([least(campaign) for campaign in campaigns["rigid"]])
+    assert np.median([each.standard_error for each in rigid] / bounds) < 1.1 * 1.2
+
+
 @pytest.mark.parametrize("name", KINDS["others"])
 def test_no_further_deviation_is_silently_wrong(name: str) -> None:
     found = analysed("others", name)

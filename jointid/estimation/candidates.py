@@ -295,7 +295,7 @@ class Fits:
         return spread
 
 
-def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
+def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> Floats:
     """Covariance of K and D by an absent positive part of roughly known size, shape (2n, 2n).
 
     A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
@@ -307,16 +307,19 @@ def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
     ----------
     score : Score
         Of the part, at the estimate without it.
+    wide : ndarray, shape (count,)
+        Standard deviations of its prior in a fit, which the score contains.
     std : ndarray, shape (count,)
         Standard deviations of the normal prior before its negative half is cut.
     misfit : float
         Factor on the variances of the data.
     """
-    information = std[:, np.newaxis] * score.information * std / misfit
+    fitted = std[:, np.newaxis] * score.information * std
+    information = (fitted - np.diag((std / wide) ** 2)) / misfit
     eigenvalue, vectors = np.linalg.eigh(information)
     eigenvalue = np.maximum(eigenvalue, 0.0)
     covariance = (vectors / (1 + eigenvalue)) @ vectors.T
-    pull = information @ (score.value / std)
+    pull = fitted @ (score.value / std) / misfit
     mean = covariance @ pull
     log_positive, second_moment = positive_moments(mean, covariance)
     log_factor = 0.5 * float(mean @ pull - np.log1p(eigenvalue).sum())

@@ -28,7 +28,7 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
-from jointid.estimation.residual import make_problem
+from jointid.estimation.residual import LOWEST_LINK, make_problem
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -82,11 +82,8 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
-_LINK_SHARE, _LINK_TIMES = 0.2, 10.0
-"""Share of the arm that bends with its link, and the link's mode over the joint's with free motor: sizes
-of a usual arm. A coupling allows less: M2 without the share stays positive definite."""
-_LEAST_LINK_SHARE = 1e-3
-"""Of an M2 that is nearly singular."""
+_USUAL_LINK = 10.0
+"""Mode of a link of a usual arm, over the joint's with free motor."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -503,13 +500,8 @@ class _Search:
         found, score = self.fits.tried[best], self.scores(best).get("link")
         if isinstance(found, JointIdError) or score is None or self.phasors.motion.any():
             return np.zeros((2 * self.phasors.n,) * 2)
-        M2 = self.prior.M2.mean(axis=0)
-        arm = np.diag(M2)
-        squared = np.abs(found.named.K) * (1 / self.prior.M.mean(axis=0) + 1 / arm)
-        rest = float(np.linalg.eigvalsh(M2 / np.sqrt(np.outer(arm, arm)))[0])
-        share = np.clip(rest / 2, _LEAST_LINK_SHARE, _LINK_SHARE)
-        std = share * arm / (_LINK_TIMES**2 * squared)
-        return spread_by_prior(score, std, max(1.0, found.misfit))
+        wide, usual = (self.prior.link_std(found.named.K, t) for t in (LOWEST_LINK, _USUAL_LINK))
+        return spread_by_prior(score, wide, usual, max(1.0, found.misfit))
 
     def _spread_of_reversals(self, best: Model) -> Floats:
         """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).
