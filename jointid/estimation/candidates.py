@@ -35,6 +35,8 @@ _FAR_OFF = 4.0
 """Standard errors that are far."""
 _OCCAM = 1 / 20
 """Weight of a model, over the best, from which it explains the data as well."""
+_EVIDENCE = 3.0
+"""Bayes factor from which evidence counts."""
 _DRAWS = 1024
 """Points of an integral over positive values: accurate to a per cent."""
 _RIDGE = 1e-12
@@ -300,8 +302,9 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
 
     A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
     test of significance sees it. The Bayes factor with a half-normal prior of its size decides instead
-    (Kass and Raftery, Journal of the American Statistical Association 90, 1995): where the part is more
-    probable than not, at even prior odds, its mean square shift times its probability is the covariance.
+    (Kass and Raftery, Journal of the American Statistical Association 90, 1995): the covariance is the
+    mean square shift times the part's probability, at even prior odds, unless the evidence against the
+    part is "worth more than a bare mention" on their scale, a factor of 3.
 
     Parameters
     ----------
@@ -324,7 +327,7 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     log_positive, second_moment = positive_moments(mean, covariance)
     log_factor = 0.5 * float(mean @ pull - np.log1p(eigenvalue).sum())
     log_factor += log_positive + std.size * np.log(2)
-    if not log_factor > 0:
+    if not log_factor > -np.log(_EVIDENCE):
         return np.zeros((score.shift.size,) * 2)
     slope = score.slope * std
     return np.asarray(slope @ second_moment @ slope.T / (1 + np.exp(-log_factor)))
