@@ -343,7 +343,7 @@ def test_the_gradient_is_that_of_the_cost(
 
 @pytest.mark.parametrize("correlation", [-0.99, -0.5, 0.0, 0.9])
 def test_probability_of_positive_values(correlation: float) -> None:
-    """The probability of a quadrant by Sheppard's formula, and moments of a truncated normal variable."""
+    """The quadrant probability by Sheppard's formula, and moments of a truncated normal variable."""
     covariance = np.array([[1.0, correlation], [correlation, 1.0]])
     log_positive, _ = positive_moments(np.zeros(2), covariance)
     assert np.exp(log_positive) == pytest.approx(0.25 + np.arcsin(correlation) / (2 * np.pi), rel=0.03)

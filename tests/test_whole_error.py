@@ -87,7 +87,7 @@ def test_links_far_above_the_band_widen_the_errors() -> None:
 
 
 def test_few_frequencies_show_links_as_well() -> None:
-    """Seven frequencies from 0.7 of the resonance on; K was up to 6 standard errors off without a word."""
+    """Seven frequencies from 0.7 of the resonance on: K was up to 6 standard errors off, silently."""
     kinds = {"links": THIRTEEN["10"], "rigid": Case()}
     seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
     campaigns = {name: [case.campaign(run) for run in range(3)] for name, case in seven.items()}
