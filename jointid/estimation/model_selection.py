@@ -74,8 +74,8 @@ _TRIED, _TRIED_LAWS = 5, 2
 _HOPELESS = 3e4
 """Misfit of wrong units, signs or gear ratios, of which no law explains a decisive share."""
 _MOST_EFFECTS = 3
-_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 16, 10.0
-"""Fits of one search, and the same while the misfit is poor; wrong data would take many more."""
+_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 20, 10.0
+"""Models of one search, and fits from any start values while the misfit is poor."""
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
@@ -249,7 +249,7 @@ class _Search:
         best = self.fits.least(list(self.fits.tried))
         if best.reversal is not None:  # friction that only the start values, or gears, suggest
             best = self._pruned(best)
-        while len(self.fits.tried) < self._most_fits(best):
+        while not self._is_spent(best):
             better = self._grown(best)
             if better == best:
                 break
@@ -296,7 +296,7 @@ class _Search:
         fits, found = self.fits, [best]
         for k, wider in enumerate(sorted(self._extensions(best), key=lambda model: model.is_slow)):
             leading = fits.least(found)
-            if len(fits.tried) >= self._most_fits(leading):
+            if self._is_spent(leading):
                 break
             if not self._is_passed_over(wider, best, leading):
                 self._fit_wider(wider, best, leading, leads=k == 0)
@@ -316,8 +316,10 @@ class _Search:
         # Richer friction first: other parts absorb some of it.
         return leading.reversal != best.reversal and wider.reversal == best.reversal
 
-    def _most_fits(self, best: Model) -> int:
-        return _MOST_POOR_FITS if self.fits.misfit(best) > _POOR else _MOST_FITS
+    def _is_spent(self, best: Model) -> bool:
+        """Whether the search ends: wrong data would take many fits from several start values."""
+        poor = self.fits.misfit(best) > _POOR
+        return sum(self.starts.values()) >= _MOST_POOR_FITS if poor else len(self.starts) >= _MOST_FITS
 
     def free_start(self) -> tuple[Parameters, ...]:
         """Start values without uncertain inertias, if the records give any."""
