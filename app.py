@@ -28,7 +28,7 @@ show_prediction(page, analysis)
 outcome_panel(page, analysis)
 show_findings(page, analysis)
 
-st.subheader("Model over measurement", anchor=False)
+st.header("Model over measurement", anchor=False)
 st.caption(
     "Acceleration of each motor over its own torque, the controllers removed. Where points and line "
     "agree, the model holds." + freed_note(analysis.fit)
@@ -44,5 +44,5 @@ if analysis.transfer_matrices:
 else:
     show_info(analysis.transfer_problem)
 
-st.subheader("Step by step", anchor=False)
+st.header("Step by step", anchor=False)
 show_steps(page.study)

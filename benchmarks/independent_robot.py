@@ -68,8 +68,11 @@ class Robot:
     knee_rad: Values = 0.0
     """Deflection beyond which the slope is K times ``knee_slope``; 0: none."""
     knee_slope: Values = 1.0
+    second_knee_rad: Values = 0.0
+    """Deflection beyond which the slope is K times ``second_slope``; 0: none."""
+    second_slope: Values = 1.0
     backlash_rad: Values = 0.0
-    """Total play."""
+    """Total play; hardening and changes of slope begin at its edges."""
     hysteresis_Nm: Values = 0.0
     """Saturation of a Dahl element parallel to the spring."""
     hysteresis_rad: Values = 2e-3
@@ -333,9 +336,11 @@ class _Nonlinear:
         self.arm_smoothing = robots[0].arm_smoothing_rad_s
         self.K, self.M = every("K"), every("M")
         self.torque_corner = 2 * np.pi * every("torque_filter_hz")
-        self.knee = np.where(every("knee_rad") > 0, every("knee_rad"), np.inf)
-        self.bend = self.K * (every("knee_slope") - 1)
-        self.bent = bool(np.isfinite(self.knee).any())
+        first, second = every("knee_rad"), every("second_knee_rad")
+        slope = np.where(first > 0, every("knee_slope"), 1.0)
+        self.knees = tuple(np.where(knee > 0, knee, np.inf) for knee in (first, second))
+        self.bends = self.K * (slope - 1), self.K * (every("second_slope") - slope)
+        self.bent = bool(np.isfinite(self.knees).any())
         laws = self.cubic, self.half_play, self.hysteresis, self.bent
         self.geared = any(np.any(law) for law in laws)
         self.direction = np.zeros(shape)
@@ -422,10 +427,12 @@ class _Nonlinear:
             deflection = x[:, at["theta"]] - x[:, at["arm"]]
             twist = velocity - arm_velocity
             z = x[:, size + n :]
-            gear = self.cubic * deflection**3 + self.hysteresis * z
+            free = np.clip(deflection, -self.half_play, self.half_play)
+            wind_up = deflection - free
+            gear = self.cubic * wind_up**3 + self.hysteresis * z - self.K * free
             if self.bent:
-                gear += self.bend * (deflection - np.clip(deflection, -self.knee, self.knee))
-            gear -= self.K * np.clip(deflection, -self.half_play, self.half_play)
+                for knee, bend in zip(self.knees, self.bends, strict=True):
+                    gear += bend * (wind_up - np.clip(wind_up, -knee, knee))
             on_motor, on_arm = -gear, gear
             wound[:] = (
                 np.where(self.hysteresis > 0, twist - np.abs(twist) * z, 0.0) / self.hysteresis_rad

@@ -1,4 +1,4 @@
-"""Two records of ten seconds in random motion in place of a morning of sines."""
+"""Two records of five seconds in random motion in place of a morning of sines."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def main() -> None:
     records = simulate_motion(
         inertia,
         Elasticity(K=[43.0, 7.5], D=[0.10, 0.015]),
-        Motion("random", from_hz=2, to_hz=40, duration_s=10.0),
+        Motion("random", from_hz=2, to_hz=40, duration_s=5.0),
         records=2,
         friction=MotorFriction(coulomb=[0.02, 0.005]),
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=0.01),

@@ -152,9 +152,10 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     torque = gear.tried_Nm
     terms = {
         "Law": " + ".join(gear.laws),
-        "Tried up to": f"{significant(torque, 2)} N·m" if torque else "–",
+        "Largest torque": f"{significant(torque, 2)} N·m" if torque else "–",
     }
-    terms["K at small torque"] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
+    small = "K outside the play" if gear.backlash_rad else "K at small torque"
+    terms[small] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)

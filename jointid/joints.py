@@ -33,14 +33,14 @@ class Inertia:
         Arm inertia matrix with the coupling inertias J_12 = J_21 off its diagonal, kg·m².
         A single joint may give a plain number.
     added : array_like, shape (n, n), optional
-        The part of M2 that is known exactly, kg·m²: a payload of known mass at a known place. What is
-        said of M2's uncertainty holds for M2 − added. By default zero.
+        Exactly known part of M2, kg·m², such as a payload of known mass and position. The uncertainty
+        of M2 then applies to M2 − added. By default zero.
     gravity : array_like, shape (n, n), optional
         Stiffness of gravity, the derivative of the static torque by the joint angles, motor side,
         N·m/rad; exact. By default zero: a horizontal arm.
     shared : array_like, shape (n, n), optional
-        Change of M2 by one standard deviation of what all poses have in common and nobody knows, such as
-        the mass of the payload, kg·m². By default zero.
+        Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
+        payload, kg·m². By default zero.
 
     Raises
     ------
@@ -231,6 +231,11 @@ def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -
     -------
     ndarray, shape (f, n, n), complex
         H(iω), 1/(kg·m²).
+
+    Raises
+    ------
+    JointIdError
+        When inertia and elasticity have different numbers of joints.
     """
     S = _arm_compliance(omega, inertia, elasticity)
     return np.asarray(S @ np.linalg.inv(np.eye(inertia.n) + inertia.M[:, None] * S))
@@ -275,11 +280,18 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
     ----------
     omega : array_like, shape (f,)
         Angular frequencies, rad/s.
+    inertia, elasticity
+        The model, n joints, motor side.
 
     Returns
     -------
     ndarray, shape (f, n, n), complex
         Response of the arm on its springs, 1/(kg·m²); infinite only where an undamped joint resonates.
+
+    Raises
+    ------
+    JointIdError
+        When inertia and elasticity have different numbers of joints.
     """
     s2, spring = _laplace(omega, inertia, elasticity)
     dynamic = inertia.M2 * s2[:, None, None] + inertia.gravity + _diagonal(spring)
@@ -292,26 +304,62 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
 def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     """Undamped natural frequencies of motors and arm together, poles of H.
 
+    Parameters
+    ----------
+    inertia, elasticity
+        The model, n joints, motor side.
+
     Returns
     -------
     ndarray, shape (n,)
         Frequencies in Hz, ascending, without the n rigid-body zeros.
+
+    Raises
+    ------
+    JointIdError
+        When inertia and elasticity have different numbers of joints.
     """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.ones(inertia.n, bool))
 
 
 def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
-    """Undamped natural frequencies of the arm with every motor held still, shape (n,), Hz."""
+    """Undamped natural frequencies of the arm with every motor held still.
+
+    Parameters
+    ----------
+    inertia, elasticity
+        The model, n joints, motor side.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Frequencies in Hz, ascending.
+
+    Raises
+    ------
+    JointIdError
+        When inertia and elasticity have different numbers of joints.
+    """
     return _natural_frequencies_hz(inertia, elasticity, moving=np.zeros(inertia.n, bool))
 
 
 def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
     """Undamped zeros of each diagonal element H_jj: resonances with motor j locked.
 
+    Parameters
+    ----------
+    inertia, elasticity
+        The model, n joints, motor side.
+
     Returns
     -------
     ndarray, shape (n, n)
         Row j holds the n zeros of H_jj in Hz, ascending.
+
+    Raises
+    ------
+    JointIdError
+        When inertia and elasticity have different numbers of joints.
     """
     everyone = np.arange(inertia.n)
     return np.array(

@@ -180,7 +180,7 @@ class MotionRecord(JointRecord):
     time_s, theta_rad, tau_Nm, torque_hold, torque_delay_s, start_s, pose, label
         As in ``SineRecord``.
     arm_rad : array_like, shape (N, n), optional
-        Joint angles at the arm side, rad; a column of NaN for a joint without a sensor.
+        Joint angles measured behind the gears, rad; a column of NaN for a joint without a sensor.
     band_hz : (float, float), optional
         Lowest and highest frequency to use, Hz. None: chosen from the record.
 
@@ -192,7 +192,7 @@ class MotionRecord(JointRecord):
     """
 
     arm_rad: Floats | None = None
-    """Joint angles at the arm side, shape (N, n), rad; NaN columns where there is no sensor."""
+    """Joint angles measured behind the gears, shape (N, n), rad; NaN columns without a sensor."""
     band_hz: tuple[float, float] | None = None
     """Lowest and highest frequency to use, Hz; None: chosen from the record."""
 

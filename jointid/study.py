@@ -67,25 +67,25 @@ class Study:
     robot : str, default ""
         Name of the robot, to compare robots of a fleet and to follow one over time.
     date : date or datetime, optional
-        When it was measured; a datetime's offset from UTC, if it has one, in whole minutes.
+        Date of the measurement; the UTC offset of a datetime, if any, in whole minutes.
     inertia_std : float, default 0.05
         Relative standard deviation of the given inertias: 0.05 for 5 %, 0 for exact ones,
         ``math.inf`` for unknown ones.
     torque_std : float, optional
-        The same for the torque constant of each joint. None: not stated, and taken as exact.
+        The same for the torque constant of each joint. None: not stated and assumed exact.
     robot_model : RobotModel, optional
         Rigid model of the robot.
     gear_ratio : array_like, shape (n,), optional
-        Motor turns over joint turns, negative where they turn against each other. They express K and D
-        on the joint side; the method does not need them.
+        Motor turns per joint turn, negative for opposite directions. They convert K and D to the joint
+        side; the method does not need them.
     gear_temperature_C : float, optional
         Temperature of the gears, °C.
     note : str, default ""
         Remark on the measurement, shown beside the answer.
     assumed : sequence of str, optional
-        Facts about the logs that nobody has confirmed, such as "gear ratio 1 (joint 2)".
+        Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)".
     changes : sequence of str, optional
-        Changes of the data as logged, see ``jointid.corrections``, oldest first.
+        Changes of the logged data, oldest first, see ``jointid.corrections``.
     pose_angles_rad : mapping of str to (n,), optional
         Joint angles of poses, "" for records without one. Poses that are not in ``poses`` get their
         inertia from the model; the others must agree with it.
@@ -93,8 +93,7 @@ class Study:
     Raises
     ------
     JointIdError
-        When a record's joints or pose do not fit, there is no record, or the robot is no text or the
-        date no date.
+        When there is no record, joints or pose of a record do not fit, or a value has a wrong type.
     """
 
     records: tuple[SineRecord | MotionRecord, ...]
@@ -129,7 +128,7 @@ class Study:
         object.__setattr__(self, "changes", tuple(str(change) for change in self.changes))
         self._take_poses_from_model()
         if any(not isinstance(name, str) or not name.strip() for name in self.poses):
-            raise JointIdError("A pose has no name: call it something, such as stretched.")
+            raise JointIdError("A pose has no name: give it one, such as stretched.")
         if self.origin not in ("", "simulated", "measured"):
             raise JointIdError(
                 f'origin = "{self.origin}": expected "simulated" or "measured", or leave it out.'
@@ -197,7 +196,7 @@ class Study:
 
     @property
     def remarks(self) -> list[str]:
-        """What travels with the answer: gear temperature, note, and what nobody has confirmed."""
+        """Remarks shown with the answer: gear temperature, note and unconfirmed facts."""
         remarks = (
             [] if self.gear_temperature_C is None else [f"Gears at {self.gear_temperature_C:g} °C."]
         )
@@ -363,6 +362,11 @@ def analyse(study: Study, *, method: str = "auto") -> Analysis:
     study : Study
     method : str, default "auto"
         Estimator of ``Analysis.fit``; see ``jointid.estimation.identify_elasticity.METHODS``.
+
+    Returns
+    -------
+    Analysis
+        Results of every step, with the state of the answer and the findings.
 
     Raises
     ------

@@ -198,7 +198,7 @@ def _local(
     covariance = np.einsum("ik,jl->ijkl", noise, spread).reshape(n * n, n * n)
     H = found[constant].T
     if np.all(np.diag(noise).real * np.diag(spread).real > np.abs(_UNKNOWN * np.diag(H)) ** 2):
-        raise JointIdError(f"At {centre:.4g} Hz the motion does not stand out of the noise.")
+        raise JointIdError(f"At {centre:.4g} Hz the motion does not exceed the noise.")
     torques = A[:, constant] / size[constant]
     condition = np.linalg.cond(torques) if n > 1 else 1.0
     return H, covariance, float(condition)
@@ -229,6 +229,11 @@ def single_record_response(phasors: Phasors) -> Complexes:
     """Acceleration over torque of each joint from one record alone, the dotted curve of Figure 3.
 
     For two joints this is H11 + H12 τ2/τ1, which depends on the other joint's controller through τ2.
+
+    Parameters
+    ----------
+    phasors : Phasors
+        r records of n joints.
 
     Returns
     -------
@@ -262,7 +267,7 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
     if singular[-1] <= max(_SINGULAR * singular[0], _NOISE_MARGIN * noise.max()):
         if n == 1:
             raise JointIdError(
-                f"{at} the torque of joint 1 (column tau_m1_Nm) does not stand out of its noise in "
+                f"{at} the torque of joint 1 (column tau_m1_Nm) does not exceed its noise in "
                 f"{names}: excite the joint more strongly, or record longer."
             )
         raise JointIdError(

@@ -5,6 +5,7 @@ import streamlit as st
 from jointid import SineRecord
 from jointid.figures import coherences, spectra, waveforms
 from jointid.ui.shared import cached
+from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import show_distortion, show_quality
 
@@ -29,18 +30,19 @@ number = st.selectbox(
 record = records[number]
 fitted = cached.fitted_sine(page.digest, number, page.study)
 is_sine = isinstance(record, SineRecord)
-last = [] if is_sine else ["Coherence"]
-views = st.tabs(["A few periods" if is_sine else "Two seconds", "Whole record", "Spectrum", *last])
-for view, periods in zip(views, (4.0 if is_sine else 2.0, None), strict=False):
-    with view:
-        page.show_per_joint(
-            f"waveforms {number} {periods}",
-            lambda joint, periods=periods: waveforms(
-                record, joint, fitted, periods=periods, dark=page.dark
-            ),
-            "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
-        )
-with views[2]:
+
+
+def show_waveforms(periods: float | None) -> None:
+    """Angle and torque over time."""
+    page.show_per_joint(
+        f"waveforms {number} {periods}",
+        lambda joint: waveforms(record, joint, fitted, periods=periods, dark=page.dark),
+        "Angle and torque of joint {0} over time" + (" with the fitted sine" if is_sine else ""),
+    )
+
+
+def show_spectra() -> None:
+    """Spectra of angle and torque."""
     page.show_per_joint(
         f"spectra {number}",
         lambda joint: spectra(record, joint, dark=page.dark),
@@ -48,18 +50,27 @@ with views[2]:
     )
     if is_sine:
         st.caption("Friction shows at the harmonics 2, 3, 5 and 7 of the excitation.")
-for view in views[3:]:
-    with view:
-        page.show_per_joint(
-            f"coherence {number}",
-            lambda joint: coherences(record, joint, dark=page.dark),
-            "Coherence of the motion of joint {0} with the torques, over frequency",
-        )
-        st.caption(
-            "Coherence: share of the motor's motion that is linear in the torques of all motors. In "
-            "closed loop the torque also follows encoder noise: only frequencies count at which the "
-            "angle is above its noise floor as well."
-        )
-        show_distortion(record)
 
+
+def show_coherence() -> None:
+    """Coherence of a motion, and its distortion."""
+    page.show_per_joint(
+        f"coherence {number}",
+        lambda joint: coherences(record, joint, dark=page.dark),
+        "Coherence of the motion of joint {0} with the torques, over frequency",
+    )
+    st.caption(
+        "Coherence: share of the motor's motion that is linear in the torques of all motors. In "
+        "closed loop the torque also follows encoder noise, so only frequencies where the angle "
+        "exceeds its noise floor count."
+    )
+    show_distortion(record)
+
+
+views = {
+    "A few periods" if is_sine else "Two seconds": lambda: show_waveforms(4.0 if is_sine else 2.0),
+    "Whole record": lambda: show_waveforms(None),
+    "Spectrum": show_spectra,
+}
+show_tabs("records_view", views if is_sine else views | {"Coherence": show_coherence})
 show_quality(page)

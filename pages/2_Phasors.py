@@ -4,7 +4,7 @@ import streamlit as st
 
 from jointid.exporting.tables import phasors_csv
 from jointid.figures import phasor_plane
-from jointid.ui.shared.charts import download, table
+from jointid.ui.shared.charts import choose_segment, download, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
 from jointid.ui.study.data_quality import phasor_table
@@ -17,8 +17,8 @@ st.write(
     "differentiation of encoder noise. Hold and delay of the torque are corrected."
 )
 st.latex(
-    r"\theta = a + ib, \quad \dot\theta = i\omega\,\theta, "
-    r"\quad \ddot\theta = (i\omega)^2\,\theta \quad (3, 4)"
+    r"\theta = a + ib,\;\; \dot\theta = i\omega\,\theta,\;\; "
+    r"\ddot\theta = (i\omega)^2\theta \;\; (3, 4)"
 )
 
 if not page.study.sine_records:
@@ -46,7 +46,10 @@ st.caption(
     "is the phase against sin ωt on the record's clock. Two records of one frequency must differ to "
     "add information."
 )
-table(phasor_table(phasors))
+joint = choose_segment(
+    "Table of", range(phasors.n), "phasor_joint", format_func=lambda j: f"Joint {j + 1}"
+)
+table(phasor_table(phasors, joint))
 records = page.study.sine_records
 download(
     "Save the phasors (.csv)", lambda: phasors_csv(phasors, records).encode(), "phasors.csv", "text/csv"

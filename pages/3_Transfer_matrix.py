@@ -36,7 +36,7 @@ if page.study.motion_records:
     st.caption(
         "H of a motion is estimated by local polynomials in narrow frequency bands, together with the "
         "contribution of the states at both ends of each record; the scatter gives the error bars. "
-        "Close to a narrow resonance the polynomials bend less than H."
+        "Close to a narrow resonance the polynomials underestimate the curvature of H."
     )
 analysis = page.analysis()
 if analysis.transfer_problem:
@@ -47,4 +47,4 @@ pose = choose_pose(list(analysis.transfer_matrices))
 i, j = choose_element(n)
 matrix = analysis.transfer_matrices[pose]
 show_element(page, analysis, pose, i, j)
-show_how_well_known(matrix, dark=page.dark)
+show_how_well_known(matrix, i, j, dark=page.dark)

@@ -27,7 +27,7 @@ show_tiles(analysis)
 show_prediction(page, analysis)
 show_tabs("figure", figures(page, analysis))
 
-st.subheader("Details", anchor=False)
+st.header("Details", anchor=False)
 details = {
     "Error bars": lambda: show_errors(analysis),
     "Inertias": lambda: show_inertias(analysis),

@@ -35,7 +35,7 @@ except JointIdError as error:
     st.stop()
 name = nominal_name(settings.assumption)
 with stage:
-    st.subheader(headline(outcome), anchor=False)
+    st.header(headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
     show_gears(page, settings, outcome.robot)
 show_rule(outcome.robot)

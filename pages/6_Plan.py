@@ -28,9 +28,9 @@ if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)
     st.stop()
 st.write(
-    "Which further records reduce the error bars most. Frequencies and phases between the joints are "
-    "searched, with as much motion as the limits allow; the record that reduces the worst error most is "
-    "taken, then the next one. Any controller can make them: only the motion counts."
+    "Records that reduce the error bars most. The search covers frequencies and relative phases of the "
+    "joints, at the largest motion within the limits. It takes the record that reduces the worst error "
+    "most, then the next one. Any controller can produce them: only the motion counts."
 )
 try:
     settings = ask(analysis, page.digest)
@@ -40,14 +40,14 @@ except JointIdError as error:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))
-st.subheader(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
+st.header(f"{counted(count, 'record')} more: worst error {before} → {after}", anchor=False)
 table(suggested_table(found))
 if advice := second_amplitude(analysis.fit):
     st.info(advice)
 st.caption(
-    "Torques are amplitude ∠ phase against the first driven joint, as they move inertias and springs"
-    + ("; the motors' friction comes on top." if analysis.fit.friction is not None else ".")
-    + " The errors contain noise, inertias and torque scale, which are fitted as in the study."
+    "Torques: amplitude ∠ phase relative to the first driven joint, for inertias and springs"
+    + ("; friction of the motors is extra." if analysis.fit.friction is not None else ".")
+    + " The errors include noise, inertias and torque scale, as in the study."
 )
 download(
     "Save these records (.csv)",
@@ -58,12 +58,14 @@ download(
 )
 plot(worst_error(found, dark=page.dark), "Worst relative error over the number of records added")
 
+own, set_points, motions = st.tabs(["Your own plan", "Set points", "Motions in place of sines"])
 try:
-    plan = show_own_plan(page, found, analysis, settings.pose)
-    show_set_points(page, plan, analysis, settings.pose)
+    with own:
+        plan = show_own_plan(page, found, analysis, settings.pose)
+    with set_points:
+        show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-st.subheader("Motions in place of sines", anchor=False)
-with on_demand("Predict a sweep and a multisine", "motions") as expander:
+with motions, on_demand("Predict a sweep and a multisine", "motions") as expander:
     if expander.open:
         show_motion_plan(page, analysis)

@@ -13,7 +13,7 @@ page = open_page("Report and export")
 st.title("Report and export", anchor=False)
 st.write(
     "All results for a colleague or another tool. Each file states version, settings and the digest of "
-    "the study. The same study gives the same files, to the last byte."
+    "the study. The same study gives the same files, byte for byte."
 )
 analysis = page.analysis()
 stem, study = file_stem(page.study.name), page.study
@@ -23,8 +23,8 @@ except JointIdError as error:
     show_error(error)
     st.stop()
 
-st.subheader("The report", anchor=False)
-st.write("What was measured, the answer with ±, the verdict, the figures and the settings.")
+st.header("The report", anchor=False)
+st.write("Records, answer with error bars, verdict, figures and settings.")
 show_report(page, analysis, stem)
 
 downloads.show_identification_files(found, analysis, stem)

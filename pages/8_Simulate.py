@@ -13,7 +13,7 @@ start("Simulate a robot")
 st.title("Simulate a robot", anchor=False)
 st.write(
     "Define a robot and a closed-loop experiment, sines or another motion, with friction, noise and "
-    "rounding. Its records become a study; the method must then find the springs again."
+    "rounding. Its records become a study with known K and D."
 )
 st.latex(
     r"""\begin{gathered}
@@ -28,7 +28,7 @@ try:
     if settings is not None:
         count = settings.records * (2 if settings.added else 1)
         bar = st.progress(0.0, "Preparing")
-        st.button("Stop", help="Ends the simulation; nothing is kept of it.")
+        st.button("Stop", help="Stops the simulation and discards it.")
         study = simulated_study(
             settings,
             lambda done: (

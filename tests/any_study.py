@@ -433,7 +433,7 @@ def uses(analysis: Analysis, *, slow: bool = False) -> Iterator[tuple[str, Calla
         "quality",
         lambda: (
             quality_table(study.records, phasors),
-            phasors_shown(phasors),
+            [phasors_shown(phasors, joint) for joint in range(phasors.n)],
         ),
     )
     yield "estimates", lambda: (estimates_table(analysis), errors_table(analysis))

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from examples import begin
+from normal_run import of_long_run
 from plants import PAPER, PARALLELOGRAM, ROBOTS
 from threadpoolctl import threadpool_limits
 
@@ -64,6 +66,7 @@ def pytest_configure(config: pytest.Config) -> None:
     of pytest-xdist needs.
     """
     begin(long=config.getoption("--long"))
+    gc.disable()  # until all tests are read, which makes a million objects that stay
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
     threadpool_limits(1)
 
@@ -74,12 +77,25 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Whole files go to a worker: a long one at the end would leave the other cores idle.
     """
     if not config.getoption("--long"):
-        left_out = [item for item in items if item.get_closest_marker("long")]
+        left_out = [item for item in items if _is_long(item)]
         config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if not item.get_closest_marker("long")]
+        items[:] = [item for item in items if not _is_long(item)]
     items.sort(
         key=lambda item: (not item.get_closest_marker("browser"), item.path.name not in LONGEST_FILES)
     )
+
+
+def _is_long(item: pytest.Item) -> bool:
+    if item.get_closest_marker("long"):
+        return True
+    test, _, variant = item.name.partition("[")
+    return of_long_run(item.path.name, test, variant.removesuffix("]"))
+
+
+def pytest_collection_finish() -> None:
+    """Leave what was made while reading the tests out of every later search for garbage."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -208,7 +224,7 @@ def tree(sample_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     tree = tmp_path_factory.mktemp("app")
     shutil.copy2(ROOT / "app.py", tree)
-    for name in ("pages", "jointid", ".streamlit"):
+    for name in ("pages", "jointid", ".streamlit", "docs/reference"):
         shutil.copytree(ROOT / name, tree / name)
     (tree / "sample_data").symlink_to(sample_folder)
     return tree
@@ -268,8 +284,9 @@ def open_in(context: BrowserContext) -> Iterator[Callable[..., Page]]:
     watches: list[Watch] = []
     pages: list[Page] = []
 
-    def open_address(url: str, *, width: int = 1440, height: int = 900) -> Page:
+    def open_address(url: str, *, width: int = 1440, height: int = 900, scheme: Any = None) -> Page:
         page = new_page(context)
+        page.emulate_media(color_scheme=scheme)
         page.set_viewport_size({"width": width, "height": height})
         pages.append(page)
         watches.append(Watch(page))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeVar
 
 from hypothesis import settings
 
+T = TypeVar("T")
 ALL, NORMAL = 100, 15
 """Examples of a test that names no number."""
 FEWEST = 10
@@ -25,8 +26,8 @@ def share(count: int) -> int:
     return max(count * settings().max_examples // ALL, min(count, FEWEST))
 
 
-def tries(count: int, *, long: int) -> int:
-    """How many tries this run makes of costly cases."""
+def tries(count: T, *, long: T) -> T:
+    """How many tries this run makes of costly cases, or which of them."""
     return long if settings().max_examples == ALL else count
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from jointid import ArmSideFit, JointIdError, MotionRecord, identify_arm_side
 from jointid.arm_side.band_limited import GaussianFilter
+from jointid.arm_side.mixed_model import Estimate
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
@@ -47,23 +49,16 @@ def test_joints_without_a_sensor_are_refused_with_the_reason() -> None:
     assert fit().reasons[:SENSORS] == ("",) * SENSORS
 
 
-def test_a_joint_whose_torque_hardly_varies_is_refused() -> None:
-    stiff = Truth(np.array([2e9, 5e6, 4e6]), TRUTH.skew_s, 150.0)
-    found = identify_arm_side(motion_record(stiff, 3), KNOWN)
-    assert np.isnan(found.K[0])
-    assert np.isnan(found.standard_error[0])
-    assert "not identifiable" in found.reasons[0]
-    assert np.isfinite(found.K[1])
-
-
-def test_a_joint_at_rest_is_refused() -> None:
-    r = record()
+def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
+    r = motion_record(Truth(np.array([2e9, 5e6, 4e6]), TRUTH.skew_s, 150.0), 3)
     theta = r.theta_rad.copy()
-    theta[:, 0] = 0.0
-    found = identify_arm_side(
-        MotionRecord(time_s=r.time_s, theta_rad=theta, tau_Nm=r.tau_Nm, arm_rad=r.arm_rad), KNOWN
-    )
-    assert "moves too little" in found.reasons[0]
+    theta[:, 1] = 0.0
+    found = identify_arm_side(replace(r, theta_rad=theta), KNOWN)
+    assert np.isnan(found.K[:2]).all()
+    assert np.isnan(found.standard_error[:2]).all()
+    assert "not identifiable" in found.reasons[0]
+    assert "moves too little" in found.reasons[1]
+    assert np.isfinite(found.K[2])
 
 
 def test_one_record_predicts_the_deflection_of_another() -> None:
@@ -73,6 +68,25 @@ def test_one_record_predicts_the_deflection_of_another() -> None:
     left = (measured - fit().predict(other))[:, :SENSORS]
     assert np.all(left.std(axis=0) < 8 * ARC_SECOND)
     assert np.all(measured[:, :SENSORS].std(axis=0) > 60 * ARC_SECOND)
+    unseen = replace(other, arm_rad=None)  # nothing of the other sensor: the offset is that of the fit
+    left = (measured - fit().predict(unseen))[:, :SENSORS]
+    assert np.all(np.sqrt(np.mean(left**2, axis=0)) < 12 * ARC_SECOND)
+
+
+def test_six_seconds_of_a_record_predict_all_of_it() -> None:
+    whole = record(4)
+    assert whole.arm_rad is not None
+    rows = slice(0, 1500)
+    half = MotionRecord(
+        time_s=whole.time_s[rows],
+        theta_rad=whole.theta_rad[rows],
+        tau_Nm=whole.tau_Nm[rows],
+        arm_rad=whole.arm_rad[rows],
+    )
+    found = identify_arm_side(half, ROBOT)
+    np.testing.assert_allclose(found.skew_s[:SENSORS], TRUTH.skew_s, atol=5e-5)
+    left = whole.theta_rad / ROBOT.gear_ratio - whole.arm_rad - found.predict(whole)
+    assert np.all(left[:, :SENSORS].std(axis=0) < 15 * ARC_SECOND)
 
 
 def test_jitter_of_the_clock_is_resampled() -> None:
@@ -100,6 +114,20 @@ def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
     np.testing.assert_allclose(
         later[inner], gain * np.sin(2 * np.pi * 2 * (t + 0.0031))[inner], atol=1e-4
     )
+
+
+def test_a_sum_that_is_not_negative_has_the_moments_of_the_cut_distribution() -> None:
+    mean, covariance, along = (
+        np.array([0.3, -1.0]),
+        np.array([[2.0, 0.6], [0.6, 1.0]]),
+        np.array([1.0, 0.5]),
+    )
+    cut = Estimate(mean, covariance, 4.0).not_negative(along)
+    draws = np.random.default_rng(0).multivariate_normal(mean, covariance, 400_000)
+    kept = draws[draws @ along >= 0]
+    np.testing.assert_allclose(cut.beta, kept.mean(axis=0), atol=0.01)
+    np.testing.assert_allclose(cut.covariance, np.cov(kept.T), atol=0.02)
+    assert cut.cost == pytest.approx(4.0 - 2 * np.log(2 * len(kept) / len(draws)), abs=0.01)
 
 
 @pytest.mark.parametrize("wrong", [[], ["record"]])

@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from browsing import (
     Server,
@@ -42,6 +44,8 @@ PAGES = {
     "Simulate": "Simulate a robot",
     "Import_a_log": "Import a log",
     "Fleet": "Fleet",
+    "Compare": "Compare",
+    "Glossary": "Glossary",
 }
 FIRST_IN_SHORT = ("Report", "Import_a_log")
 """What a fresh server runs first in a normal run: what needs most modules."""
@@ -179,6 +183,52 @@ def test_the_study_that_stands_out_in_a_fleet_opens_from_its_row(
         box = figure.bounding_box()
         assert box is not None
         assert 250 < box["width"] <= PHONE["width"]
+
+
+AXE = (files("axe_playwright_python") / "axe.min.js").read_text("utf-8")
+VIOLATIONS = """async () => {
+  const found = await axe.run(document, {resultTypes: ["violations"]});
+  return found.violations.map(v => v.id + ": " + v.nodes.map(n => n.html.slice(0, 160)).join(" | "));
+}"""
+
+
+def accessible(page: Page) -> list[str]:
+    """What the axe engine finds wrong with the page and its open tabs."""
+    page.mouse.move(700, 2)  # off what explains itself under the mouse
+    expect(page.locator("section[role=presentation][aria-label]")).to_have_count(0)
+    expect(page.get_by_role("tooltip")).to_have_count(0)
+    page.evaluate("() => document.fonts.ready")
+    page.wait_for_timeout(300)  # then the regions that scroll are known
+    page.evaluate(AXE)
+    return list(page.evaluate(VIOLATIONS))
+
+
+def failed(study: Study) -> Study:
+    """The study with the torque of its last joint counted backwards."""
+    backwards = np.array([1.0] * (study.inertia.n - 1) + [-1.0])
+    return replace(study, records=[replace(r, tau_Nm=r.tau_Nm * backwards) for r in study.records])
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("path", ["", *(pytest.param(p, marks=pytest.mark.long) for p in PAGES if p)])
+def test_axe_finds_nothing_on_any_page(
+    address: str, open_in: Callable[..., Page], path: str, scheme: str
+) -> None:
+    page = open_in(f"{address}/{path}", scheme=scheme)
+    finished(page, PAGES[path])
+    assert accessible(page) == []
+
+
+@pytest.mark.parametrize("path", ["", pytest.param("Elasticity", marks=pytest.mark.long)])
+def test_axe_finds_nothing_on_a_study_that_is_not_usable(
+    address: str, open_in: Callable[..., Page], studies: dict[int, Study], path: str
+) -> None:
+    page = open_in(f"{address}/Glossary", scheme="dark")
+    finished(page, "Glossary")
+    open_file(page, "failed.zip", pack_study(failed(studies[2])))
+    follow(page, "Elasticity" if path else "Study", PAGES[path])
+    expect(page.get_by_test_id("stMain").get_by_text("Not usable: The sign")).to_be_visible()
+    assert accessible(page) == []
 
 
 # What Tab should reach: in a group of which one is chosen, the others are reached by arrow keys.

@@ -21,6 +21,7 @@ import jointid
 from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
+from jointid.cli.options import gears
 from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
@@ -244,6 +245,26 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
         assert abs(value - true) < 5 * error + 1e-4 * true
     assert "--overwrite" in refused(1, *made[:-1])
     assert json.loads(ok(*made, "--overwrite"))["digest"] == document["digest"]
+
+
+def test_simulated_gears_have_their_laws(here: Path) -> None:
+    made = ["simulate", "s.zip", "--count", "8", "--periods", "6", "--gear", "1: cubic=9000"]
+    ok(*made, "--gear", "2:backlash=0.004")
+    laws = json.loads(ok("identify", "s.zip", "--json"))["gears"]
+    assert laws["kind"] == ["hardening", "backlash"]
+    np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
+    np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
+    again = [*made[:-2], "--overwrite", "--gear"]
+    assert 'no joint "3"' in refused(2, *again, "3: cubic=1")
+    assert "presliding" in refused(2, *again, "loss=0.1")
+    assert "no number" in refused(2, *again, "cubic=hard")
+    assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
+
+
+def test_gears_of_all_joints_and_of_one() -> None:
+    found = gears(["cubic=5, K2=3,K3=4,T1=1,T2=2", " 2 : cubic = 7"], 2)
+    assert [gear.cubic for gear in found] == [5, 7]
+    assert {(gear.K2, gear.K3, gear.T1_Nm, gear.T2_Nm) for gear in found} == {(3, 4, 1, 2)}
 
 
 def test_a_robot_of_ones_own_is_simulated(here: Path) -> None:
@@ -594,7 +615,7 @@ def test_convert_takes_a_zip_of_logs_and_their_poses(here: Path) -> None:
     assert load_study("study").robot == "cell 7"
     assert str(load_study("study").date) == "2026-11-20"
     message = refused(1, "convert", "logs.zip", *known, "--date", "20.11.2026", "-o", "other")
-    assert "The date '20.11.2026' is none: write year, month and day as in 2026-11-20." in message
+    assert "'20.11.2026' is not a date: write year, month and day as in 2026-11-20." in message
 
 
 @pytest.mark.parametrize(

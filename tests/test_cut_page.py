@@ -48,13 +48,13 @@ def outcome() -> Outcome:
 
 
 def words(at: AppTest) -> str:
-    kinds = (at.subheader, at.caption, at.info, at.markdown, at.error, at.warning)
+    kinds = (at.header, at.caption, at.info, at.markdown, at.error, at.warning)
     return " ".join(element.value for kind in kinds for element in kind)
 
 
 def headline(at: AppTest) -> tuple[float, float]:
     """Path error before and after, mm."""
-    text = at.subheader[0].value
+    text = at.header[0].value
     found = re.fullmatch(r"Path error (under )?([\d.]+) mm → (under )?([\d.]+) mm", text)
     assert found, text
     return float(found[2]), float(found[4])
@@ -103,7 +103,7 @@ class TestPage:
         assert "needs a study of two joints" in at.info[0].value
         assert "not this study" in at.info[0].value
         assert "Study's own" not in control(at, "cut_nominal").options
-        assert "mm" not in at.subheader[0].value
+        assert "mm" not in at.header[0].value
         assert "the example arm with the paper's springs" in words(at)
         before, after = meant(at)
         assert before > 2 > 0.1 > after
@@ -188,14 +188,14 @@ class TestPage:
     def test_of_another_robot_custom_values_are_its_own(self, app: AppTest, another_robot: None) -> None:
         """The study's own identified values leave as much as the identification does."""
         at = shown(app.switch_page(PAGE).run())
-        assert at.subheader[0].value.startswith("Path error of the example arm ")
+        assert at.header[0].value.startswith("Path error of the example arm ")
         assert "the example arm with the identified springs scaled by" in words(at)
         assert "K = 60.0, 5.00 N·m/rad" in words(at)
         assert "robot has K = 43.0, 7.50 N·m/rad" in words(at)
         at = shown(control(at, "cut_nominal").set_value("Custom").run())
         at = shown(at.text_input(key="cut_K").set_value("43, 7.5").run())
         at = shown(at.text_input(key="cut_D").set_value("0.1, 0.015").run())
-        assert "which stands for K = 43.0, 7.50 N·m/rad" in words(at)
+        assert "which corresponds to K = 43.0, 7.50 N·m/rad" in words(at)
         before, after = meant(at)
         assert before == pytest.approx(after, abs=0.002)
         at = shown(at.switch_page("app.py").run())
@@ -275,14 +275,14 @@ class TestPage:
 class TestFirstScreen:
     def test_shows_the_outcome(self, app: AppTest) -> None:
         at = shown(app.run())
-        assert any(s.value.startswith("Path error ") for s in at.subheader)
+        assert any(s.value.startswith("Path error ") for s in at.header)
         assert any("nominal values" in html.proto.body for html in at.get("html"))
 
     @pytest.mark.parametrize("key", ["one joint", "three joints"])
     def test_makes_no_claim_where_no_cut_applies(self, app: AppTest, key: str) -> None:
         app.query_params["study"] = key
         at = shown(app.run())
-        assert not any("Path error" in s.value for s in at.subheader)
+        assert not any("Path error" in s.value for s in at.header)
 
 
 def control(at: AppTest, key: str) -> Any:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 from typer.main import get_command
 
+import jointid
 from jointid.cli import app
 
 ROOT = Path(__file__).parents[1]
@@ -56,3 +58,37 @@ def test_links_have_targets(page: Path) -> None:
 
 def test_readme_is_short() -> None:
     assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 120
+
+
+FUNCTIONS = [name for name in jointid.__all__ if inspect.isfunction(getattr(jointid, name))]
+CLASSES = [name for name in jointid.__all__ if inspect.isclass(getattr(jointid, name))]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_public_functions_document_parameters_and_results(name: str) -> None:
+    function = getattr(jointid, name)
+    signature, text = inspect.signature(function), inspect.getdoc(function) or ""
+    listed = re.findall(r"^([\w, ]+?)(?: : .*)?$", text.partition("Parameters\n---")[2], re.MULTILINE)
+    documented = {each.strip() for line in listed for each in line.split(",")}
+    assert set(signature.parameters) <= documented
+    if signature.return_annotation not in (None, "None"):
+        assert "\nReturns\n-------\n" in text
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_public_classes_and_their_members_are_documented(name: str) -> None:
+    public = getattr(jointid, name)
+    assert inspect.getdoc(public)
+    members = vars(public).items()
+    for member, value in members:
+        if not member.startswith("_") and isinstance(value, property | staticmethod | classmethod):
+            assert inspect.getdoc(value), member
+        if not member.startswith("_") and inspect.isfunction(value):
+            assert inspect.getdoc(value), member
+
+
+def test_the_reference_lists_every_public_name() -> None:
+    listed = set(
+        re.findall(r"^::: jointid\.(\w+)", (ROOT / "docs/reference/api.md").read_text("utf-8"), re.M)
+    )
+    assert listed == set(FUNCTIONS + CLASSES)

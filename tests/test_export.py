@@ -462,7 +462,7 @@ def test_mujoco_loads_them_as_they_are(snippet: Any) -> None:
 @pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet, sdf_snippet])
 def test_snippets_say_that_they_are_no_arm(snippet: Any) -> None:
     text = snippet(KNOWN, RATIO)
-    assert text.index("couplings J_12 are not in it") < text.index("joint1_motor")
+    assert text.index("without couplings J_12") < text.index("joint1_motor")
 
 
 def test_sdf_has_spring_and_damping() -> None:
@@ -477,7 +477,7 @@ def test_sdf_has_spring_and_damping() -> None:
 @pytest.mark.parametrize("snippet", [mujoco_snippet, urdf_snippet, sdf_snippet])
 def test_snippets_say_which_side_and_refuse_bad_gears(snippet: Any) -> None:
     text = snippet(KNOWN, 100.0)
-    assert "Arm side" in text
+    assert "Joint side" in text
     assert "motor side: K = 43.0 N.m/rad" in text
     for ratio, complaint in [
         ([100.0], None),

@@ -238,8 +238,8 @@ def test_phasors_are_told_with_their_error_in_readable_digits(analyses: dict[int
     for t in phasor_plane(phasors).data:
         if t.customdata is not None:
             assert all("±" in text and "e-" not in text for _, text in t.customdata)
-    columns = phasor_table(phasors)
-    assert "|θm1| (mrad)" in columns
+    columns = phasor_table(phasors, 0)
+    assert "|θ1| (mrad)" in columns
     cells = [str(cell) for name, column in columns.items() if name.startswith("|θ") for cell in column]
     assert all(float(cell.split("± ")[1].lstrip("<")) > 0 for cell in cells)
     assert float(cells[0].split(" ")[0]) == pytest.approx(1e3 * abs(phasors.q[0, 0]), rel=0.01)

@@ -486,7 +486,7 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
     assert not out.exists()
     if how == signal.SIGINT:
         assert command.returncode == 130
-        assert "goes on from there" in said
+        assert "resumes the batch" in said
         assert "Traceback" not in said
     journal = journal_path(out)
     with journal.open("ab") as file:  # as if the power had failed in the middle of a line

@@ -66,7 +66,7 @@ def test_they_are_read_as_a_person_writes_them() -> None:
         ("date = 10:30:00", ["date must be a date", "'10:30:00'", "Example: date = 2026-11-20"]),
         ("date = 2026", ["date must be a date", "2026"]),
         ("date = 2026-13-01", ["study.toml is not valid TOML"]),
-        ("robot = 7", ["study.toml: robot must be a text in quotes, but 7 stands there"]),
+        ("robot = 7", ["study.toml: robot must be a text in quotes; got 7"]),
         ("robto = 'A'", ['Did you mean "robot"']),
     ],
 )

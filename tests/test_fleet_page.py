@@ -199,7 +199,7 @@ def drop(at: AppTest, **files: bytes) -> AppTest:
 
 
 def text_of(at: AppTest) -> str:
-    parts = [*at.markdown, *at.caption, *at.info, *at.success, *at.error, *at.subheader]
+    parts = [*at.markdown, *at.caption, *at.info, *at.success, *at.error, *at.header]
     return "\n".join(str(part.value) for part in parts)
 
 
@@ -279,10 +279,7 @@ def test_a_row_links_to_the_study_that_lies_in_the_workspace(app: AppTest) -> No
     assert "jointid batch" in shown(close.click().run()).code[0].value
 
 
-def test_what_is_no_table_is_said_and_the_rest_is_shown(
-    app: AppTest, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(fleet_files, "read_untrusted", read_untrusted)
+def test_what_is_no_table_is_said_and_the_rest_is_shown(app: AppTest) -> None:
     at = shown(app.switch_page(PAGE).run())
     at = drop(at, bad_parquet=b"PAR1", good_zip=pack_study(small_study(1)), broken_zip=b"PK")
     assert "bad.parquet: The table cannot be read" in text_of(at)

@@ -85,10 +85,10 @@ def test_hostile_logs_from_the_upload_to_the_study(app: AppTest) -> None:
     at = shown(app.switch_page("pages/9_Import_a_log.py").run())
     logs = [(name, data, "application/octet-stream") for name, data in hostile_logs().items()]
     at = shown(at.file_uploader(key="log_file").set_value(logs).run())
-    assert any("recorded at once" in info.value for info in at.info)
+    assert any("logged simultaneously" in info.value for info in at.info)
     uploader = at.file_uploader(key="import_mapping_file 0")
     at = shown(uploader.set_value((f"{file_name(1)}.json", b"{}", "")).run())
-    assert "was not taken" in at.error[0].value
+    assert "was not used" in at.error[0].value
     at = shown(at.switch_page("app.py").run())
     at = shown(at.switch_page("pages/9_Import_a_log.py").run())
     assert any("Still open" in caption.value for caption in at.caption)

@@ -148,7 +148,7 @@ def rotors(page: Page) -> Locator:
 
 def open_study(page: Page) -> None:
     enter(page, [(rotors(page), M), (page.get_by_role("textbox", name="Arm inertia M2"), M2)])
-    expect(page.get_by_text("As the method takes them")).to_be_visible()
+    expect(page.get_by_text("Used by the method")).to_be_visible()
     page.get_by_role("button", name="Open as study").click()
     expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
 
@@ -205,6 +205,72 @@ def test_nothing_is_lost_by_refresh_kill_or_a_closed_tab(log: Log, page: Page, s
     finished(again, "Import a log")
     expect(again.get_by_text("Still open")).to_have_count(0)
     again.close()
+
+
+def tab_to(page: Page, wanted: Locator) -> None:
+    """Press Tab until an element has the focus."""
+    expect(wanted).to_have_count(1)
+    for _ in range(150):
+        if wanted.evaluate("e => e === document.activeElement"):
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"Tab does not reach {wanted}.")
+
+
+def press(page: Page, wanted: Locator, key: str = "Enter") -> None:
+    """Go to an element by Tab, press a key there and wait for the answer."""
+    tab_to(page, wanted)
+    with answered(page):
+        page.keyboard.press(key)
+
+
+def test_by_keyboard_alone_from_the_log_to_the_report(log: Log, shared: Server, tab: Page) -> None:
+    page = new_page(tab.context)
+    page.add_init_script("addEventListener('pointerdown', () => window.touched = true, true)")
+    page.goto(shared.address, wait_until="commit")
+    rested(page)
+    page.bring_to_front()
+    sidebar, main = (page.get_by_test_id(f"st{name}") for name in ("Sidebar", "Main"))
+    tab_to(page, sidebar.get_by_role("link", name="Import a log"))
+    page.keyboard.press("Enter")
+    finished(page, "Import a log")
+    tab_to(page, main.get_by_role("button", name="Upload", exact=True))
+    data = {"name": "keys.csv", "mimeType": "text/csv", "buffer": as_csv(log, RATIOS, RATED_NM)}
+    with answered(page), page.expect_file_chooser() as chooser:
+        page.keyboard.press("Enter")
+        chooser.value.set_files(data)  # type: ignore[arg-type]
+    texts = {"Gear ratios": RATIOS, "Rated torque": RATED_NM}
+    for name, values_of in texts.items():
+        tab_to(page, main.get_by_role("textbox", name=f"{name}"))
+        page.keyboard.press("Control+a")
+        page.keyboard.type(", ".join(f"{value:g}" for value in values_of))
+    held = main.get_by_role("combobox", name="Torque between samples")
+    tab_to(page, held)
+    with answered(page):
+        page.keyboard.type("held until")
+        page.keyboard.press("Enter")
+    expect(held).to_have_value("held until the next sample")
+    press(page, main.get_by_role("button", name="Confirm the drive data"))
+    for box, value in ((rotors(page), M), (main.get_by_role("textbox", name="Arm inertia M2"), M2)):
+        tab_to(page, box)
+        page.keyboard.type(value)
+    with answered(page):
+        page.keyboard.press("Enter")
+    tab_to(page, main.get_by_role("button", name="Open as study"))
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", level=1)).not_to_have_text("Import a log")
+    rested(page)
+    near_the_truth(page)
+    tab_to(page, sidebar.get_by_role("link", name="Report and export"))
+    page.keyboard.press("Enter")
+    finished(page, "Report and export")
+    press(page, main.get_by_role("button", name="Make the report"))
+    tab_to(page, main.get_by_role("button", name="Report as PDF"))
+    with page.expect_download() as download:
+        page.keyboard.press("Enter")
+    assert Path(download.value.path()).read_bytes().startswith(b"%PDF")
+    assert page.evaluate("window.touched") is None
+    page.close()
 
 
 def is_kept(server: Server, text: str) -> bool:

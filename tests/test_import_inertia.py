@@ -289,4 +289,4 @@ def _csv(time: np.ndarray, theta: np.ndarray, tau: np.ndarray) -> bytes:
 
 def test_a_sent_form_with_half_of_it_missing(page: AppTest) -> None:
     at = send(drop(page, ("one.csv", long_log())), "0.001", "")
-    assert "missing, or some of them" in at.error[0].value
+    assert "Inertias are missing" in at.error[0].value

@@ -205,7 +205,7 @@ def ok(*arguments: str) -> str:
 
 
 def test_convert_finds_both_joints_in_two_files(here: Path, paper: Study) -> None:
-    assert "joined as joints recorded at once" in ok(
+    assert "joined as joints logged simultaneously" in ok(
         "convert", "axis1.csv", "axis2.csv", "--guess", "m.json"
     )
     mapping = json.loads((here / "m.json").read_text("utf-8"))
@@ -239,7 +239,7 @@ def test_the_page_joins_them_and_can_leave_it(
     files = [(f"axis{k}.csv", data, "text/csv") for k, data in enumerate(axes, start=1)]
     at.file_uploader(key="log_file").set_value(files)
     at = shown(at.run())
-    assert any("look like joints recorded at once" in info.value for info in at.info)
+    assert any("look like joints logged simultaneously" in info.value for info in at.info)
     assert joints(at) == 2
     join = next(box for box in at.checkbox if box.label.startswith("Join axis1.csv, axis2.csv"))
     join.uncheck()

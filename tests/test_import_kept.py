@@ -133,8 +133,8 @@ def test_opening_takes_it_out_of_the_store_and_the_mapping_is_known_from_then_on
     assert len(kept.entries(place)) == 1
     later = drop(begun(place), ("new.csv", long_log(ratio=3.0)))
     assert widget(later, "text_input", "Gear ratios").value == "4"
-    assert any("used for these columns before" in info.value for info in later.info)
-    widget(later, "button", "Guess afresh").click()
+    assert any("earlier entries for these columns" in info.value for info in later.info)
+    widget(later, "button", "Guess again").click()
     later = shown(later.run())
     assert widget(later, "text_input", "Gear ratios").value == ""
     assert not later.info

@@ -501,7 +501,7 @@ def test_clocks_that_begin_anew_go_on(unit: str, step: float, turn: float, start
     assert guess.time == TimeColumn("time", unit)
     log = apply_mapping(table, guess)
     np.testing.assert_allclose(log.time_s, (time - start) * TIME_UNITS[unit], atol=1e-9)
-    assert "begins anew" in log.notes[0]
+    assert "restarts" in log.notes[0]
 
 
 def test_gaps_are_said_and_part_the_log() -> None:
@@ -522,7 +522,7 @@ def test_one_gap_for_notes_and_for_segments() -> None:
 def test_a_rate_that_no_log_says_is_said() -> None:
     table = table_of(q=X, tau=X)
     log = apply_mapping(table, guess_mapping(table).mapping)
-    assert "numbered at 1000 Hz; nothing in the log says this rate" in log.notes[0]
+    assert "numbered at 1000 Hz; the log does not state this rate" in log.notes[0]
 
 
 def test_a_time_that_stands_still_is_named() -> None:
@@ -560,7 +560,7 @@ def test_side_of_a_torque_by_its_name(name: str, unit: str, side: str) -> None:
     torque = guess.mapping.joints[0].torque
     assert (torque.column, torque.side) == (name, side)
     said = {r.what: r for r in guess.reasons}
-    assert ("says no side" in said["side of torque of joint 1"].text) == (
+    assert ("does not state the side" in said["side of torque of joint 1"].text) == (
         name in ("tau1", "Drehmoment Achse 1")
     )
     assert ("gear ratio of joint 1" in said) == (side == "joint")
@@ -602,7 +602,7 @@ def test_jumps_of_a_turn_are_taken_out(
         per_unit = JointMapping(channel, Channel("tau", "N·m")).rad_per_unit
         expected = (true - true[0] + seen[0]) * per_unit
         np.testing.assert_allclose(log.theta_rad[:, 0], expected, atol=1e-9 * abs(turn * per_unit))
-        assert "the jumps are taken out" in log.notes[-1]
+        assert "the jumps are removed" in log.notes[-1]
 
 
 @pytest.mark.parametrize(

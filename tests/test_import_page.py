@@ -105,7 +105,7 @@ def send(at: AppTest, M: str, M2: str) -> AppTest:
 def test_every_action_of_a_finding_has_its_place_on_a_page(page: AppTest) -> None:
     """The verdict says what to edit, without a page's label; the app says where."""
     at = drop(page, ("one.csv", long_log()))
-    labels = [*(e.label for e in at.expander), *(s.value for s in at.subheader)]
+    labels = [*(e.label for e in at.expander), *(s.value for s in at.header)]
     assert set(ACTIONS) == {*get_args(Action), ""} - {""}
     for step, part in ACTIONS.values():
         assert step.path == PAGE
@@ -165,7 +165,7 @@ class TestMapping:
         at = drop(shown(at.run()), ("two.csv", long_log(ratio=50.0)))
         assert widget(at, "text_input", "Gear ratios").value == "101"
         assert any("again" in info.value for info in at.info)
-        widget(at, "button", "Guess afresh").click()
+        widget(at, "button", "Guess again").click()
         at = shown(at.run())
         assert widget(at, "text_input", "Gear ratios").value == ""
         assert not any("again" in info.value for info in at.info)
@@ -189,7 +189,7 @@ class TestMapping:
         uploader = at.file_uploader(key="import_mapping_file 0")
         uploader.set_value(("m.json", text.replace(b"motor torque", b"effort"), "application/json"))
         at = shown(at.run())
-        assert "m.json was not taken" in at.error[0].value
+        assert "m.json was not used" in at.error[0].value
         uploader = at.file_uploader(key="import_mapping_file 0")
         uploader.set_value(("m.json", text, "application/json"))
         at = shown(at.run())
@@ -216,7 +216,7 @@ class TestMapping:
         assert widget(at, "selectbox", "Unit of position 2").value == "deg"
         assert widget(at, "selectbox", "Unit of torque 2").value == "%"
         assert head(at, "2 Columns") == "choose: torque of joint 2"
-        assert any("mere proposal" in m.value for m in at.markdown if "To check" in m.value)
+        assert any("only a proposal" in m.value for m in at.markdown if "To check" in m.value)
         widget(at, "selectbox", "Torque of joint 1").set_value("Achse 2 Ist")
         assert "is both torque of joint 1 and position of joint 2" in shown(at.run()).error[0].value
         widget(at, "number_input", "Joints").set_value(1)
@@ -278,7 +278,7 @@ class TestStudy:
         at = send(at, "soft", "0.003")
         assert not seen
         assert '"soft" is not a number' in at.error[0].value
-        assert "The date 'last week' is none" in at.error[0].value
+        assert "'last week' is not a date" in at.error[0].value
         at.text_input(key="import date").set_value("2026-11-20")
         assert "enough seen" in send(at, "0.001", "0.003").error[0].value
         assert (seen[0]["robot"], str(seen[0]["date"])) == ("cell 7", "2026-11-20")
@@ -382,7 +382,7 @@ class TestStudy:
         assert "measured" in facts
         assert "1 record" in facts
         at = shown(at.switch_page("pages/1_Records.py").run())
-        assert figures(at) == 3
+        assert figures(at) == 1
         at = shown(at.switch_page("pages/2_Phasors.py").run())
         assert figures(at) == 2
 
@@ -407,12 +407,12 @@ class TestStudy:
             at = shown(at.run())
             assert at.title[0].value == "one"
             assert at.session_state["chosen"] == first
-            assert not any("not in this workspace" in info.value for info in at.info)
+            assert not any("in this workspace" in info.value for info in at.info)
 
     @pytest.mark.parametrize(
         ("M", "M2", "said"),
         [
-            ("", "", "inertias are missing"),
+            ("", "", "Inertias are missing"),
             ("0.001", "soft", '"soft" is not a number'),
             ("0.001, 0.002", "0.01, 0; 0, 0.01", "the mapping has 1"),
         ],

@@ -35,7 +35,7 @@ def test_run_that_the_encoder_does_not_show() -> None:
     found = find_segments(rounded(replace(log, theta_rad=log.theta_rad - [0.4, -7.0]), step))
     assert len(found) == 1
     (note,) = found.notes
-    assert "the torque swings while the position shows" in note
+    assert "the torque oscillates, but the position has" in note
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_sweep_gives_no_runs_and_is_told(growth: str, way: int) -> None:
     log = MappedLog(time, (wave / hz[::way]).imag[:, None], (wave * 1j).imag[:, None])
     found = find_segments(log)
     assert found == ()
-    assert "the frequency runs through" in found.notes[0]
+    assert "a sweep from" in found.notes[0]
     assert "sweep" in found.notes[0]
 
 
@@ -111,7 +111,7 @@ def test_runs_that_are_too_short_are_told() -> None:
     found = find_segments(log)
     assert len(found) == 2
     (note,) = found.notes
-    assert "no sine stands still" in note
+    assert "without a steady sine" in note
     assert "mark it" in note
 
 

@@ -411,7 +411,7 @@ def test_distortion_is_told_from_noise_by_an_odd_multisine() -> None:
 
 @pytest.mark.parametrize("kind", ["sweep", "random", "moves"])
 def test_other_motions_have_no_level_of_distortion(kind: str) -> None:
-    with pytest.raises(JointIdError, match="no multisine"):
+    with pytest.raises(JointIdError, match="not a multisine"):
         distortion(moved(kind)[0])
 
 
@@ -452,7 +452,7 @@ def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
     at = app.run()
     assert not at.exception
     assert "2 motions, 16.0 s in all" in " ".join(m.value for m in at.markdown)
-    for page in sorted((ROOT / "pages").glob("*.py")):
+    for page in sorted((ROOT / "pages").glob("[1-7]_*.py")):  # the others show no study
         at = at.switch_page(str(page)).run()
         assert not at.exception, page.name
         if page.name.startswith("1_"):

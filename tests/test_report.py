@@ -125,10 +125,10 @@ def test_sections_figures_and_path_errors_are_there(html: str, analyses: dict[in
         "Verdict",
         "Torsion curves of the gears",
         "Model over measurement",
-        "What it is worth on the path",
-        "How it was obtained",
+        "Path error before and after",
+        "Data and settings",
         "Records",
-        "To the last digit",
+        "Values with all digits",
     ]
     assert seen.images == 6  # two torsion curves, Figures 3, 4, 5 and 7 of the paper
     outcome = study_outcome(analyses[2])
@@ -182,7 +182,7 @@ def test_pdf_holds_the_answer(report: Report, analyses: dict[int, Analysis], tmp
 @pytest.mark.parametrize("n", [1, 3])
 def test_other_numbers_of_joints_have_no_cut(analyses: dict[int, Analysis], n: int) -> None:
     made = make_report(analyses[n])
-    assert "What it is worth on the path" not in [section.title for section in made.sections]
+    assert "Path error before and after" not in [section.title for section in made.sections]
     drawings = [d for s in made.sections for b in s.blocks if isinstance(b, Figure) for d in b.drawings]
     assert len(drawings) == {1: 2, 3: 7}[n]  # a torsion curve of each gear among them
     outline(to_html(made))

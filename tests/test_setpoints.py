@@ -388,7 +388,7 @@ def test_a_format_refuses_what_it_cannot_hold() -> None:
         b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
         "one.toml",
     )
-    with pytest.raises(JointIdError, match="has 2"):
+    with pytest.raises(JointIdError, match="has 2 joints"):
         set_points(played(), one, "csv")
 
 

@@ -99,9 +99,9 @@ class TestKeeping:
         kept.delete(mine, entry.id)
         assert kept.entries(mine) == ()
         assert files(kept, "*.data") == files(kept, "*.json") == []
-        with pytest.raises(JointIdError, match="nothing to rename"):
+        with pytest.raises(JointIdError, match="no longer in the store"):
             kept.rename(mine, entry.id, "b")
-        with pytest.raises(JointIdError, match="not in the store any more"):
+        with pytest.raises(JointIdError, match="no longer in the store"):
             kept.read(mine, entry.id)
 
     def test_reading_counts_as_opening(self, kept: Store, mine: str) -> None:
@@ -280,8 +280,8 @@ class TestBound:
         assert kept.size_bytes() <= 50_000
         assert [entry.name for entry in kept.entries(mine)] == ["large", "0"]
         assert kept.entries(other) == ()
-        assert ["1 was dropped" in note.text for note in kept.notes(other)] == [True]
-        assert ["2 was dropped" in note.text for note in kept.notes(mine)] == [True]
+        assert ["1 was deleted" in note.text for note in kept.notes(other)] == [True]
+        assert ["2 was deleted" in note.text for note in kept.notes(mine)] == [True]
 
     def test_what_was_set_aside_goes_before_any_study(self, tmp_path: Path, mine: str) -> None:
         kept = Store(tmp_path, limit_bytes=50_000)

@@ -751,7 +751,7 @@ def test_links_that_leave_the_folder(tmp_path: Path) -> None:
     assert "01.csv" in failure(folder)
     (folder / "records/01.csv").unlink()
     os.mkfifo(folder / "records/01.csv")
-    assert "is no ordinary file" in failure(folder)
+    assert "is not a regular file" in failure(folder)
     (folder / "study.toml").unlink()
     (folder / "study.toml").symlink_to(outside)
     assert "link that leaves cell" in failure(folder)

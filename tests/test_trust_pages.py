@@ -82,8 +82,8 @@ class TestErrorBars:
         shown = [bar(text) for text in column(at, "Estimate")]
         assert shown == pytest.approx(analysis.fit.standard_error.tolist(), rel=0.3)
         for name, errors in (
-            ("noise", analysis.fit.noise_error),
-            ("inertias and torque scale", analysis.fit.prior_error),
+            ("Noise", analysis.fit.noise_error),
+            ("Inertias and torque scale", analysis.fit.prior_error),
         ):
             parts = [bar(text) for text in column(at, name)]
             assert parts == pytest.approx(np.asarray(errors).tolist(), rel=0.06)
@@ -97,8 +97,8 @@ class TestErrorBars:
     ) -> None:
         at = opened(app, ELASTICITY, joints, details="Inertias")
         rows = analyse(studies[joints]).priors
-        assert column(at, "given") == [row.cells[1] for row in rows]
-        assert column(at, "fitted") == [row.cells[2] for row in rows]
+        assert column(at, "Given") == [row.cells[1] for row in rows]
+        assert column(at, "Fitted") == [row.cells[2] for row in rows]
         assert len(rows) == joints + joints * (joints + 1) // 2
 
     def test_the_influence_of_each_inertia_is_computed_on_demand(
@@ -107,7 +107,9 @@ class TestErrorBars:
         at = opened(app, ELASTICITY, joints, details="Inertias")
         found = prior_influence(analyse(studies[joints]).fit)
         assert found.names
-        assert any(list(t.value[""]) == list(found.names) for t in at.table if "" in t.value)
+        assert any(
+            list(t.value["Quantity"]) == list(found.names) for t in at.table if "Quantity" in t.value
+        )
 
     def test_closed_parts_cost_nothing_and_open_ones_show_their_figures(
         self, app: AppTest, joints: int
@@ -135,7 +137,7 @@ class TestErrorBars:
         assert 0.3 < float(found[2]) < 3
 
 
-@pytest.mark.parametrize("joints", JOINTS)
+@pytest.mark.parametrize("joints", [1, 2, 3])
 def test_the_bootstrap_agrees_with_the_stated_errors(app: AppTest, joints: int) -> None:
     at = opened(app, ELASTICITY, joints, details="Bootstrap")
     at = clicked(at, "check_errors")
@@ -161,7 +163,7 @@ class TestSeveralPoses:
         assert not at.exception, at.exception[0].stack_trace
         poses = next(t.value for t in at.table if "Pose" in t.value)
         assert list(poses["Pose"]) == ["a", "b", "Distance"]
-        assert all(number(poses[name].iloc[-1]) < 4 for name in ("K1", "K2", "D1", "D2"))
+        assert all(number(poses[name].iloc[-1]) < 4 for name in poses.columns[1:])
 
     def test_several_poses_have_no_common_prediction(self, at: AppTest) -> None:
         at.session_state["details"] = "Model check"
@@ -184,7 +186,7 @@ class TestTheNextExperiment:
         at = opened(app, PLAN, joints)
         assert len(at.dataframe[0].value) == 3
         assert len(at.get("plotly_chart")) == 1
-        said = re.fullmatch(r"3 records more: worst error (\S+) % → (\S+) %", at.subheader[0].value)
+        said = re.fullmatch(r"3 records more: worst error (\S+) % → (\S+) %", at.header[0].value)
         assert said is not None
         assert float(said[2]) < float(said[1])
 

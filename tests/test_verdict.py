@@ -254,8 +254,8 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         (1, -1, "sign of the torque of all joints", "−1"),
         ([1, 1], [1, -1], "sign of the torque of joint 2", "−1"),
         ([-1, 1], [1, 1], "sign of the position of joint 1", "−1"),
-        (180 / np.pi, 1, "position of all joints looks given in degrees", "57.3"),
-        ([1, 180 / np.pi], 1, "position of joint 2 looks given in degrees", "57.3"),
+        (180 / np.pi, 1, "position of all joints seems to be in degrees", "57.3"),
+        ([1, 180 / np.pi], 1, "position of joint 2 seems to be in degrees", "57.3"),
         long(np.pi / 180, 1, "position of all joints looks converted from degrees", "57.3"),
         ((180 / np.pi) ** 2, 1, "degrees, and its gear ratio", "3283"),
         long(1 / (2 * np.pi), 1, "revolutions", "6.28"),
@@ -268,7 +268,7 @@ def scales(records: list[SineRecord], inertia: Inertia = SERIAL) -> Finding | No
         long([100, 90], 1, "gear ratio, or the unit of the torque, looks wrong in all", "100, 90"),
         long(1, [1 / 8.12, 1 / 2.09], "unit of the torque, looks wrong in all", "8.12, 2.09 N·m"),
         long(
-            [180 / np.pi, 1], [1, 8.12], "joint 1 looks given in degrees; the scale of joint 2", "8.12"
+            [180 / np.pi, 1], [1, 8.12], "joint 1 seems to be in degrees; the scale of joint 2", "8.12"
         ),
     ],
 )
@@ -315,7 +315,7 @@ def test_arm_inertia_on_the_arm_side_is_named() -> None:
     gears = np.outer([100.0, 90.0], [100.0, 90.0])
     found = scales(sound(), Inertia(SERIAL.M, SERIAL.M2 * gears))
     assert found is not None
-    assert "M2 looks given on the arm side" in found.title
+    assert "M2 seems to be given at the joint side" in found.title
     assert "100, 90" in found.detail
 
 
@@ -337,7 +337,7 @@ def test_scales_of_wrong_inertia_or_friction_are_left_alone() -> None:
     ("angle", "torque", "title", "method"),
     [
         (1.0, -1.0, "sign of the torque", "auto"),
-        (180 / np.pi, 1.0, "given in degrees", "weighted"),
+        (180 / np.pi, 1.0, "seems to be in degrees", "weighted"),
         long(1.0, -1.0, "sign of the torque", "weighted"),
         long(1.0, -1.0, "sign of the torque", "least-squares"),
     ],
@@ -446,7 +446,7 @@ def test_lag_of_a_hold_is_recognised() -> None:
 
 def test_joint_that_stands_is_named() -> None:
     case = evidence(rubbing((0.4, 0.08), "one-at-a-time"), PARALLELOGRAM, friction=True)
-    (standing,) = said(findings(case), "Joint 1 stands still")
+    (standing,) = said(findings(case), "Joint 1 does not move")
     assert "7 of 14 records" in standing.detail
     assert not said(findings(of_rubbing(friction=True)), "stands")
 
@@ -678,7 +678,7 @@ def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int, method: st
     analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
     first = analysis.findings[0]
     assert first.level == "problem"
-    assert "odd.csv looks logged in degrees" in first.title, titles(analysis)
+    assert "odd.csv seems to be in degrees" in first.title, titles(analysis)
     assert "57.3" in first.detail
     assert "π/180" in first.remedy
     assert "nertia" not in titles(analysis)
@@ -692,9 +692,9 @@ def test_one_record_in_degrees_is_named_and_no_inertia_blamed(k: int, method: st
         (-1, 1, "torque in odd.csv looks reversed"),
         ([1, -1], 1, "angle of joint 2 in odd.csv looks reversed"),
         long(1, [1, -1], "torque of joint 2 in odd.csv looks reversed"),
-        (1, 1e3, "torque in odd.csv looks logged in mN·m"),
-        long(1e3, 1, "angle in odd.csv looks logged in mrad"),
-        long([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv looks logged in degrees"),
+        (1, 1e3, "torque in odd.csv seems to be in mN·m"),
+        long(1e3, 1, "angle in odd.csv seems to be in mrad"),
+        long([180 / np.pi, 1], 1, "angle of joint 1 in odd.csv seems to be in degrees"),
         (1, 87.0, "in odd.csv has another scale"),
     ],
 )
@@ -736,7 +736,7 @@ def test_wrong_frequency_is_told_alone() -> None:
     records[4] = remade(records[4], frequency_hz=records[4].frequency_hz * 1.05, label="five.csv")
     found = findings(evidence(records, SERIAL, method="weighted"))
     assert "stated frequency" in found[0].title
-    assert "1 record is concerned" in found[0].detail
+    assert "1 record is affected" in found[0].detail
     for word in ("transfer matrix", "nertia", "contradicts all"):
         assert not said(found, word), [f.title for f in found]
 
@@ -749,7 +749,7 @@ def test_numbers_agree_with_their_nouns() -> None:
 def test_friction_and_lag_together_are_both_named() -> None:
     case = of_rubbing(friction=True)
     late = replace(case, fit=replace(case.fit, delay=4e-4, delay_error=2e-6))
-    (both,) = said(against_the_paper(late), "Friction and torque lag matter")
+    (both,) = said(against_the_paper(late), "Friction and a torque lag matter")
     assert "lags by 0.4 ms" in both.detail
     by_chance = replace(case, fit=replace(case.fit, delay=4e-8, delay_error=2e-6))
     assert said(against_the_paper(by_chance), "Friction matters")
@@ -778,10 +778,10 @@ def test_numbers_in_findings_are_for_people(value: float, digits: int, text: str
 @pytest.mark.parametrize(
     ("angle", "torque", "seen"),
     [
-        (1, [101, -93.5], "it is the torque"),
-        long(1, [40, 160], "it is the torque"),
-        long([1 / 101, -1 / 93.5], 1, "it is the position"),
-        long([1 / 20, 1 / 12], [20, 12], "it is both"),
+        (1, [101, -93.5], "points to the torque"),
+        long(1, [40, 160], "points to the torque"),
+        long([1 / 101, -1 / 93.5], 1, "points to the position"),
+        long([1 / 20, 1 / 12], [20, 12], "points to both"),
     ],
 )
 def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen: str) -> None:
@@ -789,7 +789,7 @@ def test_side_of_the_gear_is_told_by_the_coupling(angle: Any, torque: Any, seen:
     assert found is not None
     assert "gear ratio" in found.title
     assert seen in found.detail
-    assert ("turn against each other" in found.detail) == bool(
+    assert ("reverses the direction" in found.detail) == bool(
         np.any(np.asarray(torque) / np.asarray(angle) < 0)
     )
 
@@ -834,12 +834,12 @@ def test_angles_of_the_arm_are_told(n: int, noise: float) -> None:
     as_arm = scorer.scores([replace(scorer.as_logged(), kind="arm angle")])
     np.testing.assert_allclose(as_arm.K[0], elasticity.K, rtol=0.05)
     (found,) = wrong_data(phasors, inertias)
-    assert found.title == "The positions look like the arm's, not the motors'"
+    assert found.title == "The positions look measured at the arm, not at the motors"
     assert "gear ratio of" not in found.detail
 
 
 def of_arm(found: Sequence[Finding]) -> list[Finding]:
-    return said(found, "positions look like the arm's") + said(found, "measured behind the gears")
+    return said(found, "positions look measured at the arm") + said(found, "measured behind the gears")
 
 
 @pytest.mark.parametrize("n", [long(1), 2, long(3)])
@@ -872,8 +872,8 @@ def exchanged(*order: int) -> list[SineRecord]:
         (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
         (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
-        (lambda: scaled(torque=0.5**0.5), SERIAL, "looks like an rms value where the peak is meant"),
-        (lambda: scaled(angle=1e6), SERIAL, "looks given in µrad, or time is probably in seconds"),
+        (lambda: scaled(torque=0.5**0.5), SERIAL, "seems to be an rms value in place of the peak"),
+        (lambda: scaled(angle=1e6), SERIAL, "seems to be in µrad, or time is probably in seconds"),
         long(
             lambda: scaled(torque=2.0),
             SERIAL,
@@ -928,7 +928,7 @@ def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
     others = (chosen, twin)
     (lag,) = said(torque_lags(replace(case, fit=replace(case.fit, candidates=others))), "torque lags")
     assert lag.title == "The torque lags by 0.5 ms, or there is a torque filter"
-    assert "cannot tell these apart" in lag.detail
+    assert "cannot distinguish these" in lag.detail
     far = replace(twin, criterion=twin.criterion + 20)
     (lag,) = torque_lags(replace(case, fit=replace(case.fit, candidates=(chosen, far))))
     assert lag.title == "The torque lags by 0.5 ms"
@@ -940,5 +940,5 @@ def test_inertias_in_grams_are_named_beside_positions_in_mrad() -> None:
     grams = scales(sound(), Inertia(M=SERIAL.M * 1e3, M2=SERIAL.M2 * 1e3))
     for found in (grams, scales(scaled(1e3))):
         assert found is not None
-        assert found.title.startswith("M and M2 look given in g·m², or the position of all joints")
+        assert found.title.startswith("M and M2 seem to be in g·m², or the position of all joints")
         assert "divide them by 1000" in found.remedy

@@ -94,7 +94,7 @@ def test_what_is_deleted_is_gone_for_every_session(studies: dict[int, Study]) ->
     assert at.selectbox(key="study").value == "paper"
     other = shown(other.run())
     assert other.selectbox(key="study").value == "paper"
-    assert any("not in this workspace" in info.value for info in other.info)
+    assert any("no longer, in this workspace" in info.value for info in other.info)
 
 
 @pytest.mark.parametrize("place", ["x", "../../etc", "A" * 32, "\0", "", "é" * 32])

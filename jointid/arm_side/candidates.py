@@ -32,7 +32,7 @@ class Scale:
     compliance: float
     """Scale of the compliance for priors that are relative to it, rad/(N·m)."""
     skew_std_s: float = np.inf
-    """Standard deviation of what remains of the skew, s."""
+    """Prior of what remains of the skew, s: infinite where it is fitted, 0 where it is taken out."""
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,20 @@ def noise_of(
 
 
 def average(data: Regression, groups: dict[str, slice], noise: float, scale: Scale) -> Average:
-    """Fit every candidate and average."""
+    """Fit every candidate and average. Friction in the gear opposes the motion: it is not negative."""
     size = data.columns.shape[1]
     fits: list[Estimate] = []
-    cost = []
     for candidate in CANDIDATES:
-        std = candidate.std(groups, size, scale)
-        fits.append(data.estimate(noise, std))
-        cost.append(fits[-1].cost)
+        fit = data.estimate(noise, candidate.std(groups, size, scale))
+        if candidate.friction is not None:
+            k = candidate.friction
+            opposing = np.zeros(size)
+            state, loaded = (data.columns[:, groups[f"{name} {k}"]] for name in ("friction", "loaded"))
+            opposing[groups[f"friction {k}"]] = 1.0
+            opposing[groups[f"loaded {k}"]] = np.abs(loaded).sum() / max(1e-9, np.abs(state).sum())
+            fit = fit.not_negative(opposing)
+        fits.append(fit)
+    cost = [fit.cost for fit in fits]
     weights = np.exp(-0.5 * (np.array(cost) - min(cost)))
     weights /= weights.sum()
     betas = np.array([fit.beta for fit in fits])

@@ -58,9 +58,10 @@ class ArmSideFit:
     def predict(self, record: MotionRecord) -> Floats:
         """Deflection motor/N − arm of another record, shape (N, n), rad; NaN without a fit.
 
-        In the band of the fit, with the tooth orders above it. Only the motor's motion is used;
-        where the record has a sensor, the constant offset is the median of its own difference.
-        Positions beyond those of the fit are extrapolated.
+        In the band of the fit, with the tooth orders above it. Only the motor's motion is used. The
+        constant offset is that of the fit; where the record has a sensor it is the median difference
+        from the sensor, since encoders may be referenced again between records. Positions beyond
+        those of the fit are extrapolated.
         """
         with one_thread():
             return self._predict(record)
@@ -80,9 +81,9 @@ class ArmSideFit:
                     for name, group in terms.groups.items():
                         if name.startswith("start"):
                             terms.columns[:, group] = 0
-                    found[:, j] = terms.columns @ joint.beta[: terms.columns.shape[1]]
-                    elastic[:, j] = found[:, j]
-                    found[:, j] += motion.by_skew(j, elastic[:, j])
+                    beta, offsets = np.split(joint.beta, [terms.columns.shape[1]])
+                    elastic[:, j] = terms.columns @ beta
+                    found[:, j] = elastic[:, j] + motion.by_skew(j, elastic[:, j]) + offsets.mean()
             elastic -= elastic.mean(axis=0)
         result = np.full(record.theta_rad.shape, np.nan)
         for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):

@@ -49,11 +49,11 @@ def identify_arm_side(
 ) -> ArmSideFit:
     """Identify the stiffness of every joint with a sensor behind its gear.
 
-    Torques come from the rigid model at the measured motion. Skew between the encoders, transmission
-    error, friction and damping in the gear, offsets and the payload are fitted along. Their choice
-    enters the error: all sensible sets of terms are averaged by their evidence. So does what any part
-    of the records changes: each is left out in turn (jackknife), since one bump of torque or one bad
-    stretch may decide the whole, which noise does not show.
+    Torques come from the rigid model at the measured motion. The fit includes the skew between the
+    encoders, transmission error, friction and damping in the gear, offsets and the payload. The error
+    includes the choice of these terms (an average over all sensible sets, weighted by evidence) and the
+    change when any part of the records is left out (jackknife): noise does not reveal a single
+    disturbance that dominates the result.
 
     Parameters
     ----------
@@ -66,6 +66,11 @@ def identify_arm_side(
     torque_std : float, default 0.03
         Relative standard deviation of the robot model's torque; it scales K. 0 for an exact model.
 
+    Returns
+    -------
+    ArmSideFit
+        K of every joint, N·m/rad at the joint side; NaN with a reason where it is refused.
+
     Raises
     ------
     JointIdError
@@ -74,7 +79,7 @@ def identify_arm_side(
 
     Notes
     -----
-    A skew cannot be told from viscous friction on the arm's side of one joint: F adds F/K to it.
+    Viscous friction F behind the gear of one joint acts like a skew of F/K; the two are not separated.
     """
     given = [records] if isinstance(records, MotionRecord) else records
     if (
@@ -133,22 +138,25 @@ def _identified(
         _require_alike(record, robot)
     motions = [band_limited(record, robot, band_hz) for record in given]
     elastic = [np.zeros_like(m.q) for m in motions]
-    motor = [_motor_torque(r, m, robot) for r, m in zip(given, motions, strict=True)]
+    rotor = [_rotor_torque(m, robot) for m in motions]
+    motor = [_motor_torque(r, m, robot) - own for r, m, own in zip(given, motions, rotor, strict=True)]
     joints: list[JointDeflection | None] = [None] * robot.n
-    skew_std = np.inf
+    skew_error = np.full(robot.n, np.inf)
     for round_ in range(_ROUNDS):
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
         torque, payload = [t for t, _ in both], [p for _, p in both]
-        mean, root = payload_from_motors(motions, motor, torque, payload)
+        mean, root = payload_from_motors(motions, motor, rotor, torque, payload)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, Scale(_magnitude(joint), skew_std), round_)
+            _joint(j, given, motions, torque, payload, _magnitude(joint), float(skew_error[j]), round_)
             for j, joint in enumerate(joints)
         ]
         if not last:
-            skew, skew_std = _skews(joints)
+            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+            if round_:
+                skew, skew_error = _skews(joints, skew)
             motions = [m.aligned(skew) for m in motions]
             elastic = [np.nan_to_num(m.deflection - m.deflection.mean(axis=0)) for m in motions]
     joints = [
@@ -161,26 +169,29 @@ def _identified(
     return _summary(joints, given, robot, band_hz, mean, root)
 
 
-def _skews(joints: list[JointDeflection | None]) -> tuple[Floats, float]:
-    """Skew of each joint, (n,), and the standard deviation of what remains, s.
+def _skews(joints: list[JointDeflection | None], own: Floats) -> tuple[Floats, Floats]:
+    """Skew of each joint, (n,), and its standard error, (n,), s; infinite where it stays free.
 
     Joints that agree are sampled by one clock: a joint whose own motion tells little of its skew, or
     only together with its stiffness, takes that of the others. The spread beyond the errors is
     estimated by moments (DerSimonian and Laird 1986).
     """
-    own = np.array([joint.skew_s if joint else 0.0 for joint in joints])
     known = np.array([joint is not None for joint in joints])
+    found, free = own.copy(), np.full(own.size, np.inf)
     if known.sum() < 2:
-        return own, np.inf
+        return own, free
     value, error = own[known], np.array([joint.skew_std_s for joint in joints if joint])
     weight = error**-2.0
     excess = weight @ (value - weight @ value / weight.sum()) ** 2 - (value.size - 1)
     between = max(0.0, excess / (weight.sum() - weight @ weight / weight.sum()))
     if between > _OTHER_CLOCKS_S**2 and excess > 3 * np.sqrt(2 * (value.size - 1)):
-        return own, np.inf
+        return own, free
     weight = 1 / (error**2 + _SKEW_STD_S**2)
-    shared = np.where(known, weight @ value / weight.sum(), 0.0)
-    return shared, float(np.hypot(_SKEW_STD_S, weight.sum() ** -0.5))
+    common = weight @ value / weight.sum()
+    trust = _SKEW_STD_S**2 * weight
+    found[known] = common + trust * (value - common)
+    free[known] = np.sqrt(trust * error**2 + (1 - trust) ** 2 / weight.sum())
+    return found, free
 
 
 def _magnitude(joint: JointDeflection | None) -> float:
@@ -188,12 +199,16 @@ def _magnitude(joint: JointDeflection | None) -> float:
     return max(joint.compliance, 1e-9) if joint else _FIRST_COMPLIANCE
 
 
-def _motor_torque(record: MotionRecord, motion: BandLimited, robot: RobotModel) -> Floats:
-    """Motor torque without the rotors', at the joints, (N, n), N·m; rotors of unknown inertia have 0."""
-    tau = np.asarray(record.tau_Nm[record.start :])
+def _rotor_torque(motion: BandLimited, robot: RobotModel) -> Floats:
+    """Torque of the rotors at the joints, (N, n), N·m; 0 for unknown inertias."""
     back = np.linalg.inv(robot.coupling)
-    rotor = np.nan_to_num(robot.rotor_inertia) * (motion.ddq @ back.T)
-    return np.asarray((motion.lowpass(tau) - rotor) @ back)
+    return np.asarray(np.nan_to_num(robot.rotor_inertia) * (motion.ddq @ back.T) @ back)
+
+
+def _motor_torque(record: MotionRecord, motion: BandLimited, robot: RobotModel) -> Floats:
+    """Motor torque at the joints, (N, n), N·m."""
+    tau = np.asarray(record.tau_Nm[record.start :])
+    return np.asarray(motion.lowpass(tau) @ np.linalg.inv(robot.coupling))
 
 
 def _joint(
@@ -202,7 +217,8 @@ def _joint(
     motions: list[BandLimited],
     torque: list[Floats],
     payload: list[Floats],
-    scale: Scale,
+    magnitude: float,
+    skew_error: float,
     round_: int,
 ) -> JointDeflection | None:
     seen = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
@@ -226,6 +242,8 @@ def _joint(
         moving = np.cumsum(speed[-1] > _SLIP)
         progress.append((moving - 1) / max(1, moving[-1]))
     data = Regression(np.concatenate(y), np.concatenate(columns))
+    taken_out = bool(np.isfinite(skew_error))
+    scale = Scale(magnitude, 0.0 if taken_out else np.inf)
     record, ratio, part_of = np.concatenate(source), np.concatenate(speed), np.concatenate(progress)
     interval, groups = step * m.lowpass.interval_s, terms.groups
     used = ratio > _SLIP
@@ -242,16 +260,21 @@ def _joint(
     whole = fitted(used)
     beta, free = whole.beta, [0, groups["skew"].start]
     variance, left = np.diag(whole.covariance)[free], None
-    if round_ == _ROUNDS - 1:
+    if round_:  # the first round's error is not used
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
+    if round_ == _ROUNDS - 1:
         left = _left_over([motions[k] for k in seen], every, beta, j)
     jackknife = np.zeros(2)
-    for count in () if round_ == 1 else _PARTS:  # the middle round's error is not used
+    for count in _PARTS if round_ else ():
         part = (part_of * count).astype(int)
         without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
         jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
     variance = np.maximum(variance, jackknife)
+    if taken_out:
+        later = Regression(data.y + skew_error * data.columns[:, free[1]], data.columns)
+        moved = average(Regression(later.y[used], later.columns[used]), groups, whole.noise, scale).beta
+        variance = np.array([variance[0] + (moved[0] - beta[0]) ** 2, skew_error**2])
     residual = (data.y - data.columns @ beta)[used]
     error = np.sqrt(variance)
     return JointDeflection(

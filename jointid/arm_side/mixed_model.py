@@ -1,10 +1,13 @@
 """Linear model whose coefficients have priors; its noise is given by its density at low frequency."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr
 
 from jointid.arrays import Floats
 
@@ -16,6 +19,24 @@ class Estimate:
     beta: Floats
     covariance: Floats
     cost: float
+
+    def not_negative(self, along: Floats) -> Estimate:
+        """Return moments and evidence with ``along`` (p,) times the coefficients at least 0.
+
+        The prior of that sum is symmetric about 0; its negative half is cut off.
+        """
+        direction = self.covariance @ along
+        mean, std = float(along @ self.beta), float(np.sqrt(along @ direction))
+        if std == 0.0:
+            return self
+        log_share = float(log_ndtr(mean / std))
+        hazard = float(np.exp(-0.5 * (mean / std) ** 2 - log_share)) / np.sqrt(2 * np.pi)
+        narrower = hazard * (hazard + mean / std)
+        return Estimate(
+            self.beta + direction / std * hazard,
+            self.covariance - np.outer(direction, direction) / std**2 * narrower,
+            self.cost - 2 * (log_share + float(np.log(2))),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,10 +4,15 @@ import numpy as np
 
 from jointid.arm_side.band_limited import BandLimited
 from jointid.arm_side.mixed_model import Regression, low_frequency_noise
+from jointid.arm_side.terms import waves
 from jointid.arrays import Floats
 
 _SCALE_STD = 0.3
 """Spread of the torque constant and of the gear's efficiency."""
+_ROTOR_STD = 0.1
+"""Relative standard deviation of the rotors' inertia."""
+_GRAVITY_STD = 0.03
+"""Standard deviation of the links' gravity torque, in parts of the joint's largest torque."""
 _SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
 _MEMORY_S = 0.5
@@ -15,38 +20,45 @@ _ROUNDS = 3
 
 
 def payload_from_motors(
-    motions: list[BandLimited], motor: list[Floats], torque: list[Floats], payload: list[Floats]
+    motions: list[BandLimited],
+    motor: list[Floats],
+    rotor: list[Floats],
+    torque: list[Floats],
+    payload: list[Floats],
 ) -> tuple[Floats, Floats]:
     """Mean (4,) and a root (4, 4) of the covariance of the payload's standardised parameters.
 
     Each joint's motor torque, without its rotor, is the torque of links and payload times a scale
-    near 1, plus Coulomb, viscous and load-dependent friction.
+    near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque and the links'
+    gravity, a wave over the joint angle, are uncertain as well: neither may pass for a payload.
 
     Parameters
     ----------
     motions : list of BandLimited
-    motor, torque : list of ndarray, shapes (N, n)
-        Motor torque at the joint without the rotors', and the model's, N·m.
+    motor, rotor, torque : list of ndarray, shapes (N, n)
+        Motor torque at the joint without the rotors', the rotors', and the model's, N·m.
     payload : list of ndarray, shape (N, n, 4)
         Change of the model's torque per standard deviation.
     """
     opinions: list[tuple[Floats, Floats]] = [(np.eye(4), np.zeros(4))]
     for j in range(motor[0].shape[1]):
         y, columns, spans = [], [], []
-        for m, tau, model, change in zip(motions, motor, torque, payload, strict=True):
+        gravity = _GRAVITY_STD * max(float(np.abs(model[:, j]).max()) for model in torque)
+        for m, tau, spin, model, change in zip(motions, motor, rotor, torque, payload, strict=True):
             step = max(1, int(1 / (8 * m.lowpass.band_hz * m.lowpass.interval_s)))
             rows = np.arange(len(m.q))[m.inner][::step]
             rows = rows[np.abs(m.dq[rows, j]) > _SLIP * np.abs(m.dq[:, j]).max()]
             sign = m.lowpass(np.sign(m.dq[:, j]))[rows]  # reversals as wide as in the torque
             v, s = m.dq[rows, j], model[rows, j]
             y.append(tau[rows, j] - s)
-            X = [change[rows, j].T, s, sign, sign * np.abs(s), v, v * np.abs(v), np.ones(rows.size)]
+            X = [change[rows, j].T, s, spin[rows, j], gravity * waves(m.q[rows, j], np.ones(1)).T]
+            X += [sign, sign * np.abs(s), v, v * np.abs(v), np.ones(rows.size)]
             columns.append(np.vstack(X).T)
             spans.append(rows.size)
         data = Regression(np.concatenate(y), np.concatenate(columns))
         if data.y.size < 40:
             continue
-        std = np.r_[np.ones(4), _SCALE_STD, np.full(5, np.inf)]
+        std = np.r_[np.ones(4), _SCALE_STD, _ROTOR_STD, 1.0, 1.0, np.full(5, np.inf)]
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         noise = float(data.y.std())
         lags = int(_MEMORY_S / (step * motions[0].lowpass.interval_s))

@@ -93,8 +93,8 @@ def batch(
     except KeyboardInterrupt:
         again = " without --fresh" if fresh else ""
         stopped = (
-            f"Stopped after {count[0]} of {counted(count[1], 'study')}: finished rows stand in "
-            f"{journal_path(out)}. Give the same command again{again}, and it goes on from there."
+            f"Stopped after {count[0]} of {counted(count[1], 'study')}: finished rows are in "
+            f"{journal_path(out)}. The same command{again} resumes the batch."
         )
         if as_json:
             print_error(stopped)
@@ -148,9 +148,9 @@ def _print_summary(summary: Summary) -> None:
     print(", ".join(f"{n} {answer_state([level])}" for level, n in summary.verdicts.items()))
     print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
     if summary.skipped:
-        print(f"Taken over from an earlier run: {summary.skipped}")
+        print(f"Reused from an earlier run: {summary.skipped}")
     if summary.kept:
-        print(f"Rows of other studies that stay: {summary.kept}")
+        print(f"Rows of other studies, kept: {summary.kept}")
     if not summary.failures:
         return
     typer.echo(f"Failed: {len(summary.failures)}", err=True)

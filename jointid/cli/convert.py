@@ -43,7 +43,7 @@ def convert(
         Path | None, typer.Option("--output", "-o", parser=named, help="New study: a folder or a .zip.")
     ] = None,
     mapping: Annotated[
-        Path | None, typer.Option(help="JSON that says which column is what, as --guess writes it.")
+        Path | None, typer.Option(help="JSON with the role of each column, as written by --guess.")
     ] = None,
     guess: Annotated[
         Path | None, typer.Option(help="Write the guessed mapping to this file and stop.")
@@ -57,22 +57,24 @@ def convert(
     ] = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Pose of the logs, as the inertia file names it: once, or once per log."),
+        typer.Option(help="Pose of the logs, by its name in the inertia file: once, or once per log."),
     ] = None,
     separate: Annotated[
         bool,
-        typer.Option("--separate", help="Runs of one joint, also where it looks like many at once."),
+        typer.Option(
+            "--separate", help="Treat each log as runs of one joint; do not join simultaneous logs."
+        ),
     ] = False,
     inertia_std: Annotated[float | None, INERTIA_STD] = None,
     torque_std: Annotated[float | None, TORQUE_STD] = None,
     nominal_K: Annotated[str, NOMINAL_K] = "",
     nominal_D: Annotated[str, NOMINAL_D] = "",
     name: Annotated[
-        str, typer.Option(help="Name of the study; else that in the inertia file, else the logs'.")
+        str, typer.Option(help="Name of the study; default: from the inertia file, else from the logs.")
     ] = "",
-    which: Annotated[str, typer.Option("--robot", help="Which robot it is, for a fleet.")] = "",
-    date: Annotated[str, typer.Option(help="When it was measured, as in 2026-11-20.")] = "",
-    note: Annotated[str, typer.Option(help="Remark that travels with the answer.")] = "",
+    which: Annotated[str, typer.Option("--robot", help="Name of the robot, for a fleet table.")] = "",
+    date: Annotated[str, typer.Option(help="Date of the measurement, such as 2026-11-20.")] = "",
+    note: Annotated[str, typer.Option(help="Remark shown with the answer.")] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:

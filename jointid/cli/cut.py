@@ -75,12 +75,12 @@ def cut(
         for zone, o in zip(zones, outcomes, strict=True)
     ]
     if robot.gears:
-        columns += ["as the gears are, servo knows K, D", "servo knows the curve"]
+        columns += ["identified gear laws, servo assumes K, D", "servo assumes the curve"]
         for row, cut in zip(cells, document["cuts"], strict=True):
             row += [millimetres(1e-3 * cut[name]) for name in ("gears_linear_mm", "gears_known_mm")]
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
-        print(f"\nThe promise after is not known: {problem}")
+        print(f"\nThe path error after identification is not known: {problem}")
 
 
 def cut_results(

@@ -53,7 +53,7 @@ def export(
     ratio = ratio or (None if known is None else known.tolist())
     for file in output:
         if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
-            raise typer.BadParameter(f"{file.name} is on the arm side: give --gear-ratio, as in 100,90")
+            raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
     from jointid.exporting import identification
 
     result = identification(analysis)

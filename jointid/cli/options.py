@@ -1,5 +1,6 @@
 """Arguments, options and checks that several commands share."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import typer
@@ -7,7 +8,16 @@ import typer
 from jointid.answer import STIFFNESS_UNITS
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.files.application import sample_studies
+from jointid.gears.gear import Gear
 from jointid.joints import Elasticity
+
+GEAR_FIELDS = {
+    name.partition("_")[0]: name
+    for name in (
+        "cubic", "backlash_rad", "hysteresis_Nm", "presliding_rad", "K2", "K3", "T1_Nm", "T2_Nm"
+    )
+}  # fmt: skip
+"""Field of a gear by its name in an option, motor side and SI units."""
 
 
 def known_method(value: str) -> str:
@@ -32,6 +42,26 @@ def nominal(stiffness: str, damping: str) -> Elasticity | None:
     if not (stiffness or damping):
         return None
     return Elasticity(K=numbers(stiffness), D=numbers(damping))
+
+
+def gears(texts: Sequence[str], joints: int) -> list[Gear]:
+    """Parse laws of the gears, one text for a joint or, without its number, for all of them."""
+    laws: list[dict[str, float]] = [{} for _ in range(joints)]
+    for text in texts:
+        joint, _, values = text.rpartition(":")
+        if joint and not (joint.strip().isdecimal() and 1 <= int(joint) <= joints):
+            raise typer.BadParameter(f'"{text}": there is no joint "{joint}" of {joints}.')
+        for entry in values.split(","):
+            name, _, value = (part.strip() for part in entry.partition("="))
+            try:
+                law = {GEAR_FIELDS[name]: float(value)}
+            except (KeyError, ValueError) as error:
+                fault = f"{name!r} is no law" if name not in GEAR_FIELDS else f"{value!r} is no number"
+                laws_as = f'Laws: {", ".join(GEAR_FIELDS)}, as in "1: cubic=9000, backlash=0.004".'
+                raise typer.BadParameter(f'"{text}": {fault}. {laws_as}') from error
+            for own in [laws[int(joint) - 1]] if joint else laws:
+                own |= law
+    return [Gear(**own) for own in laws]
 
 
 def named(text: str) -> Path:

@@ -33,7 +33,7 @@ def setpoints(
     ramp_s: Annotated[float, typer.Option(help="Length of the ramps, s.")] = 0.5,
     rest_s: Annotated[float, typer.Option(help="Rest between records, s.")] = 1.0,
     superposed: Annotated[
-        str, typer.Option(help="Superposed velocities of the joints, °/s: each record forth and back.")
+        str, typer.Option(help="Superposed velocities of the joints, °/s: each record forward and back.")
     ] = "0",
     count: Annotated[int, COUNT] = 3,
     duration_s: Annotated[float, DURATION] = 4.0,
@@ -84,4 +84,4 @@ def setpoints(
     print_table(
         list(columns), [list(row) for row in zip(*columns.values(), strict=True)], right=(2, 3, 4)
     )
-    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its head first.")
+    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its header first.")

@@ -7,12 +7,14 @@ import typer
 
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.options import (
+    GEAR_FIELDS,
     INERTIA_STD,
     JSON,
     NOMINAL_D,
     NOMINAL_K,
     OVERWRITE,
     TORQUE_STD,
+    gears,
     named,
     nominal,
     numbers,
@@ -61,6 +63,13 @@ def simulate(
     ] = None,
     coulomb: Annotated[str, typer.Option(help="Coulomb friction of the motors, N·m.")] = "0",
     viscous: Annotated[str, typer.Option(help="Viscous friction, N·m·s/rad.")] = "0",
+    gear: Annotated[
+        list[str] | None,
+        typer.Option(
+            help='Laws of the gears beside K, motor side, for a joint or all: "1: cubic=9000", '
+            f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {", ".join(GEAR_FIELDS)}.'
+        ),
+    ] = None,
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
     torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
     delay_ms: Annotated[float, typer.Option(help="Torque delay, ms.")] = 0.0,
@@ -132,6 +141,7 @@ def simulate(
             **settings,
             controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
             friction=friction,
+            gears=gears(gear, robot.inertia.n) if gear else None,
             measurement=Measurement(
                 encoder_counts=encoder_counts or None,
                 torque_noise_Nm=noise,

@@ -1,8 +1,8 @@
 """The planar arm: two links in a horizontal plane, their gears and rotors.
 
-Arm side throughout, except :meth:`PlanarArm.inertia`: joint angles, rates and torques are those of the
+Joint side throughout, except :meth:`PlanarArm.inertia`: joint angles, rates and torques are those of the
 links. A motor shaft turns ``gear_ratio`` times its joint, so θ_motor = N q, τ_arm = N τ_motor,
-K_arm = N² K and a rotor weighs N² J_m on the arm side.
+K_arm = N² K and a rotor weighs N² J_m on the joint side.
 
 Meaning of the joint angle ``q``, by drive:
 
@@ -93,7 +93,7 @@ class PlanarArm:
     def example(cls, drive: Drive = "parallelogram") -> Self:
         """Return an arm of the size of a common industrial robot, with two different gear ratios.
 
-        The paper states neither inertias nor geometry: these values are this software's own choice. At
+        The paper states neither inertias nor geometry; these values are our own choice. At
         the cutting point (1.15, 0) m with a positive elbow, the paper's K and D give free resonances at
         17 Hz and 27 Hz.
         """
@@ -128,7 +128,7 @@ class PlanarArm:
 
     @property
     def rotor_inertia_arm_kgm2(self) -> Floats:
-        """Rotor inertias reflected to the arm side, n² J_m, shape (2,), kg·m²."""
+        """Rotor inertias reflected to the joint side, n² J_m, shape (2,), kg·m²."""
         return self.gear_ratio**2 * self.rotor_inertia_kgm2
 
     def link_angles(self, joint_angle_rad: ArrayLike) -> Floats:
@@ -141,7 +141,7 @@ class PlanarArm:
         return np.asarray(_pairs("link_angle_rad", link_angle_rad) @ inverse.T)
 
     def mass_matrix(self, joint_angle_rad: ArrayLike) -> Floats:
-        """Mass matrix M(q) of the links, arm side, shape (..., 2, 2), kg·m².
+        """Mass matrix M(q) of the links, joint side, shape (..., 2, 2), kg·m².
 
         Parallelogram: [[a, c cos(q2−q1)], [·, b]]; serial: [[a+b+2c cos q2, b+c cos q2], [·, b]].
         """
@@ -155,7 +155,7 @@ class PlanarArm:
         return np.asarray(L.T @ links @ L)
 
     def coriolis(self, joint_angle_rad: ArrayLike, joint_rate_rad_s: ArrayLike) -> Floats:
-        """Coriolis and centrifugal torques c(q, q̇), arm side, shape (..., 2), N·m.
+        """Coriolis and centrifugal torques c(q, q̇), joint side, shape (..., 2), N·m.
 
         Parallelogram: (−h q̇2², h q̇1²) with h = c sin(q2−q1);
         serial: (−h(2 q̇1 q̇2 + q̇2²), h q̇1²) with h = c sin q2.
@@ -168,7 +168,7 @@ class PlanarArm:
     def joint_torque(
         self, angle_rad: ArrayLike, rate_rad_s: ArrayLike, acceleration: ArrayLike
     ) -> Floats:
-        """Joint torque u = M(q) q̈ + c(q, q̇), arm side, shape (..., 2), N·m."""
+        """Joint torque u = M(q) q̈ + c(q, q̇), joint side, shape (..., 2), N·m."""
         acceleration = _pairs("acceleration (rad/s²)", acceleration)
         inertial = (self.mass_matrix(angle_rad) @ acceleration[..., None])[..., 0]
         return np.asarray(inertial + self.coriolis(angle_rad, rate_rad_s))

@@ -34,14 +34,14 @@ class ArmSimulation:
     joint_angle_rad : array_like, shape (2,)
         Joint angles at time 0, rad.
     motor_angle_rad : array_like, shape (2,), optional
-        Motor angles at time 0, reflected to the arm side, rad. By default without joint deflection.
+        Motor angles at time 0, reflected to the joint side, rad. By default without joint deflection.
     joint_rate_rad_s, motor_rate_rad_s : array_like, shape (2,)
-        Rates at time 0, arm side, rad/s.
+        Rates at time 0, joint side, rad/s.
     coulomb_Nm, viscous_Nms : array_like, shape (2,)
         Friction at the motor, motor side: N·m and N·m·s/rad. Coulomb friction with sticking, as a
         pymunk motor of rate zero and limited torque.
     gears : GearLaws, optional
-        Laws of the gears in addition to K and D, arm side.
+        Laws of the gears in addition to K and D, joint side.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class ArmSimulation:
         self.log: list[tuple[float, float, float, float]] = []
 
     def step(self, torque1: float, torque2: float) -> None:
-        """Advance by one step under motor torques reflected to the arm side, N·m.
+        """Advance by one step under motor torques reflected to the joint side, N·m.
 
         The torque acts from half a step before to half a step after the present instant: if a held
         torque changes at this instant, give the mean of old and new.

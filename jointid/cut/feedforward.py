@@ -28,7 +28,7 @@ _SLACK = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joint motion q(t) along a path and its joint torque u(t), arm side."""
+    """Joint motion q(t) along a path and its joint torque u(t), joint side."""
 
     q: Floats
     """Joint angles and their derivatives 1 and 2, shape (3, k, 2)."""
@@ -121,7 +121,7 @@ def plan_servo(
     assumed_K, assumed_D : ndarray, shape (2,) or (2, runs), optional
         K and D that the controller assumes, motor side. None is a rigid controller.
     gears : GearLaws, optional
-        Laws of the gears that the controller knows in addition, arm side.
+        Laws of the gears that the controller knows in addition, joint side.
 
     Raises
     ------
@@ -187,11 +187,11 @@ def gear_deflections(u: Floats, gears: GearLaws, D: Floats, step_s: float) -> Fl
     Parameters
     ----------
     u : ndarray, shape (k, 2)
-        Joint torques, arm side.
+        Joint torques, joint side.
     gears : GearLaws
-        Arm side.
+        Joint side.
     D : ndarray, shape (2,)
-        Damping, arm side.
+        Damping, joint side.
     """
     K, rate = gears.K[:, 0], D / step_s
     x, loop = np.zeros_like(u), np.zeros(2)
@@ -225,7 +225,7 @@ def _deflections(arm: PlanarArm, u: Floats, K: Floats, D: Floats, step_s: float)
 
 
 def _compensation(arm: PlanarArm, servo: Servo, rate: Floats) -> Floats:
-    """Friction torque at the reference velocity of the motors, arm side, like ``rate``."""
+    """Friction torque at the reference velocity of the motors, joint side, like ``rate``."""
     assert servo.friction_compensation is not None
     runs = (slice(None),) + (None,) * (rate.ndim - 2)
     coulomb, viscous = (value[runs] for value in friction_values(servo.friction_compensation))

@@ -75,7 +75,7 @@ class ManyArms:
         self.log: list[Floats] = []
 
     def step(self, torque: Floats) -> None:
-        """Advance by one step under motor torques reflected to the arm side, (2, runs), N·m."""
+        """Advance by one step under motor torques reflected to the joint side, (2, runs), N·m."""
         self.log.append(self.link)
         dt, link, rate = self._dt, self.link, self._link_rate
         joint, joint_rate = link, rate

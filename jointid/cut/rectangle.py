@@ -32,11 +32,11 @@ def rectangle(
 ) -> Toolpath:
     """Rectangle with rounded corners, counter-clockwise: the paper's Figure 7 (28 × 45 mm at 300 mm/s).
 
-    The tool starts at rest on the line of a longer side, is up to speed in the middle of that side, goes
-    round, and slows down past the same middle. A corner begins ``zone_m`` before the corner point, ends
-    as far behind it, and takes 2 zone / speed. A small zone is passed more slowly, so that neither the
-    acceleration limit nor the shortest ramp is violated, and the sides then ramp up and down. On a side
-    too short for its ramps the tool goes as fast as they allow.
+    The tool starts at rest on the line of a longer side, reaches the speed in the middle of that side,
+    goes round, and slows down beyond the same point. A corner begins ``zone_m`` before the corner point,
+    ends as far behind it, and takes 2 zone / speed. A small zone is passed more slowly, so that neither
+    the acceleration limit nor the shortest ramp is violated, and the sides then ramp up and down. On a
+    side too short for its ramps the tool moves as fast as the ramps permit.
 
     Parameters
     ----------
@@ -58,6 +58,11 @@ def rectangle(
         How many times round.
     settle_s : float
         Rest after the end, which shows residual vibration, s.
+
+    Returns
+    -------
+    Toolpath
+        Tool motion in time, m and s.
 
     Raises
     ------

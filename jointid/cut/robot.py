@@ -157,7 +157,7 @@ def reason_unusable(analysis: Analysis) -> str:
     """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
-            return f"The answer cannot be used for a cut, because of what was found: {finding.title}."
+            return f"The answer cannot be used for a cut. Mend this finding first: {finding.title}."
     fit = analysis.fit
     value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
@@ -167,9 +167,9 @@ def reason_unusable(analysis: Analysis) -> str:
     names = [f"{'K' if k < fit.n else 'D'}{k % fit.n + 1}" for k in wide]
     k = int(wide[0])
     return (
-        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for millimetres: "
-        f"{names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than a "
-        "third of the value. Add records near the resonances, or see what was found."
+        f"{', '.join(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
+        f"error: {names[0]} = {with_error(float(value[k]), float(error[k]))}, an error bar of more than "
+        "a third of the value. Add records near the resonances, or follow the verdict."
     )
 
 

@@ -1,7 +1,7 @@
 """The servo of each motor: settings, and the sampled control law for one arm or many.
 
 A PD controller of the motor angle around a reference, with a feedforward torque from ``feedforward.py``.
-Values are arm side unless a name says motor.
+Values are joint side unless a name says motor.
 """
 
 from collections import deque
@@ -18,7 +18,7 @@ from jointid.errors import JointIdError
 PROGRESS_CALLS = 50
 """Calls of a progress function per run."""
 LOST_RAD = 3.0
-"""Tracking error, seen on the arm side, from which the control loop counts as unstable."""
+"""Tracking error, seen on the joint side, from which the control loop counts as unstable."""
 
 Signal = TypeVar("Signal", float, Floats)
 
@@ -121,7 +121,7 @@ class Servo:
 
 @dataclass(frozen=True, eq=False)
 class ServoPlan:
-    """Reference and feedforward of a cut at s samples, and the gains; arm side.
+    """Reference and feedforward of a cut at s samples, and the gains; joint side.
 
     The last axis is that of the assumed elasticities, if there are several.
     """
@@ -159,7 +159,7 @@ class Plant(Protocol):
     motor2_rate: float
 
     def step(self, torque1: float, torque2: float) -> None:
-        """Advance by one step under motor torques reflected to the arm side."""
+        """Advance by one step under motor torques reflected to the joint side."""
 
 
 class Arithmetic(NamedTuple, Generic[Signal]):
@@ -194,7 +194,7 @@ def run_servo(
     Returns
     -------
     list of (torque1, torque2)
-        Torques held from each sample on, arm side, N·m.
+        Torques held from each sample on, joint side, N·m.
 
     Raises
     ------
@@ -313,10 +313,10 @@ def require_tracking(error_rad: float) -> None:
     Raises
     ------
     JointIdError
-        When the error, seen on the arm side, reaches ``LOST_RAD`` or is not a number.
+        When the error, seen on the joint side, reaches ``LOST_RAD`` or is not a number.
     """
     if not error_rad < LOST_RAD:
         raise JointIdError(
-            f"The arm ran away: a motor is more than {LOST_RAD:g} rad (arm side) from its reference. "
+            f"The arm diverged: a motor is more than {LOST_RAD:g} rad (joint side) from its reference. "
             "The control loop is unstable: lower bandwidth_hz or delay_samples, or raise sample_rate_hz."
         )

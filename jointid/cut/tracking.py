@@ -38,7 +38,7 @@ class TrackingRun:
     """Joint angles q: absolute link angles with a parallelogram drive; with a serial one q2 is relative
     to link 1. Shape (k, 2), rad."""
     motor_angle_rad: Floats
-    """Motor angles reflected to the arm side, θ / gear ratio, shape (k, 2), rad."""
+    """Motor angles reflected to the joint side, θ / gear ratio, shape (k, 2), rad."""
     contour_error_m: Floats
     """Distance of the tool from the nearest point of the reference path, shape (k,), m."""
     tracking_error_m: Floats
@@ -159,7 +159,7 @@ def track(
 
 
 def gear_laws(arm: PlanarArm, elasticity: Elasticity, gears: Sequence[Gear] | None) -> GearLaws | None:
-    """Laws of the gears seen from the arm side; None of linear ones."""
+    """Laws of the gears seen from the joint side; None of linear ones."""
     if gears is None:
         return None
     whole = gears_with(elasticity.K, gears)

@@ -42,7 +42,7 @@ EFFECTS = {
     "gravity": Effect("gravity stiffness", {"gravity": ("gravity stiffness", "N·m/rad")}),
     "cubic": Effect("a hardening gear", {"cubic": ("cubic stiffness", "N·m/rad³")}),
     "piecewise": Effect(
-        "a gear of three slopes",
+        "a gear with three slopes",
         {
             "piecewise": ("change of slope at T1", "N·m/rad"),
             "knee": ("wind-up at T1", "rad"),

@@ -22,7 +22,7 @@ from jointid.small_matrices import one_thread
 
 METHODS = {
     "auto": "maximum likelihood, with the simplest model that the noise allows",
-    "maximum-likelihood": "errors in variables; friction and delay on demand",
+    "maximum-likelihood": "maximum likelihood; friction and delay on request",
     "weighted": "weighted least squares, weights from the noise of each record",
     "least-squares": "the paper's pseudo-inverse, equations (13)-(14)",
     "explicit": "the paper's explicit solution, equation (15) as printed",
@@ -59,12 +59,17 @@ def identify_elasticity(
         Fit a delay of the torque likewise.
     inertia_std : float, optional
         Relative standard deviation of the given inertias M and M2: 0.05 for 5 %, ``math.inf`` for start
-        values only. "auto" and "maximum-likelihood" fit them along; the others keep them and widen
-        their errors. By default they are exact, as in the paper.
+        values only. "auto" and "maximum-likelihood" fit them; the others keep them and widen the
+        errors. By default they are exact, as in the paper.
     torque_std : float, optional
         The same for the torque constant of each joint.
     gear : {"auto", "linear"}
-        Whether "auto" fits nonlinear gears where the data ask for them.
+        Whether "auto" fits nonlinear gears where the data require them.
+
+    Returns
+    -------
+    ElasticityFit
+        K, D and their covariance, motor side, with friction, delay, inertias and gears as fitted.
 
     Raises
     ------

@@ -113,6 +113,11 @@ def spring_equations(
     noise : Noise, optional
         Noise of the phasors, where it is already known.
 
+    Returns
+    -------
+    SpringEquations
+        a and b of every record and joint, shape (r, n), with their noise.
+
     Raises
     ------
     JointIdError

@@ -197,8 +197,8 @@ class JointLaws:
         """
         if wound is None:
             return {}
-        values, units, H = _values(p), self.units(p), wound.beyond.shape[2]
-        found = {name: wound.change(f=df.swapaxes(1, 2)) for name, df in torque.items()}
+        values, units, parts = _values(p), self.units(p), wound.beyond.shape[2]
+        found = {name: wound.change(f=_with_mean(df)) for name, df in torque.items()}
         for name in {**stiffness, **dict.fromkeys(n for n in _GEAR if n in p.layout)}:
             beyond: Complexes | float = 0.0
             if name in _GEAR:
@@ -206,10 +206,18 @@ class JointLaws:
                 changed = values.copy()
                 changed[_GEAR.index(name)] += step
                 there, *_ = beyond_linear(_laws(changed), wound.delta, wound.points)
-                beyond = (there[..., :H] - wound.beyond) / step[:, None]
-            kappa = stiffness[name].swapaxes(1, 2) if name in stiffness else 0.0
+                beyond = (there[..., :parts] - wound.beyond) / step[:, None]
+            kappa = _with_mean(stiffness[name], float(name == "K")) if name in stiffness else 0.0
             found[name] = wound.change(beyond=beyond, stiffness=kappa)
         return {name: slope.swapaxes(1, 2) for name, slope in found.items()}
+
+    def noise(
+        self, wound: WoundGears, p: Parameters, torque: Floats, moved: Floats
+    ) -> tuple[Complexes, Complexes, Floats]:
+        """``WoundGears.noise`` with all arrays (r, H, n)."""
+        variances = (np.ascontiguousarray(x.swapaxes(1, 2)) for x in (torque, moved))
+        first, second, rest = wound.noise(_laws(_values(p)), *variances)
+        return first.swapaxes(1, 2), second.swapaxes(1, 2), rest.swapaxes(1, 2)
 
     def arm_friction(self, torque: Complexes, arm: Complexes) -> Complexes:
         """Phasors of sign θ̇_a, shape (r, H, n), for the arm's compliance A⁻¹, shape (r, H, n, n)."""
@@ -311,6 +319,11 @@ class SignSlope:
 def _points(H: int) -> int:
     points = _POINTS * max(H, _LEAST_HARMONICS)
     return points if points < _FINE else max(_FINE, points // 2)
+
+
+def _with_mean(phasors: Complexes, mean: float = 0.0) -> Complexes:
+    """A mean before phasors (r, H, n): shape (r, n, 1 + H)."""
+    return np.concatenate([np.full_like(phasors[:, :1], mean), phasors], axis=1).swapaxes(1, 2)
 
 
 def _values(p: Parameters) -> Floats:

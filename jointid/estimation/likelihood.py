@@ -22,7 +22,7 @@ from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import ParameterLayout, Parameters
-from jointid.estimation.residual import Problem, fitted_layout, make_problem
+from jointid.estimation.residual import Problem, fitted_layout, make_problem, with_law_noise
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
@@ -134,6 +134,7 @@ def maximum_likelihood(
     scale: Floats = np.ones(problem.s.shape[1])
     _require_rows(problem, p)
     p, normal = _minimise(problem, p, scale)
+    problem = with_law_noise(problem, p)
     first = Misfit.at(problem, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
@@ -266,7 +267,10 @@ def scores(
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
     problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
-    _, gradient, normal = quadratic(problem, problem.start(estimate.named), np.ones(problem.s.shape[1]))
+    p = problem.start(estimate.named)
+    if any(name in fitted for name in GEAR_LAWS):
+        problem = with_law_noise(problem, p)
+    _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     normal, gradient = normal / np.outer(size, size), gradient / size
     base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])

@@ -28,7 +28,7 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import Block, ParameterLayout, Parameters
-from jointid.estimation.residual import LOWEST_LINK, make_problem
+from jointid.estimation.residual import LOWEST_LINK, make_problem, with_law_noise
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -68,7 +68,7 @@ _SIMILAR = 0.3
 _DECISIVE = 0.3
 """Score over the cost from which a part is fitted before richer friction."""
 _NEARLY_ALL = 0.9
-"""Score over the cost from which a part is fitted in place of a law."""
+"""Score over the cost from which a part is fitted in place of a law, or before others that are."""
 _TRIED, _TRIED_LAWS = 5, 2
 """The most parts, and nonlinear laws among them, that are fitted for each one added."""
 _HOPELESS = 3e4
@@ -89,7 +89,7 @@ _MOST_STARTS = 2
 _MANY_ROWS = 20_000
 """Equations, those of six joints in 50 records, from which one part is tried where the model explains
 the data: a fit takes seconds."""
-_MOST_SLOW_FITS = 9
+_MOST_SLOW_FITS = 12
 """Fits with a law of the gears."""
 _MOST_SLOW_FITS_OF_MOTIONS = 3
 """The same where the records hold motions."""
@@ -207,7 +207,8 @@ def evaluated(
     """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
     waveforms = model_waveforms(phasors, model)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    return WhitenedResidual.of(replace(problem, motion=motor_motion(phasors)), estimate.p, scale)
+    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    return WhitenedResidual.of(problem, estimate.p, scale)
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -334,7 +335,7 @@ class _Search:
         if model.is_slow:
             motions = bool(self.phasors.motion.any())
             if self.slow_fits == (_MOST_SLOW_FITS_OF_MOTIONS if motions else _MOST_SLOW_FITS):
-                tried.setdefault(model, JointIdError("Not fitted: enough laws were tried."))
+                tried.setdefault(model, JointIdError("Not fitted: the limit of fitted laws is reached."))
                 return
             self.slow_fits += 1
         try:
@@ -413,7 +414,9 @@ class _Search:
         if "cubic" in model.effects and max(found.misfit, found.fundamental[0]) > 1 + _BENT / spread:
             plain = model.without("cubic")
             laws_instead = ["piecewise"] if "backlash" in model.parts else ["backlash", "piecewise"]
-            wider = [*(plain.with_part(law) for law in laws_instead), *wider]
+            instead_of_cubic = [plain.with_part(law) for law in laws_instead]
+            complete = bool(clear) and scored[clear[0]].gain > _NEARLY_ALL * found.cost
+            wider = [*wider, *instead_of_cubic] if complete else [*instead_of_cubic, *wider]
         return [each for each in wider if self._is_open(each)]
 
     def _clear_parts(self, model: Model, found: LikelihoodEstimate) -> list[str]:

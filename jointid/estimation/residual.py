@@ -12,13 +12,13 @@ A⁻¹P). Both τ and q carry noise of covariance C; r has the covariance V = E 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import ARM_EFFECTS, LAWS
+from jointid.estimation.effects import ARM_EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
@@ -67,6 +67,7 @@ class Problem:
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
+    law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
 
     @property
     def n(self) -> int:
@@ -289,12 +290,11 @@ class Residual:
         lag = np.exp(-s * (p.delay + p.effect("lag")) * np.ones(n)) * _filtered(s, p)
         advance = np.asarray(1 + s * p.effect("position_filter") * np.ones(n))
         own = motor_stiffness(problem, p)
-        E = np.zeros((*X.shape[:3], 2 * n), complex)
-        E[..., :n] = -X
-        for j in range(n):
-            E[..., j, j] -= own[..., j]
-            E[..., j, n + j] = lag[..., j] * np.broadcast_to(p.torque_scale, n)[j]
-        E[..., :n] *= advance[..., None, :]
+        E = _balance(own, lag * p.torque_scale)
+        if problem.law_noise is not None:
+            by_torque, by_moved, _ = problem.law_noise
+            E += X @ (by_torque[..., None] * E + by_moved[..., None] * _moved(E, arm))
+        E[..., :n] = (E[..., :n] - X) * advance[..., None, :]
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         q = (problem.z[..., :n] - _images(problem, p)) * advance
         torque = lag * p.torque_scale * problem.z[..., n:] - own * q
@@ -313,6 +313,8 @@ class Residual:
                 law = np.asarray(wound.law.swapaxes(1, 2)), law[1]
         r = torque - _through(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
+        if problem.law_noise is not None:
+            V += (X * problem.law_noise[2][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(problem, p, r, V, E, CE, gear, arm, X, lag, advance, torque, waveform, law, wound)
 
     def without_ends(self) -> tuple[Complexes, Complexes]:
@@ -470,6 +472,36 @@ class Residual:
                 first = layout["M2"].start + part * size
                 uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + size] = by_element[uses]
+
+
+def with_law_noise(problem: Problem, vector: Floats) -> Problem:
+    """The problem with the noise that nonlinear gears make of the torques' at these parameters.
+
+    It stays fixed in a fit: without its derivative a step would lower the cost by raising the noise.
+    """
+    if problem.motion is not None or not any(name in problem.layout for name in GEAR_LAWS):
+        return problem
+    at = Residual.at(replace(problem, law_noise=None), vector)
+    if at.wound is None or problem.laws is None or not np.isfinite(at.wound.delta).all():
+        return problem
+    balance = _balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
+    parts = balance, _moved(balance, at.arm)
+    variances = (((E @ problem.noise.covariance) * E.conj()).sum(axis=3).real for E in parts)
+    return replace(problem, law_noise=problem.laws.noise(at.wound, at.p, *variances))
+
+
+def _balance(own: Complexes, gain: Complexes) -> Complexes:
+    """Torque through the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
+    eye = np.eye(own.shape[2])
+    return np.concatenate([-own[..., None] * eye, gain[..., None] * eye], axis=3)
+
+
+def _moved(balance: Complexes, arm: Complexes) -> Complexes:
+    """Deflection of the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
+    moved = -arm @ balance
+    for j in range(arm.shape[2]):
+        moved[..., j, j] += 1
+    return np.asarray(moved)
 
 
 def _images(problem: Problem, p: Parameters) -> Complexes | float:

@@ -1,6 +1,6 @@
-"""Elastic joints as snippets for robot simulators, on the arm side of the gears.
+"""Elastic joints as snippets for robot simulators, on the joint side of the gears.
 
-A motor shaft turns N times its joint, so on the arm side
+A motor shaft turns N times its joint, so on the joint side
 
     K_arm = N² K,   D_arm = N² D,   rotor inertia N² J_m,   F_c,arm = |N| F_c,   F_v,arm = N² F_v.
 
@@ -25,7 +25,7 @@ from jointid.wording import counted
 
 @dataclass(frozen=True, eq=False)
 class ArmSide:
-    """An identification on the arm side of the gears."""
+    """An identification on the joint side of the gears."""
 
     gear_ratio: Floats
     """Motor turns per joint turn, negative where the motor turns the other way, shape (n,)."""
@@ -51,7 +51,7 @@ class ArmSide:
 
 
 def arm_side(identification: Identification, gear_ratio: ArrayLike) -> ArmSide:
-    """Reflect an identification to the arm side.
+    """Reflect an identification to the joint side.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def sdf_snippet(
 ) -> str:
     """Joints and rotor links for SDFormat (Gazebo); parameters and errors as in ``mujoco_snippet``.
 
-    SDFormat joints take arm-side torques: multiply a motor torque by the gear ratio.
+    SDFormat joints take joint-side torques: multiply a motor torque by the gear ratio.
     """
     arm, names = arm_side(identification, gear_ratio), _names(identification.n, names)
     root = Element("sdf", version="1.9")
@@ -212,17 +212,16 @@ _LINK_MASS_KG = 1.0
 _ROTOR_MASS_KG = 1e-3
 """Simulators refuse links without mass."""
 _FRAGMENT_NOTE = """\
-<!-- It loads as it is, for a look: every joint stands on the base on its own, and its link has the arm
-     inertia J_a that the joint sees in this pose; couplings J_12 are not in it. For a model of the arm
-     take the joints over, nest the links as the arm does, and put the links' own masses and inertias in
-     place of J_a and the 1 kg. -->"""
+<!-- This file loads for inspection: each joint is attached to the base, and its link has the arm
+     inertia J_a of this pose, without couplings J_12. For a model of the arm, copy the joints, nest the
+     links like those of the arm, and replace J_a and the 1 kg by their masses and inertias. -->"""
 _NESTING_NOTE = """\
-<!-- Nest the bodies as your arm does. Where motor 2 turns link 2 against link 1 (serial drive) the
-     hinges stand as they are; a parallelogram drive turns link 2 against the base. -->"""
+<!-- Nest the bodies like those of your arm. If motor 2 turns link 2 relative to link 1 (serial drive),
+     keep the hinges; a parallelogram drive turns link 2 relative to the base. -->"""
 _ROTOR_NOTE = """\
-<!-- The rotor link carries the rotor inertia reflected to the arm side. As a body of its own it also
+<!-- The rotor link carries the rotor inertia reflected to the joint side. As a separate body it also
      turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
-     much inertia for a motor that rides on a moving link: there MuJoCo's armature is right. The
+     much inertia for a motor that rides on a moving link: use MuJoCo's armature there. The
      rotor's mass only keeps it from being zero. -->"""
 
 
@@ -277,7 +276,8 @@ def _heading(identification: Identification, arm: ArmSide) -> list[str]:
         f"<!-- {_comment(i.answer or 'The state of the answer is not stated.')}",
         f"     Elastic joints of {_comment(i.obtained.study or 'a study')}, by jointid "
         f"{_comment(i.obtained.version)}; study {_comment(i.obtained.digest)}.",
-        f"     Arm side, SI units: gear ratios N = {ratios} are applied, K_arm = N^2 K, D_arm = N^2 D,",
+        f"     Joint side, SI units: gear ratios N = {ratios} are applied, K_joint = N^2 K, D_joint = "
+        f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
     errors = i.standard_error

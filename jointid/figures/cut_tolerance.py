@@ -11,6 +11,8 @@ from jointid.rounding import minus
 
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""
+_VISIBLE = 0.02
+"""Size of the ellipse, as a share of the map, that its point does not hide."""
 _MOST_LEVELS = 5
 _LEAST_DECADES = 0.3
 """Errors that differ by less than this look alike: their differences hardly matter."""
@@ -74,7 +76,7 @@ def tolerance_heatmap(
             }
             | shared
         )
-    traces += _ellipse(elasticity, covariance, ink.identified)
+    traces += _ellipse(elasticity, covariance, ink.identified, _VISIBLE * np.log(x[-1] / x[0]))
     if assumed is not None:
         ratio = assumed.K / elasticity.K
         if x[0] <= ratio[0] <= x[-1] and y[0] <= ratio[1] <= y[-1]:
@@ -106,8 +108,8 @@ def tolerance_heatmap(
     )
 
 
-def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str) -> list[Trace]:
-    """The identified point, and the ellipse of K̂/K that holds the truth with 95 %."""
+def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str, visible: float) -> list[Trace]:
+    """The identified point, and the ellipse of K̂/K that holds the truth with 95 % if it is visible."""
     scale = 1 / elasticity.K
     relative = scale[:, None] * covariance[:2, :2] * scale
     value, vector = np.linalg.eigh(relative)
@@ -117,18 +119,12 @@ def _ellipse(elasticity: Elasticity, covariance: Floats, colour: str) -> list[Tr
     around = np.maximum(around, 1e-3)
     hover = "identified ± %{customdata:.2g} %<extra></extra>"
     spread = 100 * np.sqrt(np.diag(relative).max())
-    return [
-        line(around[0], around[1], "95 % of its uncertainty", colour, hoverinfo="skip"),
-        points(
-            np.ones(1),
-            np.ones(1),
-            "identified",
-            colour,
-            marker={"size": 9},
-            customdata=[spread],
-            hovertemplate=hover,
-        ),
-    ]
+    found, style = [], {"customdata": [spread], "hovertemplate": hover}
+    name = "identified; 95 % of its uncertainty within this point"
+    if np.ptp(np.log(around), axis=1).max() > visible:
+        name = "identified"
+        found = [line(around[0], around[1], "95 % of its uncertainty", colour, hoverinfo="skip")]
+    return [*found, points(np.ones(1), np.ones(1), name, colour, marker={"size": 9}, **style)]
 
 
 def _place(x: Floats, y: Floats, ratios: Floats) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from jointid.figures.style import (
     colours,
     figure,
     frequency_axis,
+    from_zero,
     line,
     linear_axis,
     log_axis,
@@ -115,7 +116,7 @@ def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure
         yaxis="y2",
     )
     top = max(2.0, float(matrix.condition.max()) * 1.2)
-    title = "Condition of T"
+    title = "Condition number"
     scale = (
         linear_axis(title, range=[0.8, top])
         if top < 20
@@ -127,7 +128,7 @@ def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure
         dark=dark,
         xaxis=frequency_axis(f, anchor="y2"),
         yaxis=scale | {"domain": [0.56, 1.0]},
-        yaxis2=linear_axis("Reciprocity (%)", domain=[0.0, 0.44], rangemode="tozero"),
+        yaxis2=from_zero("Reciprocity (%)", 100 * matrix.reciprocity_error, domain=[0.0, 0.44]),
     )
 
 

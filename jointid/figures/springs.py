@@ -5,6 +5,7 @@ import plotly.graph_objects as go
 
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.figures.style import (
+    Axis,
     colours,
     figure,
     frequency_axis,
@@ -91,9 +92,10 @@ def unexplained_torque(fit: ElasticityFit, joint: int, *, dark: bool = False) ->
         hover = f"%{{x:.4g}} Hz<br>%{{y:.3g}} N·m<extra>{name}</extra>"
         size = np.maximum(torque, 1e-300)
         traces.append(points(f, size, name, colour, marker=marker, hovertemplate=hover))
-    axis = log_axis("Torque (N·m)", tickvals=None, dtick=1, exponentformat="power")
     sizes = np.abs(np.concatenate([fit.residual.ravel(), fit.residual_noise.ravel()]))
     sizes = sizes[np.isfinite(sizes) & (sizes > 1e-30)]
+    more: Axis = {}
     if sizes.size:  # the same for every joint
-        axis["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
+        more["range"] = [float(np.log10(sizes.min() / 1.5)), float(np.log10(sizes.max() * 1.5))]
+    axis = log_axis("Torque (N·m)", **more)
     return figure(traces, height=320, dark=dark, xaxis=frequency_axis(f), yaxis=axis)

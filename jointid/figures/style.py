@@ -14,6 +14,8 @@ Trace = dict[str, Any]
 Axis = dict[str, Any]
 Shape = dict[str, Any]
 
+_MOST_DECADES = 4
+"""Of an axis with ticks at 1, 2 and 5; a longer one has ticks at some powers of ten."""
 _FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
 
 JOINT_SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "star")
@@ -52,7 +54,8 @@ def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -
     for name, axis in layout.items():
         if name.startswith(("xaxis", "yaxis")):
             title = {"standoff": 10, "text": ""} | (axis.get("title") or {})
-            layout[name] = {"gridcolor": quiet, "zeroline": False, "automargin": True} | axis
+            apart = {"ticks": "outside", "ticklen": 4, "tickcolor": "rgba(0,0,0,0)"}
+            layout[name] = {"gridcolor": quiet, "zeroline": False, "automargin": True} | apart | axis
             layout[name]["title"] = title
     ink = "#FAFAFA" if dark else "#31333F"
     base = {
@@ -141,12 +144,20 @@ def frequency_axis(frequency_hz: Floats, **more: Any) -> Axis:
 def log_axis(title: str, **more: Any) -> Axis:
     """Return a logarithmic axis with plain numbers at 1, 2, 5 of every decade, more if short."""
     low, high = more.get("range") or (0.0, 2.0)
+    axis = {"type": "log", "title": {"text": title}}
+    if high - low > _MOST_DECADES:
+        return axis | {"dtick": -(-(high - low) // 6), "exponentformat": "power"} | more
     steps = (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)
     ticks = [m * 10.0**d for d in range(-12, 10) for m in steps]
-    text = [f"{tick:g}" for tick in ticks]
-    return {"type": "log", "title": {"text": title}, "tickvals": ticks, "ticktext": text} | more
+    return axis | {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]} | more
 
 
 def linear_axis(title: str, **more: Any) -> Axis:
     """Return a linear axis with its quantity and unit."""
     return {"title": {"text": title}} | more
+
+
+def from_zero(title: str, values: Floats, **more: Any) -> Axis:
+    """Return a linear axis from just below zero, which shows markers at zero whole."""
+    top = float(np.nanmax(values[np.isfinite(values)], initial=0.0)) or 1.0
+    return linear_axis(title, range=[-0.06 * top, 1.1 * top], **more)

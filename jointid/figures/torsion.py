@@ -1,6 +1,7 @@
 """Torsion curves of the gears: measured torque over wind-up, with the fitted law; K over amplitude."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import plotly.graph_objects as go
@@ -21,10 +22,13 @@ from jointid.figures.style import (
 _MOST_RECORDS = 10
 """Records drawn; more would hide each other."""
 _SCALE = ("#7D5BA6", "#5B7DB1", "#2A9D8F", "#6DAF3F", "#B89A00")
-"""Colours of rising frequency, visible on black and on white."""
+"""Colours of rising frequency or amplitude, visible on black and on white."""
+ColourBy = Literal["frequency", "amplitude"]
 
 
-def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.Figure:
+def torsion_curve(
+    fit: ElasticityFit, joint: int, *, colour_by: ColourBy = "frequency", dark: bool = False
+) -> go.Figure:
     """Torque of one gear over its wind-up, a period of every record, and the fitted elastic law.
 
     Parameters
@@ -32,24 +36,29 @@ def torsion_curve(fit: ElasticityFit, joint: int, *, dark: bool = False) -> go.F
     fit : ElasticityFit
     joint : int
         From 0.
+    colour_by : {"frequency", "amplitude"}
+        What the colours of the records rise with.
     """
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     traces: list[Trace] = []
-    frequency = np.log(curve.frequency_hz)
-    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: frequency[r])
-    span = max(float(np.ptp(frequency)), 1e-9) if ends else 1.0
+    by_frequency = colour_by == "frequency"
+    size, unit = (curve.frequency_hz, "Hz") if by_frequency else (curve.amplitude_Nm, "N·m")
+    height = np.log(np.maximum(size, np.finfo(float).tiny))
+    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
+    span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
     named = {*ends[:1], *ends[-1:]}
     for r in ends:
-        share = (frequency[r] - frequency.min()) / span * (len(_SCALE) - 1)
+        share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
         x, y = (np.append(v[r], v[r, 0]) for v in (curve.deflection_rad, curve.torque_Nm))
-        name = f"{curve.frequency_hz[r]:.3g} Hz"
+        name = f"{size[r]:.3g} {unit}"
         band = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
         half = 2 * curve.torque_noise_Nm[r]
         edge = np.concatenate([y + half, (y - half)[::-1]])
         both = np.concatenate([x, x[::-1]])
         colour = _SCALE[round(float(share))]
         traces.append(line(1e3 * both, edge, name, colour, fill="toself", fillcolor=colour, **band))
-        hover = f"%{{x:.4g}} mrad<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{name}</extra>"
+        record = f"{curve.frequency_hz[r]:.3g} Hz, {curve.amplitude_Nm[r]:.3g} N·m"
+        hover = f"%{{x:.4g}} mrad<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
         style = {"line": {"width": 1.2}, "hovertemplate": hover, "showlegend": r in named}
         traces.append(line(1e3 * x, y, name, colour, **style))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 401)

@@ -1,6 +1,6 @@
 """Uncertainty: ellipses, influence, prediction, residuals, harmonics, planned records."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -11,6 +11,7 @@ from jointid.figures.style import (
     colours,
     figure,
     frequency_axis,
+    from_zero,
     joint_symbol,
     line,
     linear_axis,
@@ -26,8 +27,17 @@ from jointid.uncertainty.validation import HarmonicContent, Prediction, RecordRe
 _SIGNIFICANT = 4.0
 
 
-def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = False) -> go.Figure:
-    """Ellipses of the same two parameters at several levels, around the estimate."""
+def confidence_outlines(
+    ellipses: Sequence[ConfidenceEllipse], units: Mapping[str, str] | None = None, *, dark: bool = False
+) -> go.Figure:
+    """Ellipses of the same two parameters at several levels, around the estimate.
+
+    Parameters
+    ----------
+    ellipses : sequence of ConfidenceEllipse
+    units : mapping of str to str, optional
+        Unit of each parameter by its name; by default those of the motor side.
+    """
     ink = colours(dark)
     first, second = ellipses[0].names
     traces: list[Trace] = []
@@ -44,7 +54,7 @@ def confidence_outlines(ellipses: Sequence[ConfidenceEllipse], *, dark: bool = F
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = np.maximum(0.06 * (high - low), 1e-9 * np.abs(high))  # without noise it is a point
     axes = [
-        linear_axis(f"{name} ({UNITS[name[0]]})", nticks=5, range=[a, b])
+        linear_axis(f"{name} ({(units or UNITS).get(name, UNITS[name[0]])})", nticks=5, range=[a, b])
         for name, a, b in zip((first, second), low - margin, high + margin, strict=True)
     ]
     return figure(traces, height=380, dark=dark, xaxis=axes[0], yaxis=axes[1])
@@ -83,15 +93,15 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
     f = prediction.omega / (2 * np.pi)
     traces: list[Trace] = []
     for j in range(prediction.measured.shape[1]):
-        symbol = joint_symbol(j)
-        hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} 1/(kg·m²)<extra>H{j + 1}{j + 1}"
-        predicted, measured = (np.abs(H[:, j, j]) for H in (prediction.predicted, prediction.measured))
-        style: Trace = {"marker": {"symbol": f"{symbol}-open", "size": 13}, "legendgroup": "predicted"}
-        style |= {"hovertemplate": f"{hover} predicted</extra>", "showlegend": j == 0}
-        traces.append(points(f, predicted, "predicted", ink.identified, **style))
-        style = {"marker": {"symbol": symbol, "size": 5}, "legendgroup": "measured"}
-        style |= {"hovertemplate": f"{hover} measured</extra>", "showlegend": j == 0}
-        traces.append(points(f, measured, "measured", ink.measured, **style))
+        name = f"H{j + 1}{j + 1}"
+        for what, H, colour, ending, size in (
+            ("predicted", prediction.predicted, ink.identified, "-open", 13),
+            ("measured", prediction.measured, ink.measured, "", 5),
+        ):
+            hover = f"%{{x:.4g}} Hz<br>%{{y:.4g}} 1/(kg·m²)<extra>{name} {what}</extra>"
+            marker = {"symbol": joint_symbol(j) + ending, "size": size}
+            style: Trace = {"marker": marker, "hovertemplate": hover}
+            traces.append(points(f, np.abs(H[:, j, j]), f"{name} {what}", colour, **style))
     traces.append(
         points(
             f,
@@ -108,8 +118,10 @@ def left_out_prediction(prediction: Prediction, *, dark: bool = False) -> go.Fig
         height=430,
         dark=dark,
         xaxis=frequency_axis(f, anchor="y2"),
-        yaxis=log_axis("|H_jj| (1/(kg·m²))", domain=[0.46, 1.0]),
-        yaxis2=linear_axis("Difference (%)", domain=[0.0, 0.38], rangemode="tozero", nticks=4),
+        yaxis=log_axis("Magnitude (1/(kg·m²))", domain=[0.46, 1.0]),
+        yaxis2=from_zero(
+            "Difference (%)", 100 * prediction.relative_error, domain=[0.0, 0.38], nticks=4
+        ),
     )
 
 

@@ -9,6 +9,7 @@ import plotly.graph_objects as go
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.figures.style import (
+    Axis,
     Trace,
     colours,
     figure,
@@ -29,7 +30,6 @@ _MOST_POINTS = 2000
 """Points of a curve that a screen can show; longer signals are drawn by their extremes."""
 
 _LONGEST_TITLE = 22
-_DECADES: Trace = {"tickvals": None, "dtick": 1, "exponentformat": "power"}
 _QUANTITIES = (("Angle", "rad"), ("Torque", "N·m"))
 
 
@@ -148,8 +148,8 @@ def spectra(record: JointRecord, joint: int, *, dark: bool = False) -> go.Figure
         dark=dark,
         shapes=marks,
         xaxis=frequency_axis(shown, anchor="y2"),
-        yaxis=log_axis("Angle (rad)", domain=[0.54, 1.0], **_DECADES),
-        yaxis2=log_axis("Torque (N·m)", domain=[0.0, 0.46], **_DECADES),
+        yaxis=_decades("Angle (rad)", traces, "y1", domain=[0.54, 1.0]),
+        yaxis2=_decades("Torque (N·m)", traces, "y2", domain=[0.0, 0.46]),
     )
 
 
@@ -179,8 +179,18 @@ def coherences(record: JointRecord, joint: int, *, dark: bool = False) -> go.Fig
         shapes=_band_shapes(record, ink.quiet),
         xaxis=frequency_axis(_shown_hz(record), anchor="y2"),
         yaxis=linear_axis("Coherence", domain=[0.54, 1.0], range=[0, 1.02]),
-        yaxis2=log_axis("Angle / noise floor", domain=[0.0, 0.46], **_DECADES),
+        yaxis2=_decades("Angle / noise floor", traces, "y2", domain=[0.0, 0.46]),
     )
+
+
+def _decades(title: str, traces: list[Trace], axis: str, **more: Any) -> Axis:
+    """Return a logarithmic axis for all that is drawn on it."""
+    values = np.concatenate([trace["y"] for trace in traces if trace["yaxis"] == axis])
+    values = np.log10(values[np.isfinite(values) & (values > 0)])
+    if not values.size:
+        return log_axis(title, **more)
+    margin = 0.06 * float(np.ptp(values)) + 0.05
+    return log_axis(title, range=[float(values.min()) - margin, float(values.max()) + margin], **more)
 
 
 def _shown_hz(record: JointRecord) -> Floats:

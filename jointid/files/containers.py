@@ -133,7 +133,7 @@ class Folder:
                 )
             if not target.is_file():  # a pipe or device could block forever
                 raise JointIdError(
-                    f"{name} in {self.name} is no ordinary file: put the file itself into the folder.",
+                    f"{name} in {self.name} is not a regular file: put the file itself into the folder.",
                     file=name,
                 )
             yield target

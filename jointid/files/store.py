@@ -53,7 +53,7 @@ __all__ = [
 
 LIMIT_BYTES = 1 << 30
 """Default capacity of a store, 1 GiB."""
-PARTS = ("import", "mappings", "fleet")
+PARTS = ("import", "mappings", "fleet", "corrections")
 """Parts of a workspace beside its studies, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
@@ -143,7 +143,7 @@ class Store:
                 data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
             except (FileNotFoundError, *DAMAGED):
                 self.entries(workspace)  # sets it aside, when it is damaged
-                raise JointIdError("This is not in the store any more: open its file again.") from None
+                raise JointIdError("This is no longer in the store: open its file again.") from None
         if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(
@@ -172,9 +172,7 @@ class Store:
                 write_name(file, new_name)
             if not file.exists():  # deleted meanwhile
                 file.with_suffix(".name").unlink(missing_ok=True)
-                raise JointIdError(
-                    "This study is not in the store any more: there is nothing to rename."
-                )
+                raise JointIdError("This study is no longer in the store: open its file again.")
 
     def delete(self, workspace: str, entry: str) -> None:
         """Remove an entry, if it exists."""
@@ -252,8 +250,8 @@ class Store:
             if file.parent.name != "damaged":
                 self._leave_note(
                     file,
-                    f"was dropped: the store was full ({mebibytes(self.limit_bytes)}), and it had not "
-                    "been opened for longest.",
+                    f"was deleted: the store was full ({mebibytes(self.limit_bytes)}), and this study "
+                    "was the least recently opened.",
                 )
             self._remove(file.with_suffix(".json"))
             total -= size

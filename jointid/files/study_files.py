@@ -83,8 +83,8 @@ def load_study(path_or_file: Source) -> Study:
     ----------
     path_or_file : path, bytes or binary file
         The folder, the study.toml in it or a .zip by its path, or the zip as bytes or as an open
-        binary file. In a zip, study.toml stands at the root or in the one folder that holds
-        everything. Nothing is unpacked to disk. A Parquet record of more than 256 MiB in a folder
+        binary file. In a zip, study.toml is at the root or in the only top-level
+        folder. Nothing is unpacked to disk. A Parquet record of more than 256 MiB in a folder
         is read in parts (``LongRecord``), whatever its size.
 
     Returns
@@ -95,7 +95,7 @@ def load_study(path_or_file: Source) -> Study:
     Raises
     ------
     JointIdError
-        When anything in it cannot be used; the message names file, key or row, value and remedy.
+        When any part cannot be used; the message names file, key or row, value and remedy.
     """
     with open_container(path_or_file, marker=STUDY_FILE) as container:
         top = parse_toml(STUDY_FILE, container.read(STUDY_FILE, at_most=MAX_TOML_BYTES + 1), STUDY_KEYS)

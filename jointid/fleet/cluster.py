@@ -137,7 +137,7 @@ class Cluster:
         try:
             return Done(job, future.result())
         except KilledWorker:
-            text = "Every worker that it was given to was lost: it may take more memory than they have."
+            text = "All its workers were lost: the study may need more memory than they have."
         except Exception as error:
             if future.status != "error":
                 raise self._lost_connection() from error

@@ -94,7 +94,7 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
         held = (file.schema_arrow.metadata or {}).items()
         if not _KIND.items() <= held:
             raise JointIdError(
-                f"{name} is no table of a fleet's results: expected what jointid batch writes."
+                f"{name} is not a results table: expected a file written by jointid batch."
             )
         if file.metadata.num_rows > MAX_ROWS:
             raise JointIdError(

@@ -43,7 +43,7 @@ def _failure(error: BaseException) -> tuple[str, str]:
     if isinstance(error, MemoryError):
         return (
             MEMORY,
-            "The study needs more memory than it may take: shorten its records, or allow more.",
+            "The study needs more memory than the limit: shorten its records, or raise --memory.",
         )
     if isinstance(error, OSError):
         return REFUSED, (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,6 +17,8 @@ _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
 _NEWTON, _CONVERGED = 24, 1e-6
 """Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
+_CENTRED = 1e-9
+"""Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
 _RESOLVED = 1e-9
 """Least move between samples, over the largest deflection."""
 
@@ -26,21 +29,22 @@ class WoundGears:
 
     A deflection is smooth, the torque through a play is not: where the arm moves less than the gear
     winds up by the same torque, below its resonance with the motor locked, the harmonics of δ follow
-    from those of the torque; above, from the motions of motor and arm.
+    from those of the torque; above, from the motions of motor and arm. The mean of δ is that of a gear
+    without mean torque: a large play has periodic motions that lean to one side.
     """
 
     stiffness: Complexes
     """κ, shape (r, n, H)."""
     beyond: Complexes
-    """Phasors of g, shape (r, n, H)."""
+    """Mean and phasors of g, shape (r, n, 1 + H)."""
     low: np.ndarray
     """Harmonics whose deflection follows from the torque, shape (r, n, m)."""
     spread: Floats
-    """Real and imaginary parts of g by those of δ at these harmonics, shape (r, n, 2m, 2H)."""
+    """Parts of g by those of δ at the mean and these harmonics, shape (r, n, 1 + 2m, 1 + 2H)."""
     inverse: Floats
-    """Parts of δ by those of the torque, shape (r, n, 2m, 2m)."""
+    """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
     delta: Complexes
-    """Phasors of the deflection, shape (r, n, H + T), rad."""
+    """Mean and phasors of the deflection, shape (r, n, 1 + H + T), rad."""
     points: int
     """Samples over a period."""
 
@@ -67,47 +71,51 @@ class WoundGears:
             Harmonics whose deflection follows from the torque.
         free : ndarray, shape (r, n, T)
             Deflection over g at the harmonics H + 1 to H + T, which nothing but the gear drives.
-        start : ndarray, shape (r, n, H + T), optional
+        start : ndarray, shape (r, n, 1 + H + T), optional
             The deflection at similar parameters.
         """
         H, m = f.shape[2], low.shape[2]
         points = _POINTS * max(H, _LEAST_HARMONICS)
-        delta = np.concatenate([moved, np.zeros_like(free)], axis=2) if start is None else start.copy()
-        delta[..., m:H] = moved[..., m:]
-        delta[..., :m] = np.where(
-            low, (f / stiffness if start is None else start)[..., :m], moved[..., :m]
-        )
-        both = np.concatenate([low, low], axis=2)
-        own = np.zeros((*low.shape[:2], 2 * m, 2 * m))
-        k, j = stiffness[..., :m], np.arange(m)
+        first = _started(laws, f, stiffness, points) if start is None else start
+        mean, solved = np.zeros_like(f[..., :1]), np.concatenate([low[..., :1] | True, low], axis=2)
+        delta = np.concatenate([first[..., :1], moved, first[..., 1 + H :]], axis=2)
+        delta[..., : 1 + m] = np.where(solved, first[..., : 1 + m], delta[..., : 1 + m])
+        if start is None:
+            delta = np.concatenate([delta, np.zeros_like(free)], axis=2)
+        kappa = np.concatenate([mean + (1 + _CENTRED) * laws.K, stiffness], axis=2)
+        f = np.concatenate([mean, f], axis=2)
+        unknown = np.concatenate([solved, low], axis=2)
+        own = np.zeros((*low.shape[:2], 1 + 2 * m, 1 + 2 * m))
+        j = np.arange(1, 1 + m)
+        own[..., 0, 0], k = kappa[..., 0].real, kappa[..., 1 : 1 + m]
         own[..., j, j] = own[..., m + j, m + j] = k.real
         own[..., j, m + j], own[..., m + j, j] = -k.imag, k.imag
         size = np.abs(f).max(axis=2) + np.finfo(float).tiny
         before, least = delta.copy(), np.full(size.shape, np.inf)
-        step = np.zeros((*size.shape, m), complex)
+        step = np.zeros((*size.shape, 1 + m), complex)
         for turn in range(_NEWTON):
             beyond, slope, samples = beyond_linear(laws, delta, points)
-            delta[..., H:], beyond = free * beyond[..., H:], beyond[..., :H]
+            delta[..., 1 + H :], beyond = free * beyond[..., 1 + H :], beyond[..., : 1 + H]
             spread = _spread(slope, m, H)
             if laws.hysteretic:
                 spread = spread + _loop_spread(laws, samples, m, H)
-            inward = own + spread[..., [*range(m), *range(H, H + m)]].swapaxes(2, 3)
-            inverse = np.linalg.inv(np.where(both[..., None], inward, np.eye(2 * m)))
-            left = np.where(low, (f - stiffness * delta[..., :H] - beyond)[..., :m], 0)
+            inward = own + spread[..., _inner(m, H)].swapaxes(2, 3)
+            inverse = np.linalg.inv(np.where(unknown[..., None], inward, np.eye(1 + 2 * m)))
+            left = np.where(solved, (f - kappa * delta[..., : 1 + H] - beyond)[..., : 1 + m], 0)
             size_left = np.linalg.norm(left, axis=2)
             if turn == _NEWTON - 1 or not np.any(size_left > _CONVERGED * size):
                 break
             better = (size_left < least)[..., None]  # where it is not, half the step before
             least = np.minimum(size_left, least)
-            before[..., :m] = np.where(better, delta[..., :m], before[..., :m])
+            before[..., : 1 + m] = np.where(better, delta[..., : 1 + m], before[..., : 1 + m])
             step = np.where(better, _complex(inverse @ _parts(left)[..., None])[..., 0], 0.5 * step)
-            delta[..., :m] = before[..., :m] + step
+            delta[..., : 1 + m] = before[..., : 1 + m] + step
         return cls(stiffness, beyond, low, spread, inverse, delta, points)
 
     @property
     def law(self) -> Complexes:
         """w, the deflection beyond that of the linear gear under the same torque, (r, n, H), rad."""
-        return -self.beyond / self.stiffness
+        return -self.beyond[..., 1:] / self.stiffness
 
     def change(
         self,
@@ -115,47 +123,102 @@ class WoundGears:
         beyond: Complexes | float = 0.0,
         stiffness: Complexes | float = 0.0,
     ) -> Complexes:
-        """Change of w, shape (r, n, H), with changes of the torque, of g at given δ, and of κ."""
-        m, H = self.low.shape[2], self.beyond.shape[2]
-        linear = stiffness * (self.delta[..., : self.beyond.shape[2]] if np.any(stiffness) else 0.0)
-        left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., :m]
-        wound = self.inverse @ _parts(np.where(self.low, left, 0))[..., None]
-        through = (wound.swapaxes(2, 3) @ self.spread)[..., 0, :]
-        whole = beyond + through[..., :H] + 1j * through[..., H:]
-        return np.asarray((self.beyond * (stiffness / self.stiffness) - whole) / self.stiffness)
+        """Change of w, shape (r, n, H), with changes of the torque, of g at given δ, and of κ.
+
+        All have a mean before their phasors, shape (r, n, 1 + H).
+        """
+        m, H = self.low.shape[2], self.stiffness.shape[2]
+        linear = stiffness * self.delta[..., : 1 + H] if np.any(stiffness) else 0.0
+        left = np.broadcast_to(f - beyond - linear, self.beyond.shape)[..., : 1 + m].copy()
+        left[..., 1:] = np.where(self.low, left[..., 1:], 0)
+        wound = self.inverse @ _parts(left)[..., None]
+        through = _complex((wound.swapaxes(2, 3) @ self.spread).swapaxes(2, 3))[..., 0]
+        whole = (beyond + through)[..., 1:]
+        if np.any(stiffness):
+            whole = whole - self.beyond[..., 1:] * (np.asarray(stiffness)[..., 1:] / self.stiffness)
+        return np.asarray(-whole / self.stiffness)
+
+    def noise(
+        self, laws: GearLaws, torque: Floats, moved: Floats
+    ) -> tuple[Complexes, Complexes, Floats]:
+        """Change of w with noise of torque and ``moved`` at the same harmonic, and variance by others.
+
+        Each (r, n, H). A gear that is far from linear, near a motion that leans or jumps, answers noise
+        of one harmonic in others, and by more than the linear gear does.
+
+        Parameters
+        ----------
+        laws : GearLaws
+            As solved.
+        torque, moved : ndarray, shape (r, n, H)
+            Variance of the complex phasors of the torque, and of the deflection by the motions.
+        """
+        m, H = self.low.shape[2], self.stiffness.shape[2]
+        _, slope, samples = beyond_linear(laws, self.delta, self.points)
+        spread = _spread(slope, H, H)
+        if laws.hysteretic:
+            spread = spread + _loop_spread(laws, samples, H, H)
+        solved = np.concatenate([self.low[..., :1] | True, self.low, self.low], axis=2)
+        into = np.where(solved[..., None, :], spread[..., _inner(m, H)], 0)
+        by_torque = self.spread.swapaxes(2, 3) @ np.where(solved[..., None, :], self.inverse, 0)
+        by_moved = spread.swapaxes(2, 3) - by_torque @ into.swapaxes(2, 3)
+        given = np.concatenate([~self.low, np.ones_like(moved[..., m:], bool)], axis=2)
+        rest, own = np.zeros_like(torque), []
+        for by, used, variance in ((by_torque, self.low, torque), (by_moved, given, moved)):
+            count = used.shape[2]
+            parts = by[..., 1:, 1:].reshape(*torque.shape[:2], 2, H, 2, count)
+            rest += (
+                (parts**2).sum(axis=(2, 4)) @ (0.5 * np.where(used, variance[..., :count], 0))[..., None]
+            )[..., 0]
+            j = np.arange(count)
+            (rr, ri), (ir, ii) = parts[:, :, :, j, :, j].transpose(3, 4, 1, 2, 0)
+            own.append(np.zeros_like(self.stiffness))
+            own[-1][..., :count] = np.where(used, 0.5 * (rr + ii) + 0.5j * (ir - ri), 0)
+            rest -= np.abs(own[-1]) ** 2 * variance
+        rest = np.maximum(rest, 0) / np.abs(self.stiffness) ** 2
+        return -own[0] / self.stiffness, -own[1] / self.stiffness, rest
+
+
+def _started(laws: GearLaws, f: Complexes, stiffness: Complexes, points: int) -> Complexes:
+    """Mean and phasors of the linear deflection, with half the play in the direction of the torque."""
+    delta = f / stiffness
+    if laws.plays:
+        delta = delta + laws.half_play * phasors_of(np.sign(samples_of(f, points)), f.shape[2])
+    return np.concatenate([np.zeros_like(f[..., :1]), delta], axis=2)
 
 
 def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Complexes, Floats, Floats]:
-    """Phasors (..., H) of the torque beyond K δ for those of δ, its slope without the loop, and samples.
+    """Torque beyond K δ, mean and phasors (..., 1 + H) as δ, its slope without the loop, and samples.
 
     Play, changes of slope and hysteresis are averaged over each step between samples, in which the
     deflection moves uniformly, by their energy (the discrete gradient of Gonzalez, Journal of Nonlinear
     Science 6, 1996) and by Dahl's exponential: an edge within a step is exact. The samples are those
     whose chords have the mean deflection of the step.
     """
+    mean, delta = delta[..., :1], delta[..., 1:]
     H = delta.shape[-1]
     turn = np.arange(1, H + 1) / points
-    found, slope = np.zeros_like(delta), np.zeros((*delta.shape[:-1], points))
+    found, slope = np.zeros((*delta.shape[:-1], 1 + H), complex), np.zeros((*delta.shape[:-1], points))
     if laws.hardens:
-        plain = samples_of(delta, points)
-        found, slope = phasors_of(laws.smooth(plain), H), laws.smooth_slope(plain)
-    chords = samples_of(delta * (np.sinc(turn) / np.cos(np.pi * turn)), points)
+        plain = mean.real + samples_of(delta, points)
+        torque = laws.smooth(plain)
+        found[..., 0], found[..., 1:] = torque.mean(axis=-1), phasors_of(torque, H)
+        slope = laws.smooth_slope(plain)
+    chords = mean.real + samples_of(delta * (np.sinc(turn) / np.cos(np.pi * turn)), points)
     if not (laws.plays or laws.bent or laws.hysteretic):
         return found, slope, chords
     move = chords - np.roll(chords, 1, axis=-1)
     least = _RESOLVED * np.abs(chords).max(axis=-1, keepdims=True) + np.finfo(float).tiny
     move = np.where(np.abs(move) < least, np.copysign(least, move), move)
-    torque = laws.kinked(chords)
-    energy = laws.kinked_energy(chords)
-    mean = (energy - np.roll(energy, 1, axis=-1)) / move
+    torque, energy = laws.kinked(chords), laws.kinked_energy(chords)
+    average = (energy - np.roll(energy, 1, axis=-1)) / move
     if laws.hysteretic:
         z = dahl(chords, laws.sharpness)  # its slope depends on all moves before: ``_loop_spread``
         change = z - np.roll(z, 1, axis=-1)
-        average = np.sign(move) - change / np.where(
-            laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0
-        )
-        mean = mean + laws.level * average
-    found = found + phasors_of(mean, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
+        turns = np.where(laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0)
+        average = average + laws.level * (np.sign(move) - change / turns)
+    found[..., 0] += average.mean(axis=-1)
+    found[..., 1:] += phasors_of(average, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
     steep = (torque - np.roll(torque, 1, axis=-1)) / move
     return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1)), chords
 
@@ -183,29 +246,44 @@ def _periodic(decay: Floats, drive: Floats) -> Floats:
     return np.asarray(z[:-1] + left[:-1] * first)
 
 
+def _inner(m: int, H: int) -> list[int]:
+    """Parts of the mean and the first m of H harmonics."""
+    return [0, *range(1, 1 + m), *range(1 + H, 1 + H + m)]
+
+
+@lru_cache(maxsize=8)
+def _waves(H: int, points: int) -> tuple[Floats, Floats]:
+    """One, sines and cosines (1 + 2H, points), and the matrix from samples to their coefficients."""
+    waves = np.concatenate([np.ones((1, points)), pairs(H, points)])
+    weight = np.full(1 + 2 * H, 2 / points)
+    weight[0] = 1 / points
+    return waves, np.ascontiguousarray(waves.T * weight)
+
+
 def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
     """As ``_spread``, for the torque of the hysteresis, which depends on all moves before."""
-    waves = pairs(H, delta.shape[-1])
-    inner = waves[[*range(m), *range(H, H + m)]]
+    waves, parts = _waves(H, delta.shape[-1])
     move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
     decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
     gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
-    changes = _periodic(decay[..., None], gain[..., None] * _moves(inner)[:, None, None])
-    parts = np.moveaxis(changes, 0, -1) @ waves.T * (2 / delta.shape[-1])
-    return np.asarray(laws.level[..., None] * parts)
+    changes = _periodic(decay[..., None], gain[..., None] * _moves(waves[_inner(m, H)])[:, None, None])
+    return np.asarray(laws.level[..., None] * (np.moveaxis(changes, 0, -1) @ parts))
 
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:
-    """Parts of the torque's H harmonics by those of the deflection's first m, for a slope over time."""
-    waves = pairs(H, slope.shape[-1])
-    inner = waves[[*range(m), *range(H, H + m)]]
-    return np.asarray((slope[..., None, :] * inner) @ waves.T * (2 / slope.shape[-1]))
+    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope."""
+    waves, parts = _waves(H, slope.shape[-1])
+    return np.asarray((slope[..., None, :] * waves[_inner(m, H)]) @ parts)
 
 
 def _parts(z: Complexes) -> Floats:
-    return np.concatenate([z.real, z.imag], axis=-1)
+    """Mean, real and imaginary parts."""
+    return np.concatenate([z.real, z[..., 1:].imag], axis=-1)
 
 
 def _complex(parts: Floats) -> Complexes:
+    """Mean and phasors, third axis, of their parts."""
     m = parts.shape[2] // 2
-    return np.asarray(parts[:, :, :m] + 1j * parts[:, :, m:])
+    found = parts[:, :, : 1 + m].astype(complex)
+    found[:, :, 1:] += 1j * parts[:, :, 1 + m :]
+    return found

@@ -82,7 +82,7 @@ def rotor_at_motor(reflected_inertia: ArrayLike, gear_ratio: ArrayLike) -> Float
 def _ratios(gear_ratio: ArrayLike) -> Floats:
     n = finite_array("gear ratios", gear_ratio, ndim=1)
     if not n.all():
-        raise JointIdError("A gear ratio is 0: give motor turns over joint turns, for instance 100.")
+        raise JointIdError("A gear ratio is 0: give motor turns per joint turn, such as 100.")
     return n
 
 

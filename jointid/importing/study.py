@@ -213,7 +213,7 @@ def parse_date(text: str) -> datetime.date | None:
         return datetime.date.fromisoformat(text.strip())
     except ValueError:
         raise JointIdError(
-            f"The date {shown(text)} is none: write year, month and day as in 2026-11-20."
+            f"{shown(text)} is not a date: write year, month and day as in 2026-11-20."
         ) from None
 
 

@@ -169,7 +169,7 @@ class CheckedTable:
 
     def _wrong_type(self, key: str, value: object, expected: str) -> JointIdError:
         return self.error(
-            f"{key} must be {expected}, but {shown(value)} stands there. Example: {self._examples[key]}."
+            f"{key} must be {expected}; got {shown(value)}. Example: {self._examples[key]}."
         )
 
 

@@ -57,7 +57,7 @@ def distortion(record: JointRecord) -> Distortion:
     empty = inside[~strong[inside]]
     even, odd = empty[empty % 2 == 0], empty[empty % 2 == 1]
     if np.mean(excited % 2) < 1 or not even.size or not odd.size:
-        raise JointIdError("The record is no multisine on odd lines with empty ones among them.")
+        raise JointIdError("The record is not a multisine on odd lines with empty lines between them.")
     between = (inside[:-1, None] * repeats + np.arange(1, repeats)).ravel()
     size = np.sqrt(lines[excited].mean(axis=0))
 
@@ -80,6 +80,6 @@ def _period(motion: Floats) -> int:
     lag = int(np.argmax(likeness[16:latest])) + 16 if latest > 17 else 0
     first = np.flatnonzero(likeness[16:latest] > 0.98 * likeness[lag]) + 16 if lag else np.zeros(0, int)
     if not first.size or likeness[lag] < _ALIKE:
-        raise JointIdError("The record does not repeat: it is no multisine of several periods.")
+        raise JointIdError("The record does not repeat: it is not a multisine of several periods.")
     near = likeness[first[0] : first[0] + 3]
     return int(first[0] + np.argmax(near))

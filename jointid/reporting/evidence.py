@@ -34,8 +34,8 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
     n = analysis.study.inertia.n
     text = (
         "Acceleration of each motor over its torque. One record alone (first figure) shows the "
-        "neighbour's controller as well; equations (17)–(18) take it out of H₁₁, H₂₂ by using the "
-        "records of a frequency together. "
+        "neighbour's controller as well; equations (17)–(18) remove it from H₁₁, H₂₂ by combining "
+        "the records of a frequency. "
         if n > 1
         else "Acceleration of the motor over its torque. "
     )
@@ -108,7 +108,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         return
     assumed = outcome.assumed
     servo = (
-        "takes the joints as rigid"
+        "assumes rigid joints"
         if assumed is None
         else f"assumes K = {_list(assumed.K)} N·m/rad and D = {_list(assumed.D)} N·m·s/rad"
     )
@@ -118,9 +118,9 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         f"with the identified springs{friction}, whose servo {servo}. After: the servo assumes the "
         "identified values, "
         + (
-            "and the robot is one that their uncertainty allows: "
-            f"{outcome.distribution.K.shape[0]} such robots were drawn, 95 % of them stay "
-            f"{_below(outcome.after_m)}, in the largest corner zone; the robot at this limit is shown."
+            "and those of the robot are drawn from their uncertainty: of "
+            f"{outcome.distribution.K.shape[0]} robots, 95 % stay {_below(outcome.after_m)} "
+            "in the largest corner zone; the robot at this limit is shown."
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )

@@ -66,13 +66,13 @@ def make_report(
     tell(0.5, "Cutting the three corner zones")
     if outcome is not None or problem:
         sections.append(
-            Section("What it is worth on the path", tuple(cut_blocks(outcome, problem, numbers)))
+            Section("Path error before and after", tuple(cut_blocks(outcome, problem, numbers)))
         )
-    tell(0.9, "Writing how it was obtained")
+    tell(0.9, "Writing data and settings")
     sections += [
-        Section("How it was obtained", tuple(settings_blocks(analysis))),
+        Section("Data and settings", tuple(settings_blocks(analysis))),
         Section("Records", (record_rows(study),)),
-        Section("To the last digit", tuple(digit_blocks(analysis))),
+        Section("Values with all digits", tuple(digit_blocks(analysis))),
     ]
     return Report(
         title=study.name or "Study without a name",

@@ -126,9 +126,8 @@ def digit_blocks(analysis: Analysis) -> Iterator[Block]:
         for q in found
     ]
     yield Paragraph(
-        "For whoever wants to obtain the same: this study, this version and this estimator give these "
-        "numbers (motor side, SI units); another processor may round the last digits otherwise. The "
-        "command is: jointid identify STUDY"
+        "To reproduce these numbers (motor side, SI units), use this study, version and estimator; "
+        "another processor may round the last digits differently. Command: jointid identify STUDY"
         + (f" --method {fit.method}" if fit.method != "auto" else "")
         + " --json"
     )

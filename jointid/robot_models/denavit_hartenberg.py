@@ -192,8 +192,8 @@ def _counterbalance(top: CheckedTable, zero: Floats) -> Counterbalance | None:
     stroke = 2 * found.crank_m * found.area_m2
     if min(sizes) <= 0 or found.crank_m >= found.anchor_m or stroke >= found.gas_volume_m3:
         raise table.error(
-            "these sizes are no cylinder: all must be positive, the crank shorter than the anchor's "
-            "distance, and the gas volume larger than the piston's stroke."
+            "these sizes do not make a cylinder: all must be positive, the crank shorter than the "
+            "anchor's distance, and the gas volume larger than the piston's stroke."
         )
     return found
 

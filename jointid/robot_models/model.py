@@ -57,10 +57,10 @@ class RobotModel(RobotDescription):
         ----------
         path : path
         gear_ratio : array_like, shape (n,), optional
-            Motor turns per joint turn, in place of what the file says. URDF states them as
+            Motor turns per joint turn, in place of those of the file. URDF states them as
             ``mechanicalReduction`` of transmissions, MJCF as ``gear`` of actuators.
         rotor_inertia : array_like, shape (n,), optional
-            Motor side, kg·m², in place of what the file says. MJCF states N² times them as ``armature``.
+            Motor side, kg·m², in place of those of the file. MJCF states N² times them as ``armature``.
 
         Raises
         ------

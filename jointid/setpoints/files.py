@@ -87,9 +87,9 @@ def _require_possible(
             f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
         )
     if robot.gear_ratio.size != n:
-        raise JointIdError(f"The limits are of another number of joints: the experiment has {n}.")
+        raise JointIdError(f"The experiment has {n} joints, the limits another number.")
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(
-            f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, given "
-            f"are {axes}: give that of every axis of the robot."
+            f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, got "
+            f"{axes}: give the angle of every axis of the robot."
         )

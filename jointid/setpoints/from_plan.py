@@ -129,7 +129,7 @@ def _sweeps(plan: PlannedRecords, inertia: Inertia, elasticity: Elasticity) -> I
     first, last = float(plan.frequency_hz.min()), float(plan.frequency_hz.max())
     if last < 1.2 * first:
         raise JointIdError(
-            f"A sweep from {first:.4g} to {last:.4g} Hz is hardly one: plan records of at least two "
+            f"A sweep from {first:.4g} to {last:.4g} Hz is too narrow: plan records of at least two "
             "frequencies that differ by 20 %, or choose sines."
         )
     n, speed = plan.angle_rad.shape[1], plan.velocity_rad_s.max(axis=0)

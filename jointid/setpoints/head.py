@@ -9,7 +9,7 @@ from jointid.setpoints.robot_limits import RobotLimits
 from jointid.version import __version__
 
 _SAFETY = (
-    "The check below is of a simulated robot, for small motions around the start pose. It does not",
+    "The check below uses a simulated robot, for small motions around the start pose. It does not",
     "cover collisions, cables, tool and workpiece, tool speed, singularities, or wrong inertias, K, D",
     "and limits. It is no safety function and replaces no risk assessment (ISO 10218).",
     "Release: a person responsible for this cell. Safety-rated monitoring of speed, space and stop",

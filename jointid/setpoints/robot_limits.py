@@ -67,7 +67,7 @@ class RobotLimits:
             if name in _POSITIVE and np.any(values[name] <= 0):
                 raise JointIdError(f"{name} = {values[name].tolist()}: limits must be positive.")
         if np.any(values["gear_ratio"] == 0):
-            raise JointIdError("gear_ratio holds 0: give motor turns over joint turns, such as 100.")
+            raise JointIdError("gear_ratio holds 0: give motor turns per joint turn, such as 100.")
         if np.any(values["lower_deg"] >= values["upper_deg"]):
             j = int(np.argmax(values["lower_deg"] >= values["upper_deg"])) + 1
             raise JointIdError(f"lower_deg of joint {j} is not below its upper_deg.")

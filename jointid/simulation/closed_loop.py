@@ -59,8 +59,8 @@ def simulate_records(
     pose : str, optional
         Name that the records carry.
     declare_timing : bool
-        Whether the records state hold and delay of the torque. False: as from a logger that does not
-        know them.
+        Whether the records state hold and delay of the torque. False: as from a logger without this
+        information.
     seed : int
         Seed of the noise: the same seed gives identical arrays.
     progress : callable, optional
@@ -139,7 +139,7 @@ def simulate_motion(
     motion : Motion, optional
         Reference of the joints; by default a sweep.
     records : int
-        Number of records, each with other random phases, points or sweep directions.
+        Number of records, each with different random phases, points or sweep directions.
     controller, friction, measurement, pose, declare_timing, progress
         As in :func:`simulate_records`.
     seed : int

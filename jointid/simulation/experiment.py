@@ -213,7 +213,7 @@ class Measurement:
         Standard deviation of white noise on the logged torque, not on the motor's, N·m.
     torque_gain : float or (n,)
         Logged torque over the motor's: 1.05 when the controller's torque constant is 5 % too large.
-        The noise comes on top.
+        The noise is added afterwards.
 
     Raises
     ------

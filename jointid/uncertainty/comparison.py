@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.answer import Quantity, elasticity_quantities
+from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, elasticity_quantities
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.wording import counted
@@ -23,7 +23,11 @@ class Difference:
 
 
 def compare(
-    first: ElasticityFit, second: ElasticityFit, *, same_records: bool = False
+    first: ElasticityFit,
+    second: ElasticityFit,
+    *,
+    same_records: bool = False,
+    units: tuple[StiffnessUnit, StiffnessUnit] = (AT_MOTOR, AT_MOTOR),
 ) -> tuple[Difference, ...]:
     """Compare K and D of two identifications.
 
@@ -37,6 +41,8 @@ def compare(
     same_records : bool
         Whether both come from the same records. Their noise is then common, and no number of standard
         errors is stated.
+    units : tuple of StiffnessUnit
+        How K and D of either study are shown: of one side and angle, each with its own gear ratios.
 
     Returns
     -------
@@ -53,7 +59,8 @@ def compare(
             f"The first study has {counted(first.n, 'joint')}, the second {counted(second.n, 'joint')}: "
             "choose studies of the same joints."
         )
-    pairs = zip(elasticity_quantities(first), elasticity_quantities(second), strict=True)
+    shown = map(elasticity_quantities, (first, second), units)
+    pairs = zip(*shown, strict=True)
     return tuple(_difference(one, other, same_records) for one, other in pairs)
 
 

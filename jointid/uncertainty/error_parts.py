@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.parameters import elasticity_labels
@@ -37,18 +38,17 @@ def error_parts(fit: ElasticityFit) -> tuple[ErrorPart, ...]:
     return tuple(parts)
 
 
-def error_table(fit: ElasticityFit) -> tuple[list[str], list[list[str]]]:
+def error_table(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[list[str], list[list[str]]]:
     """Header and rows of a table: the whole standard error of K and D, and its parts.
 
     Parts that are zero throughout are left out.
     """
     parts = [part for part in error_parts(fit) if np.any(part.error > 0)]
+    shown = [unit.shown(error) for error in (fit.standard_error, *(part.error for part in parts))]
     rows = []
-    for k, name in enumerate(elasticity_labels(fit.n)):
-        whole = float(fit.standard_error[k])
-        if np.isinf(whole):
+    for name, *sizes in zip(elasticity_labels(fit.n), *(error.tolist() for error in shown), strict=True):
+        if np.isinf(sizes[0]):
             rows.append([name, UNDETERMINED, *["–"] * len(parts)])
         else:
-            sizes = [whole, *(float(part.error[k]) for part in parts)]
             rows.append([name, *(significant(size, 2) for size in sizes)])
     return ["", "whole error", *(part.name for part in parts)], rows

@@ -280,9 +280,9 @@ def second_amplitude(fit: ElasticityFit) -> str:
     torque = np.stack([curve.amplitude_Nm for curve in fit.torsion_curves], axis=1)
     strongest = int((torque / torque.max(axis=0)).sum(axis=1).argmax())
     return (
-        f"Another law, {enumerated(rivals)}, explains the records almost as well: repeat "
-        f"{phasors.labels[strongest]} ({phasors.omega[strongest] / (2 * np.pi):.3g} Hz) at half its "
-        "amplitude to settle it."
+        f"Another law, {enumerated(rivals)}, explains the records almost as well. To decide, repeat "
+        f"{phasors.labels[strongest]} ({phasors.omega[strongest] / (2 * np.pi):.3g} Hz) at half the "
+        "amplitude."
     )
 
 

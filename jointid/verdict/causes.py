@@ -48,39 +48,39 @@ def _time(factor: float, unit: str, taken: str, why: str, by: str) -> Cause:
     return Cause(
         factor,
         "time",
-        f"Time is probably in {unit}, but was taken for {taken}",
-        f"accelerations go with the square of time, {why}",
+        f"Time is probably in {unit} but was read as {taken}",
+        f"acceleration scales with time squared, {why}",
         f"Set the unit of time to {short} on import, or {by} in the files",
     )
 
 
 _ACTIONS: dict[str, Action] = {"time": "edit mapping", "inertia": "edit inertias"}
 CAUSES = (
-    _unit(DEGREES, "position", "looks given in degrees",
-          "a position in degrees that was taken for radians (180/π = 57.3)", "deg",
+    _unit(DEGREES, "position", "seems to be in degrees",
+          "a position in degrees read as radians (180/π = 57.3)", "deg",
           "multiply it by π/180"),
     _unit(1 / DEGREES, "position", "looks converted from degrees though it is in radians",
-          "a position in radians that was taken for degrees (180/π = 57.3)", "rad",
+          "a position in radians read as degrees (180/π = 57.3)", "rad",
           "multiply it by 180/π"),
-    Cause(DEGREES**2, "position", "looks given in degrees, and its gear ratio 57.3 times too large",
-          "degrees for radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
+    Cause(DEGREES**2, "position", "seems to be in degrees, and its gear ratio 57.3 times too large",
+          "degrees read as radians twice, in the position and in the gear ratio ((180/π)² = 3283)",
           "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
     Cause(DEGREES**-2, "position", "looks converted from degrees twice",
-          "radians for degrees twice, in the position and in the gear ratio ((180/π)² = 3283)",
+          "radians read as degrees twice, in the position and in the gear ratio ((180/π)² = 3283)",
           "Check the unit of the position of {}, degrees or radians, and the gear ratio"),
-    _unit(2 * np.pi, "position", "looks given in revolutions",
-          "a position in revolutions that was taken for radians (2π)", "rev", "multiply it by 2π"),
+    _unit(2 * np.pi, "position", "seems to be in revolutions",
+          "a position in revolutions read as radians (2π)", "rev", "multiply it by 2π"),
     _unit(1 / (2 * np.pi), "position", "looks converted from revolutions though it is in radians",
-          "a position in radians that was taken for revolutions (2π)", "rad", "divide it by 2π"),
-    _unit(1e3, "torque", "looks given in mN·m",
-          "a torque in mN·m that was taken for N·m", "mN·m", "divide it by 1000"),
-    _unit(1e-3, "position", "looks given in mrad",
-          "a position in mrad that was taken for rad", "mrad", "divide it by 1000"),
-    Cause(np.sqrt(0.5), "torque", "looks like an rms value where the peak is meant",
-          "a current in A rms, taken for its peak (1/√2),",
+          "a position in radians read as revolutions (2π)", "rad", "divide it by 2π"),
+    _unit(1e3, "torque", "seems to be in mN·m",
+          "a torque in mN·m read as N·m", "mN·m", "divide it by 1000"),
+    _unit(1e-3, "position", "seems to be in mrad",
+          "a position in mrad read as rad", "mrad", "divide it by 1000"),
+    Cause(np.sqrt(0.5), "torque", "seems to be an rms value in place of the peak",
+          "an rms current read as peak (1/√2)",
           "Check whether current and torque constant of {} are both rms or both peak values"),
-    Cause(np.sqrt(2), "torque", "looks like a peak value where the rms value is meant",
-          "a current in A peak, taken for its rms value (√2),",
+    Cause(np.sqrt(2), "torque", "seems to be a peak value in place of rms",
+          "a peak current read as rms (√2)",
           "Check whether current and torque constant of {} are both rms or both peak values"),
     _time(1e6, "milliseconds", "seconds", "1000² = 10⁶", "divide it by 1000"),
     _time(1e-6, "seconds", "milliseconds", "1000² = 10⁶", "multiply it by 1000"),
@@ -93,8 +93,8 @@ CAUSES = (
 SUBTLE = (np.sqrt(0.5), np.sqrt(2))
 """Factors that wrong inertias come near to as well."""
 OTHER_CAUSES = {
-    1e-3: "M and M2 look given in g·m²",
-    1e-6: "The position of all joints looks given in µrad",
+    1e-3: "M and M2 seem to be in g·m²",
+    1e-6: "The position of all joints seems to be in µrad",
 }
 """What makes the same factor in all joints, in place of the cause in the table."""
 
@@ -135,7 +135,7 @@ def finding_of(
         return problem(
             _exchanged(hypothesis),
             proof,
-            "Check the order of the joints in M and M2 and of the columns, and the sign of the coupling "
+            "Check the order of the joints in M, M2 and the columns, and the sign of the coupling "
             "inertias: position and torque of a joint may both be reversed.",
             1.0,
             "edit inertias",
@@ -149,7 +149,7 @@ def finding_of(
         whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
-            f"At low frequency the torque is −1 times what M and M2 say. {proof}",
+            f"At low frequency the torque is −1 times the value from M and M2.  {proof}",
             f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
             f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
             "positions.",
@@ -182,14 +182,17 @@ def finding_of(
             OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
         )
         titles.append(f"{other}, or {title}" if other else title)
-        details.append(f"{is_} That is about what {cause.why} makes.")
+        details.append(f"{is_} That is about the effect of {cause.why}.")
         if other or cause.factor in SUBTLE:
             changes = []  # the person decides
         if other:
-            details.append("M and M2 in g·m² taken for kg·m² make the same: the records cannot tell.")
+            details.append(
+                "M and M2 in g·m² read as kg·m² have the same effect; the records cannot distinguish "
+                "the two."
+            )
             remedies.append(
-                "Look up the unit of M and M2: if it is g·m², set it where they are entered, or divide "
-                "them by 1000 in study.toml. If they are right:"
+                "Look up the unit of M and M2. If it is g·m², set this unit where they are entered, or "
+                "divide them by 1000 in study.toml. If they are right:"
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
@@ -203,25 +206,25 @@ def finding_of(
 
 GOOD = 10.0
 """Misfit above which something is left to be explained."""
-_EXPECTED = "what M and M2 say"
+_EXPECTED = "the value from M and M2"
 _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "inertia": (
-        "M2 looks given on the arm side",
-        "With gear ratios of about {gears} it would fit the torques at low frequency.",
-        "Enter M2 as given on the joint side, or divide element ij of M2 in study.toml by the gear "
+        "M2 seems to be given at the joint side",
+        "With gear ratios of about {gears}, M2 would fit the torques at low frequency.",
+        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by the gear "
         "ratios n_i·n_j.",
         "edit inertias",
     ),
     "arm angle": (
-        "The positions look like the arm's, not the motors'",
-        "Taken for angles behind the springs, they give K of about {K}.",
+        "The positions look measured at the arm, not at the motors",
+        "Read as angles behind the gears, they give K of about {K}.",
         "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
-        "behind the gear does not show what the motor does, whatever its gear ratio.",
+        "behind the gear does not show the motion of the motor, whatever the gear ratio.",
         "edit mapping",
     ),
     "gear torque": (
         "The torques look measured behind the gears, not at the motors",
-        "Taken for the gears' torques, without what the rotors need, they give K of about {K}.",
+        "Read as torques behind the gears, without the share of the rotors, they give K of about {K}.",
         "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
         "motor's acceleration to them.",
         "edit mapping",
@@ -229,11 +232,10 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
 }
 """Title, detail, remedy and action of hypotheses on all joints."""
 _SEEN = {
-    "torque": "it is the torque: it is on the other side of the gear than was taken, while the position "
-    "is right; or its unit is another.",
-    "angle": "it is the position: it is on the other side of the gear than was taken, while the torque "
-    "is right.",
-    "both": "it is both: position and torque are on the other side of the gear than was taken.",
+    "torque": "the torque: it belongs to the other side of the gear, while the position is right; or "
+    "its unit is wrong.",
+    "angle": "the position: it belongs to the other side of the gear, while the torque is right.",
+    "both": "both: position and torque belong to the other side of the gear.",
 }
 
 
@@ -276,7 +278,7 @@ def _proof(before: float, after: float) -> str:
         return f"As logged, the records {logged}; corrected, they leave {left} (1 is ideal)."
     return (
         f"As logged, the records {logged}; corrected, they still leave {left} (1 is ideal): friction, "
-        "which this check leaves out, or something else is wrong, too. Correct this first."
+        "which this check omits, or a second fault. Correct this one first."
     )
 
 
@@ -287,7 +289,7 @@ def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, e
     also = ""
     if left.size:
         also = (
-            f" What then remains is {_values(rest[left])} in {_joints(left, factor.size)}: "
+            f" A factor of {_values(rest[left])} then remains in {_joints(left, factor.size)}: "
             f"{_unknown_remedy(rest, left)}"
         )
     other = OTHER_CAUSES.get(cause.factor, "")
@@ -307,18 +309,20 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
         if ratio.max() <= LARGEST_GEAR_RATIO:
             gears.append(f"{_values(ratio)} in {where}")
-    causes = f"It may be a torque that is not in N·m, {_values(1 / size)} N·m to its unit."
+    causes = f"It may be a torque in another unit, one unit being {_values(1 / size)} N·m."
     if gears:
         how = "applied once too often" if size.max() < 1 else "left out"
         causes = f"A gear ratio of {', or '.join(gears)}, {how}, would explain it; or {causes[10:]}"
         if side:
-            causes += f" The coupling between the joints says that {_SEEN[side]}"
+            causes += f" The coupling between the joints points to {_SEEN[side]}"
     if np.any(factor[wrong] < 0):
-        causes += " The sign is reversed as well, as where motor and joint turn against each other."
+        causes += " The sign is reversed as well, as with a gear that reverses the direction."
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < _ALIKE:
         # Accelerations go with the square of time, in all joints alike.
         right = number(np.sqrt(factor.mean()))
-        causes += f" All joints agree, so a sampling rate of {right} times what is given would, too."
+        causes += (
+            f" All joints agree, so a sample rate {right} times the given one would explain it, too."
+        )
     return problem(
         f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
         f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
@@ -333,10 +337,10 @@ def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
     each = ", ".join(f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices)
     near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), _NEAR)))
     return (
-        "Check on import whether position and torque are of the motor or behind the gear, with which "
-        "ratio; and the torque's unit: per cent of the rated torque, or amperes, need the rated torque "
-        f"or the torque constant: the torque times {each} fits ({_columns('torque', indices)} in a "
-        "study's tables)." + (f" Not far from it: {'; '.join(near)}." if near else "")
+        "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
+        "torque in per cent needs the rated torque, one in amperes the torque constant. "
+        f"The torque times {each} fits ({_columns('torque', indices)} in a "
+        "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
     )
 
 

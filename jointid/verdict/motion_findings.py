@@ -85,8 +85,9 @@ def _incoherent(evidence: Evidence) -> Iterator[Finding]:
             yield warning(
                 f"Torque and motion of joint {j + 1} are hardly coherent",
                 f"In {record.label or f'record {count}'} the torques explain {percent(share[j])} "
-                "of the motion (median over the band); the rest is friction, disturbance or noise.",
-                "Move more, or check that torque and angle belong to the same motors and to one clock.",
+                "of the motion (median over the band). The rest is friction, disturbance or noise.",
+                "Use larger motions, or check that torque and angle belong to the same motor and share "
+                "a clock.",
                 0.3,
             )
 
@@ -115,9 +116,9 @@ def _torque_lags(evidence: Evidence) -> Iterator[Finding]:
     interval = float(np.median([record.interval_s for record in evidence.records]))
     yield note(
         f"The torque {'lags' if fit.delay > 0 else 'leads'} by {size}",
-        f"That is {number(abs(fit.delay) / interval)} samples, and is accounted for.",
+        f"That is {number(abs(fit.delay) / interval)} samples; the fit includes it.",
         half_a_sample(evidence)
-        or f"If the drive explains it, state torque_delay_s = {number(fit.delay)} in study.toml.",
+        or f"If the drive has such a delay, set torque_delay_s = {number(fit.delay)} in study.toml.",
         0.01,
         "edit mapping",
         *(hold_change(evidence) or [Change("delay", values=(fit.delay,))]),

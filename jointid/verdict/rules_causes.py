@@ -47,16 +47,16 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     high = "high" if other[worst] > p[worst] else "low"
     if fit.friction is not None:
         coulomb = ", ".join(number(c, 2) for c in fit.friction.coulomb)
-        title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m and is allowed for. "
+        title, cause = "Friction matters", f"Coulomb friction is {coulomb} N·m; the fit includes it. "
         if (lag := lag_size(evidence)) is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
-            title = f"Friction and torque {verb[:-1]} matter"
+            title = f"Friction and a torque {verb[:-1]} matter"
             cause = (
-                f"Coulomb friction is {coulomb} N·m, the torque {verb} by {lag}; both are allowed for. "
+                f"Coulomb friction is {coulomb} N·m, the torque {verb} by {lag}; the fit includes both. "
             )
         remedy = (
-            "No action needed for the answer. Larger motions, or a superposed constant velocity, "
-            "reduce friction's part."
+            "No action needed. Larger motions, or a superposed constant velocity, reduce the effect of "
+            "friction."
         )
     elif fit.delay is not None:
         return  # covered by the rule of the delay
@@ -64,7 +64,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         return  # the cause is unknown
     else:
         title, cause = "Noise biases least squares", ""
-        remedy = "No action needed: the chosen estimate weighs the noise of angle and torque."
+        remedy = "No action needed: the chosen estimate weights angles and torques by their noise."
     others = [
         f"{names[k]} {percent(share[k])} too {'high' if other[k] > p[k] else 'low'}"
         for k in np.flatnonzero(clear)
@@ -72,8 +72,8 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     ]
     also = f" ({', '.join(others)})" if others else ""
     yield note(
-        f"{title}: the paper's estimate of {names[worst]} would be {percent(share[worst])} too {high}",
-        f"{cause}Least squares as in the paper gives {significant(float(other[worst]))}, this fit "
+        f"{title}: the paper's estimate of {names[worst]} is {percent(share[worst])} too {high}",
+        f"{cause}The paper's least squares gives {significant(float(other[worst]))}, this fit "
         f"{with_error(float(p[worst]), float(fit.standard_error[worst]))}{also}.",
         remedy,
         float(share[worst]),
@@ -108,7 +108,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         return
     worst = int(np.nanargmax(share))
     remedy = (
-        f"If the drive explains it, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
+        f"If the drive has such a delay, add {_in_a_file(1e3 * lag)} ms to the torque's delay on "
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml."
     )
     remedy = half_a_sample(evidence) or remedy
@@ -118,7 +118,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     yield note(
         f"{title}, or there is {others}" if others else title,
-        f"{CANNOT_TELL if others else ''}That is {samples} samples, and is allowed for. Without it "
+        f"{CANNOT_TELL if others else ''}That is {samples} samples; the fit includes it. Without it, "
         f"{names[worst]} would be {percent(share[worst])} too {'high' if high else 'low'}.",
         remedy,
         float(share[worst]),
@@ -132,7 +132,7 @@ def _in_a_file(value: float) -> str:
     return np.format_float_positional(float(f"{value:.3g}"), trim="-")
 
 
-CANNOT_TELL = "The records cannot tell these apart. "
+CANNOT_TELL = "The records cannot distinguish these. "
 _EQUAL = 6.0
 """Difference of the information criterion between models that explain the data alike, 2 ln 20."""
 
@@ -163,12 +163,12 @@ def half_a_sample(evidence: Evidence) -> str:
     if not any(held) and np.all(np.abs(samples - 0.5) < 0.1):
         return (
             "The torque lags by half a sample. If the controller holds the torque from one sample to "
-            "the next, mark it as held on import, or set torque_hold = true in study.toml."
+            "the next, set torque held on import, or torque_hold = true in study.toml."
         )
     if all(held) and np.all(np.abs(samples + 0.5) < 0.1):
         return (
-            "The torque leads by half a sample: it is probably not held. Mark it as not held on "
-            "import, or set torque_hold = false in study.toml."
+            "The torque leads by half a sample, so it is probably not held. Set torque not held on "
+            "import, or torque_hold = false in study.toml."
         )
     return ""
 
@@ -203,7 +203,7 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
         f"The poses disagree on {elasticity_labels(evidence.fit.n)[worst]}",
         f"{values}: {percent(fits.spread[worst])} apart, {number(fits.significance[worst], 2)} standard "
         "errors.",
-        "Check M2 of each pose first, under [poses] in the TOML of the inertias or of the study. "
+        "Check M2 of each pose first, under [poses] in the inertia file or in study.toml. "
         "If the inertias are right, the gear hardens: its stiffness then "
         "depends on the load, which depends on the pose.",
         float(apart[worst]),
@@ -225,8 +225,8 @@ def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
             f"The stiffness of joint {j + 1} {'rises' if more else 'falls'} with the deflection",
             f"By {percent(found.change[j])} ± {percent(found.standard_error[j])} from {number(low, 2)} "
             f"to {number(high, 2)} rad of deflection, seen at frequencies with several amplitudes.",
-            "A gear hardens, or friction is not fully allowed for. Measure at the amplitude that the "
-            "work needs.",
+            "The gear hardens, or friction is not fully modelled. Measure at the amplitude of the "
+            "application.",
             float(abs(found.change[j])),
         )
 

@@ -14,8 +14,8 @@ from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sampl
 from jointid.wording import capitalised, enumerated
 
 _REMEDIES = {
-    "arm_viscous": ("There is viscous friction at the arm", ""),
-    "arm_coulomb": ("There is Coulomb friction at the arm", ""),
+    "arm_viscous": ("The arm has viscous friction", ""),
+    "arm_coulomb": ("The arm has Coulomb friction", ""),
     "loss_factor": (
         "The gears have structural damping",
         "D holds the viscous part only. K is the stiffness at the mean frequency of the records, on a "
@@ -23,7 +23,7 @@ _REMEDIES = {
     ),
     "lag": (
         "The torques {lag|lead} by different times",
-        "Check when each drive samples and acts.",
+        "Check the sampling and output times of each drive.",
     ),
     "position_filter": (
         "The positions {are filtered, or the torques act late by a filter"
@@ -37,7 +37,7 @@ _REMEDIES = {
     ),
     "motor_presliding": ("The motors' friction has a presliding part", ""),
     "link": (
-        "The links bend above the band",
+        "The links have resonances above the band",
         "K and D hold for the gears alone; a controller for higher frequencies needs the links as well.",
     ),
     "gravity": ("Gravity {holds the arm like a spring|pushes the arm away}", ""),
@@ -78,7 +78,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             f"{title}, or there is {others}" if others else title,
             f"{capitalised(label)}: {values} {shown[0][1]}".rstrip()
-            + f". {CANNOT_TELL if others else ''}The answer accounts for it.",
+            + f". {CANNOT_TELL if others else ''}The fit includes it.",
             remedy,
             0.01,
             "",
@@ -96,4 +96,4 @@ def _settled_by(evidence: Evidence) -> str:
     tried = enumerated(
         [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
     )
-    return f"Tried up to {tried}. {second_amplitude(fit)}".strip()
+    return f"Largest torques in the records: {tried}. {second_amplitude(fit)}".strip()

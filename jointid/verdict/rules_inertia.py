@@ -57,7 +57,7 @@ def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]
         return
     row = off[0][1]
     given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
-    others = f" So do {some([other.name for _, other in off[1:]])}." if off[1:] else ""
+    others = f" Also off: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
     change = relative(judged.estimate - fit.estimate, fit.estimate)
     k = int(np.argmax(change))
     accounts = "K and D come from the fitted inertias."
@@ -74,7 +74,7 @@ def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]
         )
     yield (problem if absurd else warning)(
         "The inertias look wrong",
-        f"{row.name} is given as {given} kg·m², the records indicate "
+        f"{row.name} was entered as {given} kg·m²; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)} kg·m².{others} {accounts}",
         "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
@@ -130,10 +130,10 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             where = f" in pose {pose}" if pose else ""
             yield problem(
                 f"A spring or gravity acts on joint {falling[0] + 1} at low frequency{where}",
-                "At the lowest frequencies its torque opposes the acceleration, as no inertia does. The "
-                f"residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
-                "Check the sign of the torque. If it is right, measure at higher frequencies, or where "
-                "neither gravity nor springs and hoses pull.",
+                "At the lowest frequencies its torque opposes the acceleration, unlike that of an "
+                f"inertia. The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                "Check the sign of the torque. If it is right, measure at higher frequencies, or in a "
+                "pose without gravity torque and without the pull of springs and hoses.",
                 1.0,
             )
         elif off[i, j] > 0.2:
@@ -141,10 +141,10 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
             where = f" in pose {pose}" if pose else ""
             yield problem(
                 f"The inertias look wrong{where}",
-                "At low frequency, where the springs drop out, torque over acceleration gives "
-                f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m²; given is "
-                f"{number(given[i, j])}. The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
-                "Check M and M2: another pose or drive, a missing payload, wrong gear ratios.",
+                "At low frequency, where the springs have no effect, torque over acceleration gives "
+                f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
+                f"{number(given[i, j])}).  The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",
                 float(off[i, j]),
                 "edit inertias",
             )

@@ -23,7 +23,7 @@ from jointid.verdict.evidence import (
 from jointid.verdict.rules_causes import distortion, half_a_sample, hold_change
 from jointid.wording import counted
 
-_EXPLAINED = 3.0
+EXPLAINED = 3.0
 """Misfit up to which noise explains the data."""
 _CHANCE = 3e-4
 """Probability that noise alone leaves as much at the fundamentals."""
@@ -40,7 +40,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
         if fit.K[j] <= 0:
             yield problem(
                 f"K{j + 1} is negative",
-                f"The estimate is {number(fit.K[j], 4)} N·m/rad, which is no spring.",
+                f"The estimate is {number(fit.K[j], 4)} N·m/rad; a spring has a positive K.",
                 f"Check the sign and unit of the torque of joint {j + 1}, the gear ratios, M and M2.",
                 2.0,
                 "edit mapping",
@@ -48,9 +48,9 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
         elif fit.D[j] < -2 * fit.standard_error[fit.n + j]:
             yield warning(
                 f"D{j + 1} is negative",
-                f"The estimate is {number(fit.D[j])} N·m·s/rad, which would feed energy into the arm.",
-                "The torque probably leads or lags: check whether it is held, and after which time it "
-                "acts: on import, or torque_hold and torque_delay_s in study.toml.",
+                f"The estimate is {number(fit.D[j])} N·m·s/rad; a damper has a positive D.",
+                "The torque probably leads or lags. Check its hold and delay on import, or torque_hold "
+                "and torque_delay_s in study.toml.",
                 2.0,
                 "edit mapping",
             )
@@ -77,8 +77,8 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
             else f"These records do not determine {names[worst]} at all.",
             "Add records near the resonances, record longer, or move the joints more."
             if share[worst] > 0.05
-            else "Add records at lower and higher frequencies, which determine the inertias as well, or "
-            "state more exact inertias.",
+            else "Add records at lower and higher frequencies, which also determine the inertias, or "
+            "enter more accurate inertias.",
             float(whole.max()),
         )
 
@@ -89,22 +89,24 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     misfit, freedom = fit.fundamental
     noise_freedom = 2 * float(fit.equations.noise.degrees_of_freedom.sum())
     beyond = freedom > 0 and fdtrc(freedom, noise_freedom, misfit) < _CHANCE
-    if fit.misfit <= _EXPLAINED and not beyond:
+    if fit.misfit <= EXPLAINED and not beyond:
         return
     action: Action = ""
-    remedy = "Friction, a torque delay, torque constants or wrong inertias are the usual causes."
+    remedy = "Check the usual causes: friction, a torque delay, torque constants, inertias."
     if fit.method in LINEAR or fit.friction is None:
         odd = distortion(evidence)
         if odd > 1e-3:
-            remedy = f"The torque carries odd harmonics of {percent(odd)}: friction. " + (
-                "Use the automatic estimator." if fit.method in LINEAR else "Check the inertias too."
+            remedy = f"The torque has odd harmonics of {percent(odd)}, a sign of friction. " + (
+                "Use the estimator auto (automatic)."
+                if fit.method in LINEAR
+                else "Check the inertias too."
             )
     if mended := half_a_sample(evidence):
         remedy, action = mended, "edit mapping"
     elif fit.friction is not None:
         remedy = (
-            "Friction is allowed for already. Wrong inertias or torque constants, and disturbances "
-            "from outside remain."
+            "The fit already includes friction. Check the inertias, the torque constants and external "
+            "disturbances."
         )
     share = relative(fit.standard_error, fit.estimate).max()
     left = f"The residual is {number(np.sqrt(fit.misfit), 2)} × noise"
@@ -112,7 +114,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         left += f", at the frequencies of the motion {number(np.sqrt(max(misfit, 1.0)), 2)} × noise"
     widened = number(np.sqrt(fit.inflation), 2)
     if fit.inflation > 1:
-        left += f". The part of the error bars that comes from noise is widened by {widened}"
+        left += f". The noise part of the error bars is widened by a factor of {widened}"
     yield warning(
         "The model, not the noise, limits the answer",
         f"{left}.",
@@ -133,7 +135,7 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
         "The records hardly test the model",
         f"{counted(len(evidence.records), 'record')} give "
         + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
-        + " more equations than there are unknowns: an effect that the model lacks may not show.",
+        + " more equations than unknowns: an effect missing in the model may remain unseen.",
         "Add records at other frequencies.",
         0.3,
     )
@@ -149,13 +151,13 @@ def one_frequency(evidence: Evidence) -> Iterator[Finding]:
         f"{'One record' if count == 1 else 'Records'} at one frequency cannot give K and D",
         f"{counted(count, 'record')} at {number(f[0])} Hz: "
         + (
-            "two equations for the two unknowns of each joint, so that some K and D always fit"
+            "two equations for the two unknowns of each joint, so some K and D always fit"
             if count == 1
-            else "K and D always fit a single frequency, whatever inertias and units are"
+            else "some K and D always fit a single frequency, even with wrong inertias or units"
         )
-        + ". Whether the model holds cannot be tested.",
+        + ". The model cannot be tested.",
         "Add records at several frequencies, from well below to well above the resonances"
-        + (", two or more at each with other relative phases of the joints." if n > 1 else "."),
+        + (", two or more at each with different relative phases of the joints." if n > 1 else "."),
         0.5,
     )
 
@@ -181,7 +183,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         make = warning if share > 0.05 else note
         yield make(
             "The frequencies miss a resonance",
-            f"The records span {number(low)} to {number(high)} Hz; by the fit there is a resonance "
+            f"The records span {number(low)} to {number(high)} Hz; the fitted model has a resonance "
             f"at {some([number(m) for m in sorted(missed)])} Hz, with no record near it. The "
             f"largest relative standard error is {percent(share)}.",
             f"Add records at about {some([number(m) for m in sorted(missed)])} Hz.",

@@ -31,16 +31,16 @@ _TOLERANCE = 0.15
 """Relative difference within which a factor counts as a known one, or as 1."""
 
 _KNOWN = (
-    (DEGREES, "angle", "looks logged in degrees", "Multiply {} by π/180 in this record."),
-    (-DEGREES, "angle", "looks logged in degrees, with the sign reversed", "Multiply {} by −π/180."),
+    (DEGREES, "angle", "seems to be in degrees", "Multiply {} by π/180 in this record."),
+    (-DEGREES, "angle", "seems to be in degrees, with the sign reversed", "Multiply {} by −π/180."),
     (-1.0, "torque", "looks reversed in sign", "Reverse the sign of {} in this record."),
-    (1e3, "torque", "looks logged in mN·m", "Divide {} by 1000 in this record."),
-    (1e-3, "angle", "looks logged in mrad", "Divide {} by 1000 in this record."),
-    (2 * np.pi, "angle", "looks logged in revolutions", "Multiply {} by 2π in this record."),
+    (1e3, "torque", "seems to be in mN·m", "Divide {} by 1000 in this record."),
+    (1e-3, "angle", "seems to be in mrad", "Divide {} by 1000 in this record."),
+    (2 * np.pi, "angle", "seems to be in revolutions", "Multiply {} by 2π in this record."),
 )
 """Torque over angle, measured over expected; signal, description and remedy."""
 
-_LEAVE_OUT = "untick its run on import, or take its [[records]] out of study.toml"
+_LEAVE_OUT = "untick its run on import, or delete its [[records]] entry in study.toml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     if found.factor is None:
         return (
             f"{label} contradicts all other records",
-            "No factor on its angles or torques mends it.",
+            "No factor on its angles or torques corrects it.",
             f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
         )
     wrong = np.flatnonzero(~np.isclose(found.factor, 1))

@@ -48,8 +48,8 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
             f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor angle has "
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
-            "Correct the frequency of the run or the unit of time on import; of a study on disk, "
-            "frequency_hz in study.toml or the column time_s.",
+            "Correct the frequency of the run or the unit of time on import, or frequency_hz and the "
+            "column time_s of a study on disk.",
             float(off[worst]),
             "edit runs",
             Change("frequency", concerned),
@@ -121,7 +121,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
         names = some([evidence.phasors.labels[i] for i in short])
         yield note(
             "Some records are only a few periods long",
-            f"{names}: {number(periods[short].min(), 2)} periods. Their noise is taken as white, since "
+            f"{names}: {number(periods[short].min(), 2)} periods. Their noise is assumed white, since "
             "slow disturbances cannot be separated from the sine.",
             "Record five periods or more at every frequency.",
             1e-3 + 0.5 * _worst_error(evidence),
@@ -146,10 +146,10 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
-            f"{some(pairs)} hold the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
-            "counted twice makes the error bars too small, by up to 30 %.",
-            "Leave one of each pair out on import, or take its [[records]] out of study.toml; or "
-            "measure again.",
+            f"{some(pairs)} have the same samples. {_concerned(len(pairs), 'pair')} Noise that is "
+            "counted twice makes the error bars up to 30 % too small.",
+            "Leave out one record of each pair on import, or delete its [[records]] entry in "
+            "study.toml; or measure again.",
             0.4 * _worst_error(evidence),
             "edit runs",
             *([Change("leave out", tuple(sorted(second)))] if second else []),
@@ -177,10 +177,10 @@ def same_experiment(evidence: Evidence) -> Iterator[Finding]:
     if found:
         yield note(
             "Two records are the same experiment",
-            f"{some(found)}: angles and torques are in the same proportion, so that the second record "
-            f"averages noise but adds no information. {_concerned(len(found), 'frequency')}",
-            "Measure with other relative amplitudes or phases, for instance with one joint reversed: "
-            "the transfer matrix needs it, and so does friction.",
+            f"{some(found)}: all angles and torques are proportional, so the second record averages "
+            f"noise but adds no information. {_concerned(len(found), 'frequency')}",
+            "Measure with different relative amplitudes or phases, for example with one joint reversed: "
+            "the transfer matrix and the friction estimate need it.",
             0.01 + 0.3 * _worst_error(evidence),
         )
 
@@ -197,11 +197,11 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
-            f"Joint {j + 1} stands still",
+            f"Joint {j + 1} does not move",
             f"In {len(names)} of {counted(len(phasors.labels), 'record')} ({some(names)}) joint {j + 1} "
-            f"does not move out of its noise; friction, {number(fit.friction.coulomb[j], 2)} N·m when "
-            "it slides, then takes any torque.",
-            "Move all joints in every record, with other relative phases, or superpose a constant "
+            f"moves less than its noise: static friction carries the torque (Coulomb friction "
+            f"{number(fit.friction.coulomb[j], 2)} N·m).",
+            "Move all joints in every record, with different relative phases, or superpose a constant "
             "velocity.",
             0.02 * share,
         )
@@ -220,7 +220,7 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
             f"The torque of joint {j + 1} is constant in {where}",
             f"{some([evidence.phasors.labels[i] for i in concerned])}: the joint moves while "
             f"tau_m{j + 1}_Nm stays at {number(float(record.tau_Nm[record.start, j]))} N·m.",
-            f"Check where tau_m{j + 1}_Nm comes from, or leave {which} out.",
+            f"Check the source of tau_m{j + 1}_Nm, or leave {which} out.",
             2.0,
             "",
             *[Change("leave out", tuple(concerned.tolist()))][: len(constant) - concerned.size],
@@ -248,21 +248,21 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             yield make(
                 f"The encoder of joint {j + 1} "
                 + ("limits the noise" if limited else "is coarse for the smallest motion"),
-                f"It counts in steps of {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
-                f"the smallest sine is {number(counts.min(), 2)} steps in amplitude. "
+                f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
+                f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
                 + (
-                    f"Rounding makes {share} of the angle's noise."
+                    f"Rounding causes {share} of the angle's noise."
                     if limited
-                    else "Rounding of so few steps repeats with the motion and does not average out."
+                    else "Rounding to so few steps repeats with the motion and does not average out."
                 ),
-                "Move further at the frequencies with the smallest motion, record longer, and avoid "
-                "frequencies that divide the sample rate, where the same steps repeat.",
+                "Use larger amplitudes at the frequencies with the smallest motion, record longer, and "
+                "avoid frequencies that divide the sample rate, where the same steps repeat.",
                 0.5 * _worst_error(evidence),
             )
 
 
 def _concerned(count: int, what: str = "record") -> str:
-    return f"{counted(count, what)} {'is' if count == 1 else 'are'} concerned."
+    return f"{counted(count, what)} {'is' if count == 1 else 'are'} affected."
 
 
 def _turns_at(record: SineRecord, found_hz: float) -> bool:

@@ -30,7 +30,7 @@ def rejected(evidence: Evidence) -> Iterator[Finding]:
         yield note(
             f"{counted(len(texts), 'frequency')} {verb} no transfer matrix",
             texts[0],
-            "K and D do not need it; the comparison of model and measurement does.",
+            "No action needed for K and D. The comparison of model and data omits these frequencies.",
             1e-3,
         )
 
@@ -87,8 +87,8 @@ def _controller_peak(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz belongs to the controller "
         f"of {whose}",
         f"Acceleration over torque of {evidence.phasors.labels[records[worst]]} alone peaks there "
-        f"{number(alone[worst] / H[worst], 2)} times above H{j + 1}{j + 1}, which has no peak. "
-        f"The elasticity is the peak at {elastic} Hz, which both show.",
+        f"at {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak. "
+        f"The elastic resonance is the peak at {elastic} Hz, which both show.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",
         0.3,

@@ -70,8 +70,8 @@ def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = 
             found += SegmentSearch(log, begin, end).segments(report)
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
-                f"{log.name or 'The log'} falls into more than {MANY_SEGMENTS} segments: it holds no "
-                "sine runs, or the columns are the wrong ones. Choose another time or position column."
+                f"{log.name or 'The log'} has more than {MANY_SEGMENTS} segments: it holds no "
+                "sine runs, or wrong columns are chosen. Choose another time or position column."
             )
     found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
     return FoundSegments(common_frequencies(found), [*notes, *unused_spans(log, found, sweeps)])

@@ -64,8 +64,8 @@ def without_sweeps(
         inside = [s for s in pieces if begin <= s.start_s < end]
         low, high = _edge_hz(log, inside[0], -1), _edge_hz(log, inside[-1], 1)
         notes.append(
-            f"{_times(begin, end)}: the frequency runs through from "
-            f"{significant(low, 3)} to {significant(high, 3)} Hz: this is a sweep, which is not used. "
+            f"{_times(begin, end)}: a sweep from {significant(low, 3)} to {significant(high, 3)} Hz, "
+            "not used as a sine run. "
             "Record single frequencies or a multisine, " + _REMEDY
         )
     return [s for s in segments if s not in pieces], spans, notes
@@ -178,11 +178,11 @@ def _reason(log: MappedLog, begin: float, end: float) -> str:
     steps = max(np.unique(np.round(signal, 12)).size for signal in theta.T)
     if steps <= _COARSE_STEPS and np.ptp(tau, axis=0).max() > 0:
         return (
-            "the torque swings while the position shows four steps of its sensor or fewer, too little "
-            "for a run. Excite the joint more there, or record the position more finely."
+            "the torque oscillates, but the position has at most four sensor steps, too few for a run. "
+            "Excite the joint more, or log the position with a finer resolution."
         )
     return (
-        "something moves, but no sine stands still in it for five periods. Record each frequency "
+        "motion without a steady sine of five periods. Record each frequency "
         "longer, with rests between, " + _REMEDY
     )
 

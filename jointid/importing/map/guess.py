@@ -31,7 +31,7 @@ _MAX_LESS_CLEAR = 0.5  # score below the least clear pair, up to which an unpair
 _Group = dict[str, NamedColumn]
 """The clearest column of each role of one joint."""
 _Groups = dict[str, _Group]
-_NO_SIDE = "The name says no side; the motor's is assumed."
+_NO_SIDE = "The name does not state the side; the motor's is assumed."
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
             said = f'"{column.name}"' + (f" [{column.unit}]" if column.unit else "")
             why = f"{said} fits best, but neither name nor unit is clear."
             if key in by_their_number:
-                why = f"{said} is paired by its number alone: check that both are of one joint."
+                why = f"{said} is paired by its number alone: check that both belong to one joint."
             elif clear:
                 why = f"The name or unit of {said} says {role}."
             reasons.append(Reason(f"{role} of joint {number}", why, clear))
@@ -134,7 +134,7 @@ def _first_two(
         fit = max(varying, key=lambda c, r=role: c.score[r])  # type: ignore[misc]
         if fit.score[role] > max(0.0, fit.score[other]):
             pair.append(fit.column)
-            why = f'"{fit.column.name}" fits best as {role}; no name says with which column it belongs.'
+            why = f'"{fit.column.name}" fits best as {role}; no name pairs it with another column.'
         else:
             pair.append(NO_COLUMN)
             why = f"No name or unit says which column is the {role}: choose it."
@@ -150,8 +150,8 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
         for end, (_, sure, why) in zip(ends, guesses, strict=True):
             reasons.append(Reason(f"{what} of {end}", why, sure))
     if any(side == JOINT for side, _, _ in sides):
-        why = "A log does not say it. Give motor turns over joint turns, negative when they turn "
-        why += "against each other; 1 is assumed."
+        why = "Logs do not state it. Give motor turns per joint turn, negative if they turn in "
+        why += "opposite directions; 1 is assumed."
         reasons.append(Reason(f"gear ratio of joint {number}", why))
     channels = []
     for end, column, (unit, *_), (side, *_), (_, scales) in zip(
@@ -178,8 +178,8 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
         return "counts", False, f"Whole numbers over a range of {span:g}: encoder counts."
     largest = float(np.abs(values).max())
     if largest > 20:
-        return "deg", False, f"Values up to {largest:.4g} are taken for degrees."
-    return "rad", False, f"Values up to {largest:.4g} are taken for radians."
+        return "deg", False, f"Values up to {largest:.4g} suggest degrees."
+    return "rad", False, f"Values up to {largest:.4g} suggest radians."
 
 
 def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
@@ -188,7 +188,7 @@ def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
-        return "A", False, "The name says current; its unit is taken for ampere."
+        return "A", False, "The name says current; ampere is assumed."
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
@@ -212,11 +212,11 @@ def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, s
     if WORDS["joint"] & words:
         return JOINT, False, "The name says joint or axis."
     if position.unit == "deg":
-        return JOINT, False, "Degrees are what controllers show for joints."
+        return JOINT, False, "Controllers show joint angles in degrees."
     if "effort" in words_of(torque.name):
         return JOINT, False, "Where the torque is an effort, the position is the joint's by convention."
     if position.unit == "counts":
-        return MOTOR, False, "Counts come from the motor's encoder, as a rule."
+        return MOTOR, False, "Counts usually come from the motor's encoder."
     return MOTOR, False, _NO_SIDE
 
 
@@ -273,21 +273,21 @@ def propose_joint(
         fit = max(free, key=lambda c, r=role: c.score[r], default=None)  # type: ignore[misc]
         if fit is not None and fit.score[role] <= max(0.0, fit.score[_OTHER[role]]):
             fit = None
-        text, said = "No column is left that fits: choose one, or a joint less.", ""
+        text, said = "No other column fits: choose one, or reduce the number of joints.", ""
         if fit is not None:
             free.remove(fit)
-            text = f'"{fit.column.name}" is a mere proposal, of the columns not yet used.'
+            text = f'"{fit.column.name}" is only a proposal from the unused columns.'
             said = fit.column.unit
         reasons.append(Reason(end, text))
         unit = said if said in units else first.unit
-        why = f'The file says "{said}".' if unit == said else f"As joint 1's, {unit}."
+        why = f'The file says "{said}".' if unit == said else f"As for joint 1: {unit}."
         reasons.append(Reason(f"unit of {end}", why, unit == said))
-        reasons.append(Reason(f"side of {end}", f"As joint 1's, the {first.side}'s."))
+        reasons.append(Reason(f"side of {end}", f"As for joint 1: {first.side} side."))
         if meaning := scales.get(unit):
             reasons.append(scale_reason(end, unit, meaning))
         scale = 1.0 if unit in scales else None
         channels.append(Channel(fit.column.name if fit else "", unit, scale, first.side))
     if JOINT in (channels[0].side, channels[1].side):
-        text = "A log does not say it. Give motor turns over joint turns; 1 is assumed."
+        text = "Logs do not state it. Give motor turns per joint turn; 1 is assumed."
         reasons.append(Reason(f"gear ratio of joint {number}", text))
     return channels[0], channels[1], reasons

@@ -41,8 +41,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
     if late:
         text = (
             f'The name or unit of "{column.name}" says time, but it steps back {counted(late, "time")}. '
-            "Rows written twice are left out; where it is not clear how rows follow each other, the "
-            "line is named."
+            "Duplicate rows are left out; a line with an unclear order is an error."
         )
     reasons.append(Reason("time", text, named and not late))
     return _with_unit(column, reasons)
@@ -72,7 +71,7 @@ def _late_rows(values: Floats, *, named: bool) -> int | None:
 def _no_time(table: LogTable) -> str:
     said = [column.name for column in table.columns if _says_time(column)]
     why = f'"{said[0]}" is named as time but does not increase' if said else "No column increases"
-    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is a mere assumption."
+    return f"{why}: the rows are numbered. Give the sample rate; 1000 Hz is assumed."
 
 
 def _with_unit(column: LogColumn, reasons: list[Reason]) -> TimeColumn:

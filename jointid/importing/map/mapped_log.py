@@ -115,7 +115,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     if kept < table.rows and not clock_note:
         first = int(np.argmin(complete))
         missed = table.rows - kept
-        said = "misses a value and was" if missed == 1 else "miss a value and were"
+        said = "lacks a value and was" if missed == 1 else "lack a value and were"
         notes.append(
             f"{missed} of {table.rows} rows {said} left out; the first is {table.place(first)}."
         )

@@ -111,7 +111,7 @@ class JointMapping:
             object.__setattr__(self, what, _checked_channel(what, getattr(self, what)))
         ratio = float(finite_array("gear_ratio", self.gear_ratio, ndim=0))
         if ratio == 0:
-            raise JointIdError("gear_ratio = 0: give motor turns over joint turns, for instance 100.")
+            raise JointIdError("gear_ratio = 0: give motor turns per joint turn, such as 100.")
         object.__setattr__(self, "gear_ratio", ratio)
 
     @property
@@ -280,7 +280,7 @@ def mapping_from_json(text: str | bytes) -> Mapping:
     version = top.pop("format", None)
     if version != 1:
         raise JointIdError(
-            f"mapping: format = {shown(version)}; this version reads format 1. Save the mapping anew."
+            f"mapping: format = {shown(version)}; this version reads format 1. Save the mapping again."
         )
     joints = top.get("joints")
     if not isinstance(joints, list):

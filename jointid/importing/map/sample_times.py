@@ -35,8 +35,8 @@ def sample_times(
     if unit.rate_hz:
         what = f'"{unit.column}" counts samples, taken' if unit.column else "The rows are numbered"
         notes.append(
-            f"{what} at {unit.rate_hz:g} Hz; nothing in the log says this rate. If it is assumed, "
-            "find it out: another rate scales the frequencies with it, and K with its square."
+            f"{what} at {unit.rate_hz:g} Hz; the log does not state this rate. Check it: frequencies "
+            "scale with the rate, and K with its square."
         )
     kept = np.ones(time.size, dtype=bool)
     log = _LoggedTimes(table, unit, rows, time)
@@ -78,8 +78,8 @@ class _LoggedTimes:
                 np.ones(time.size, dtype=bool),
                 unwrapped,
                 (
-                    f'"{column}" begins anew {counted(back.size, "time")}, after each {turn}, first at '
-                    f"{self._row(back[0])}: the times go on there."
+                    f'"{column}" restarts {counted(back.size, "time")}, after each {turn}, first at '
+                    f"{self._row(back[0])}: the time continues there."
                 ),
             )
         again = np.concatenate([[False], np.diff(time) == 0])
@@ -99,7 +99,7 @@ class _LoggedTimes:
         return [
             f"{many} of {float(steps[first]) * self.seconds:.4g} s, before {self._row(first + 1)}: the "
             f"time goes from {time[first]:.12g} to {self._in_unit(time[first + 1])}. The log is split "
-            "there; no run is taken across."
+            "there; no run crosses a gap."
         ]
 
     def _unwrapped(self) -> Floats | None:

@@ -269,9 +269,9 @@ def join_logs(
         parts = [tables[index] for index in group]
         if mapping is not None and set(mapping.columns) <= set(parts[0].names):
             notes.append(
-                f"{listed(part.name for part in parts)} look like joints recorded at once, but the "
-                "mapping names the columns of a single log: taken as runs of one joint. To join them, "
-                "write the mapping anew with --guess from all of them."
+                f"{listed(part.name for part in parts)} look like joints logged simultaneously, but "
+                "the mapping describes a single log: they are treated as runs of one joint. To join "
+                "them, write a new mapping with --guess and all of them."
             )
             for index in group:
                 if id(tables[index]) not in main:
@@ -306,10 +306,10 @@ def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[st
         ]
     names = [part.table.name for part in parts]
     rows = cuts[0].stop - cuts[0].start
-    said = f"{listed(names)} have the same times and columns: joined as joints recorded at once."
+    said = f"{listed(names)} have the same times and columns: joined as joints logged simultaneously."
     most = max(part.table.rows for part in parts)
     if rows < most:
-        said += f" The {rows} rows that all have are used, of up to {most}."
+        said += f" The {rows} common rows of up to {most} are used."
     notes = [f"{part.table.name}: {note}" for part in parts for note in part.table.notes]
     return replace(
         first.table,

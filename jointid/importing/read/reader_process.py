@@ -54,7 +54,7 @@ class ReaderProcess:
             header, body = self._child.ask(request)
         except Ended as ended:
             late = f"reading it took more than {self._limits.time_s:g} s"
-            fault = late if ended.late else "its content stops the reader"
+            fault = late if ended.late else "its content crashes the reader"
             raise JointIdError(
                 f"{name} cannot be read as {readers()[kind].name} ({fault}): it is damaged. Export "
                 "the log again."
@@ -94,7 +94,7 @@ def answer(request: dict[str, Any], _: bytes, progress: Progress) -> tuple[dict[
     except JointIdError as error:
         message = str(error)
     except MemoryError:
-        message = f"{name} asks for more memory than a log may take: it is damaged or too large."
+        message = f"{name} needs more memory than the limit for logs: it is damaged or too large."
     except BaseException as error:  # readers written in Rust raise outside Exception
         reason = " ".join(str(error).replace(path, "the file").split()) or type(error).__name__
         message = (

@@ -71,10 +71,10 @@ def _servo(outcome: Outcome) -> str:
     """Assumptions of the servo before the identification."""
     robot, assumed = outcome.robot, outcome.assumed
     if assumed is None:
-        return "Its servo takes the joints as rigid."
+        return "Its servo assumes rigid joints."
     text = f"Its servo assumes {_springs(assumed)}"
     if robot.rule == "relative":
-        text += f", which stands for {_springs(robot.of_the_study(assumed))} on this study's robot"
+        text += f", which corresponds to {_springs(robot.of_the_study(assumed))} on this study's robot"
     return text + "."
 
 
@@ -130,8 +130,8 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
             f"{remainder(outcome, settings.servo, settings.friction)}{_less_before(outcome)}"
         )
     return (
-        "the servo assumes the identified values, and the robot differs from them as far as their "
-        f"uncertainty allows. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
+        "the servo assumes the identified values; those of the robot are drawn from their "
+        f"uncertainty. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
         f"{_below(outcome.distribution.median_m)}."
     )
 
@@ -156,7 +156,7 @@ def _conditions(settings: CutSettings) -> str:
     what = f"motors with a Coulomb friction of {_three(settings.friction.coulomb)} N·m, which the servo "
     if settings.compensated:
         return text + what + "compensates."
-    return text + what + "does not compensate: that leaves an error of its own."
+    return text + what + "does not compensate, which adds an error."
 
 
 def _below(length_m: float) -> str:
@@ -188,7 +188,7 @@ def show_assumptions() -> None:
         "three corner zones; K = 43, 7.5 N·m/rad and D = 0.10, 0.015 N·m·s/rad seen from the "
         "motors; a largest error of several millimetres with non-optimal parameters at the "
         "largest zone.\n\n"
-        "**Our assumption**, because the paper prints none of it: link lengths, masses, gear ratios "
+        "**Our assumption**, not printed in the paper: link lengths, masses, gear ratios "
         "and inertias of the arm (two links of 0.705 and 0.755 m, tool at 1.15 m from the base); "
         "the law by which the servo compensates the springs, its feedback (10 Hz), rate, delay and "
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
@@ -197,8 +197,8 @@ def show_assumptions() -> None:
         "**Both robots are simulated.** The robot before has exactly the identified springs, the best "
         "estimate of the real ones. After the identification the servo has them too; the remaining "
         "error comes from the uncertainty of the fit: the blue path is that of a robot at the 95 % "
-        "point of the path error. Errors of the inertias act through K and D; flexible links are in "
-        "neither."
+        "point of the path error. Errors of the inertias act through K and D; neither robot has "
+        "flexible links."
     )
 
 
@@ -206,11 +206,11 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     """Show the same cut with the identified nonlinear gears, by a servo without and with their laws."""
     if not robot.gears:
         return
-    st.subheader("With the gears as they are", anchor=False)
+    st.header("With the identified gear laws", anchor=False)
     runs = cached_cuts.gears(page.digest, page.method, settings.after, robot)
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
-    servos = ("Servo that knows K and D", ink.nominal), ("Servo that knows the curve", ink.identified)
+    servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
     around = window([run.tool_m for run in runs], 0.002)
     for place, run, (servo, colour) in zip(st.columns(2), runs, servos, strict=True):
         error = millimetres(run.max_contour_error_m)
@@ -237,7 +237,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
-    servo = "nominal values" if outcome.assumed is not None else "joints taken as rigid"
+    servo = "nominal values" if outcome.assumed is not None else "rigid joints"
     shapes = [
         Shape(outcome.before.wanted_m, outcome.before.tool_m, ink.nominal),
         Shape(outcome.after.wanted_m, outcome.after.tool_m, ink.identified),
@@ -248,15 +248,15 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
         left, words = st.columns([1, 4], vertical_alignment="center")
         left.html(picture(shapes, what, around, "max-width:9rem"))
         with words:
-            st.subheader(headline(outcome), anchor=False)
+            st.header(headline(outcome), anchor=False)
             st.html(
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}<br>"
                 f"{key_line(ink.identified)}identified values, {escape(after)}"
             )
             relative = outcome.robot.rule == "relative"
             arm = (
-                "the example arm, because this robot's geometry is not known. It has this study's "
-                "springs scaled to its own; ratios and uncertainties are this study's"
+                "the example arm, because this robot's geometry is not known. Its springs are scaled; "
+                "their ratios and uncertainties are those of this study"
                 if relative
                 else "an arm of these inertias, simulated"
             )

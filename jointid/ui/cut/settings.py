@@ -41,8 +41,8 @@ _DRIVES: dict[str, Drive | None] = {
 }
 _HINT = (
     "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
-    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times that. The paper does "
-    "not say what its non-optimal parameters were; these are our choice."
+    "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. The paper "
+    "does not state its non-optimal parameters; these are our choice."
 )
 
 
@@ -150,8 +150,8 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
             format="%g",
             key="cut_zone",
             bind="query-params",
-            help="How far before a corner the tool begins to turn: the corner is rounded, so that it "
-            "can be passed without stopping.",
+            help="Distance before a corner at which the tool begins to turn: it passes the rounded "
+            "corner without stopping.",
         )
     K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
     with st.expander("Path, controller and drive"):
@@ -169,7 +169,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
                 EVERYDAY_SERVO.delay_samples,
                 (0, 5),
                 "delay",
-                "Between measuring and the torque computed from it. The feedforward runs ahead by it.",
+                "From measurement to the resulting torque. The feedforward runs ahead by this time.",
             )
             bits = _number(
                 "Encoder (bits per turn), 0: ideal",
@@ -203,7 +203,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
                 "The servo compensates friction",
                 key="cut_compensated",
                 bind="query-params",
-                help="It then knows the friction exactly, before and after.",
+                help="With the exact friction, before and after.",
             )
     friction = {"As this study found": robot.friction, "None": None}.get(source)
     if source == "Custom":

@@ -21,8 +21,8 @@ def show_time_series(page: Page, settings: CutSettings, outcome: Outcome) -> Non
     with error:
         st.markdown("**Error**")
         st.caption(
-            "Path error: distance to the nearest point of the path. Tracking error: to where the tool "
-            "should be at that time."
+            "Path error: distance to the nearest point of the path. Tracking error: distance to "
+            "the reference position at that time."
         )
         figure = page.drawn(f"error {settings}", lambda: path_error_over_time(outcome, dark=page.dark))
         plot(figure, "Path and tracking error over time", key="cut_error")

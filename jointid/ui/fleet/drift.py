@@ -17,7 +17,7 @@ _CLEAR = 3.0
 def show_drift(spreads: Sequence[Spread], joint: int, *, dark: bool) -> None:
     """Values over the dates that studies state, one robot at a time with its trend."""
     dated = [row for row in spreads[0].rows if row.date]
-    st.subheader("Drift over time", anchor=False)
+    st.header("Drift over time", anchor=False)
     if not dated:
         st.info(
             "No study says when it was measured. Give the date on the page Import a log, under "

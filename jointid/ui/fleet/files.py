@@ -144,7 +144,7 @@ def _analyse(fleet: OpenFleet) -> None:
     jobs = [Job(name, data, content=digest) for digest, (name, data) in fleet.todo.items()]
     total, count, failed, began = len(jobs), 0, 0, time.monotonic()
     bar, stop = st.progress(0.0), st.empty()
-    stop.button("Stop", key="fleet_stop", on_click=_stop, help="What has its row keeps it.")
+    stop.button("Stop", key="fleet_stop", on_click=_stop, help="Finished rows are kept.")
     workers = max(1, min(_MOST_WORKERS, os.cpu_count() or 1))
 
     def tell() -> None:

@@ -86,7 +86,7 @@ def _in_words(spread: Spread) -> str:
 
 def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
     """Outliers, and their criterion."""
-    st.subheader("Outliers", anchor=False)
+    st.header("Outliers", anchor=False)
     whose = "its robot's studies" if within_robot else "the fleet"
     st.caption(
         f"A value is an outlier beyond {OUTLIER_Z:g} times its expected distance from the median of "

@@ -25,13 +25,13 @@ def show_failed(rows: Sequence[Row]) -> None:
     failed = [row for row in rows if not row.is_good]
     if not failed:
         return
-    st.subheader(f"Failed: {counted(len(failed), 'study')}", anchor=False)
+    st.header(f"Failed: {counted(len(failed), 'study')}", anchor=False)
     table({"Study": [label(row) for row in failed], "Why": [row.error for row in failed]}, height=300)
 
 
 def show_studies(fleet: OpenFleet, rows: Sequence[Row]) -> None:
     """Every study in a table; a chosen one can be opened."""
-    st.subheader("Every study", anchor=False)
+    st.header("Every study", anchor=False)
     if not fleet.columns:
         fleet.columns = _columns(rows)
     st.dataframe(
@@ -95,8 +95,9 @@ def _show_study(fleet: OpenFleet, row: Row) -> None:
                 show_error(error)
         elif row.is_good:
             st.caption(
-                "This study is not in this workspace, and a table's paths are not opened for whoever "
-                "brings them. Open its .zip at the side, or drop it above: then it opens from here."
+                "This study is not in this workspace, and for security, paths "
+                "in a table are not opened. Open its .zip in the sidebar, or drop it above: then it "
+                "opens from here."
             )
 
 

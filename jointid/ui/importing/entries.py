@@ -26,6 +26,7 @@ from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import assumptions, unchanged
 from jointid.rounding import minus, plain
 from jointid.ui.importing.steps import go_on
+from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
@@ -115,8 +116,8 @@ class Entries:
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(given)]
         asked = self._confirmed("drive data", found, missing, guesses)
         st.caption(
-            "No log proves these entries. What is not confirmed here stays with the study, its report "
-            "and its files as assumed."
+            "Logs do not prove these entries. Unconfirmed ones are marked as assumed in the study, its "
+            "report and its files."
         )
         of_joints = tuple(ratios.values())
         return replace(asked, gear_ratio=None if np.isnan(of_joints).any() else of_joints)
@@ -208,8 +209,8 @@ class Entries:
             list(_HELD.values()),
             index=None if known is None else list(_HELD).index(known),
             placeholder="choose",
-            help="The torque command of a digital controller is held. A torque lag in the verdict means "
-            "that this entry is wrong.",
+            help="The torque command of a digital controller is held. A torque lag of half a "
+            "sample in the verdict means that this entry is wrong.",
             key=self._id("held"),
             persist_state="session",
         )
@@ -262,7 +263,7 @@ class Entries:
             label + ", one per joint" * (len(joints) > 1),
             "" if set(known) == {"?"} else ", ".join(known),
             key=self._id(f"{what} {meaning} {len(joints)}"),
-            placeholder=", ".join(example[: len(joints)]),
+            placeholder=example_hint(", ".join(example[: len(joints)])),
             help=help_,
             persist_state="session",
         )
@@ -320,12 +321,12 @@ class Entries:
 
 _RATIO = (
     ("101", "-93.5", "120"),
-    "Motor turns over joint turns, negative when they turn against each other. For positions and "
-    "torques at the joint, and to show K and D there. ? for an unknown one.",
+    "Motor turns per joint turn, negative if they turn in opposite directions. Needed for positions and "
+    "torques at the joint, and to show K and D there. ? if unknown.",
 )
 _SCALE = (
     ("8.2", "2.1", "1.3"),
-    "From the drive's data sheet or settings; no log states it. ? for an unknown one.",
+    "From the drive's data sheet or settings; logs do not state it. ? if unknown.",
 )
 """Example and explanation of the numbers of joints."""
 

@@ -114,14 +114,14 @@ def _joined(logs: list[Log]) -> list[Log]:
         parts = [logs[index] for index in group]
         names = listed(log.table.name for log in parts)
         show_info(
-            f"{names} have the same times and the same columns: they look like joints recorded at once."
+            f"{names} have the same times and columns: they look like joints logged simultaneously."
         )
         together = st.checkbox(
-            markdown_escape(f"Join {names}: a joint each"),
+            markdown_escape(f"Join {names} as one joint each"),
             value=True,
             key="import join " + _short(log.key for log in parts),
             persist_state="session",
-            help="Without it they are taken as runs of one and the same joint.",
+            help="Otherwise they are runs of one joint.",
         )
         if together:
             key = "joined " + " ".join(log.key for log in parts)

@@ -15,7 +15,7 @@ from jointid.importing.robot_inertia import (
     robot_from_toml,
     rotor_at_motor,
 )
-from jointid.ui.shared.entries import deviation_text
+from jointid.ui.shared.entries import deviation_text, example_hint
 from jointid.ui.shared.messages import show_note
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 from jointid.wording import counted
@@ -87,7 +87,7 @@ def ask_nominal(joints: int) -> Elasticity | None:
         When one of them is missing or is no stiffness or damping.
     """
     left, right = st.columns(2)
-    help_ = "What the controller assumes today: the app compares it with what is found."
+    help_ = "The controller's present values; the app compares them with the identified ones."
     K = _text(left, "Nominal K, N·m/rad (optional)", "nominal K", "20, 3.5", help_)
     D = _text(right, "Nominal D, N·m·s/rad (optional)", "nominal D", "0.10, 0.015", help_)
     if not K.strip() and not D.strip():
@@ -109,7 +109,7 @@ def show_inertia(robot: KnownRobot) -> None:
     rotor, arm = robot.inertia.M[None, :], robot.inertia.M2
     # In braces a formula is not broken: on a narrow screen M2 gets a line of its own.
     text = f"${{M = {_matrix(rotor)}}}$, ${{M_2 = {_matrix(arm)}}}$ kg·m²"
-    st.markdown(f"As the method takes them, motor side: {text}")
+    st.markdown(f"Used by the method, motor side: {text}")
     show_note(
         f"M and M2: {deviation_text(robot.inertia_std)}. "
         f"Torque scale: {deviation_text(robot.torque_std)}."
@@ -161,10 +161,10 @@ def _by_toml(ratios: Sequence[float]) -> KnownRobot | None:
     text = left.text_area(
         "TOML with M and M2, motor side, kg·m²",
         key="import toml",
-        placeholder="[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
+        placeholder="e.g.\n[inertia]\nM  = [0.0025, 0.0010]\nM2 = [[0.0041, 0.0004], [0.0004, 0.0019]]",
         height=150,
         persist_state="session",
-        help="As in a study's study.toml; the whole file will do, with its poses.",
+        help="As in study.toml; a whole study.toml, with poses, also works.",
     )
     return robot_from_toml(text) if text.strip() else None
 
@@ -225,7 +225,11 @@ def _row(label: str, name: str, example: str) -> tuple[str, str, str]:
 
 def _text(place: DeltaGenerator, label: str, name: str, example: str, help_: str | None = None) -> str:
     return place.text_input(
-        label, key=f"import {name}", placeholder=example, persist_state="session", help=help_
+        label,
+        key=f"import {name}",
+        placeholder=example_hint(example),
+        persist_state="session",
+        help=help_,
     )
 
 

@@ -101,7 +101,7 @@ def _known(signature: str) -> Mapping | None:
     place = place_for(_PART)
     if place is not None and signature not in known:
         known[signature] = None
-        with noting_problems("The mapping used before is not known any more. "):
+        with noting_problems("The earlier mapping is no longer known.  "):
             found = [entry for entry in store().entries(place) if entry.digest == signature]
             if found:
                 known[signature] = mapping_from_json(store().read(place, found[0].id))
@@ -148,9 +148,9 @@ def entries_of(key: str, table: LogTable) -> tuple[Entries, bool]:
 def offer_fresh_guess(key: str, table: LogTable) -> None:
     """Show that a mapping is used again, with the way back to the guess."""
     left, right = st.columns([4, 1], vertical_alignment="center")
-    needed = "" if inertias_given() else " Inertias are not: give those of this robot."
-    left.info(f"The entries that were used for these columns before are used again.{needed}")
-    if right.button("Guess afresh", key="guess_afresh"):
+    needed = "" if inertias_given() else " Inertias are not reused: enter those of this robot."
+    left.info(f"The earlier entries for these columns are used again.{needed}")
+    if right.button("Guess again", key="guess_afresh"):
         st.session_state[_FIRST][table.signature] = key
         _start_from(table, guessed(key, table).mapping)
         st.rerun()
@@ -168,7 +168,7 @@ def offer_again() -> None:
 
 def mapping_files(key: str, table: LogTable) -> None:
     """Save the mapping as JSON, or take one from a file."""
-    with st.popover("Save these entries, or take them from a file"):
+    with st.popover("Save these entries, or load them from a file"):
         text = mapping_to_json(mapping_of(key, table))
         download("Save the mapping (.json)", text, "mapping.json", "application/json")
         version = st.session_state.get(_VERSION, 0)
@@ -179,7 +179,7 @@ def mapping_files(key: str, table: LogTable) -> None:
                 for name in taken.columns:
                     table.column(name)
             except JointIdError as error:
-                show_error(f"{file.name} was not taken: {error}")
+                show_error(f"{file.name} was not used: {error}")
             else:
                 guess = guessed(key, table).mapping
                 _start_from(table, replace(taken, assumed=unchanged(taken, guess)))

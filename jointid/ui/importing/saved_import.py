@@ -183,10 +183,10 @@ def _restore() -> None:
     for name, digest in names:
         try:
             if digest not in entries:
-                raise JointIdError("It is not in the store any more.")
+                raise JointIdError("It is no longer in the store.")
             files.append(Dropped(name, store().read(place, entries[digest].id), digest))
         except JointIdError as error:
-            lost.append(f"{name} is not open any more: drop it again. {error}")
+            lost.append(f"{name} is no longer open: drop it again. {error}")
     hold(files)
     st.session_state[_LOST] = lost
     if files:

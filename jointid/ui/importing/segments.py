@@ -69,9 +69,9 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     summary = st.empty()
     _table(rows, labels, key)
     st.caption(
-        "Untick a run to leave it out, correct its times, or add one in the empty last row: without "
-        "a frequency it is estimated, of several lines at once each of them; where no steady line "
-        "explains the span, it becomes a motion record."
+        "Untick a run to leave it out, correct its times, or add one in the empty last row. Without "
+        "a frequency, all lines of the span are estimated; a span without a steady line becomes a "
+        "motion record."
     )
     for log, part in found.items():
         for note in getattr(part, "notes", ()):
@@ -118,7 +118,7 @@ def segment_of(row: Row, log: MappedLog, mapping_json: str) -> Segment | None:
     if row.frequency_hz is not None and row.frequency_hz <= 0:
         raise JointIdError(
             f"{significant(row.start_s)} to {significant(row.stop_s)} s: a frequency of "
-            f"{row.frequency_hz:g} Hz. Give a positive one, or none to have it estimated."
+            f"{row.frequency_hz:g} Hz. Enter a positive one, or leave it empty to estimate it."
         )
     hertz, motion = row.frequency_hz, row.motion and row.frequency_hz is None
     return _measured(row.log, mapping_json, row.start_s, row.stop_s, hertz, motion, log)
@@ -202,7 +202,7 @@ def _table(rows: Sequence[Row], labels: Mapping[str, str], key: str) -> None:
         _USE: column.CheckboxColumn(default=True, width="small"),
         _START: number(format="%.3f", required=True),
         _STOP: number(format="%.3f", required=True),
-        _HERTZ: number(format="%.5g", help="Leave it empty to have it estimated."),
+        _HERTZ: number(format="%.5g", help="Leave it empty to estimate it."),
     }
     if len(labels) > 1:
         columns[_LOG] = [labels[row.log] for row in rows]

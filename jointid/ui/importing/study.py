@@ -13,7 +13,7 @@ from jointid.importing.study import parse_date, study_name
 from jointid.study import INERTIA_STD
 from jointid.ui.importing.inertia import ask_inertia, ask_nominal, show_inertia
 from jointid.ui.shared.charts import NO_POSE
-from jointid.ui.shared.entries import ask_inertia_std, ask_torque_std, deviation_text
+from jointid.ui.shared.entries import ask_inertia_std, ask_torque_std, deviation_text, example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
@@ -93,13 +93,13 @@ def ask_robot(
     clicked = right.button("Open as study", type="primary", width="stretch")
     if assumed:
         st.markdown(
-            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: it "
-            "stays with the study, its report and its files. Confirm it in steps 2 and 3.]"
+            f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: "
+            "marked in the study, its report and its files. Confirm in steps 2 and 3.]"
         )
     if clicked and known is None:
         problem = problem or (
-            "The inertias are missing, or some of them: give those of all joints. K and D cannot be "
-            "found without them."
+            "Inertias are missing: enter those of all joints in step 5. K and D cannot be found "
+            "without them."
         )
     if problem:
         show_error(problem)
@@ -136,7 +136,9 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
 def _ask_facts() -> dict[str, Any]:
     """Which robot it is, when it was measured and how warm, and a note: parameters of ``Study``."""
     texts = {
-        key: place.text_input(label, key=f"import {key}", placeholder=example, persist_state="session")
+        key: place.text_input(
+            label, key=f"import {key}", placeholder=example_hint(example), persist_state="session"
+        )
         for place, (key, (label, example)) in zip(2 * st.columns(2), _FACTS.items(), strict=True)
     }
     warm = texts["gear temperature"].strip().removesuffix("°C")

@@ -13,6 +13,7 @@ from jointid.wording import file_stem
 T = TypeVar("T")
 _WIDE = 8
 """Columns of a table that is wider than the page."""
+_MOST_SEGMENTS = 8
 Table = Mapping[str, Sequence[Any]]
 """Columns by their heading."""
 NO_POSE = "as in [inertia]"
@@ -83,7 +84,15 @@ def choose_segment(
     hint: str | None = None,
     hide_label: bool = False,
 ) -> T:
-    """Ask for one of a few options side by side, at first the first; the address keeps the choice."""
+    """Ask for one of a few options side by side, of many in a list; the address keeps the choice.
+
+    At first the first one is chosen.
+    """
+    if len(options) > _MOST_SEGMENTS:
+        listed: T = st.selectbox(
+            label, options, key=key, bind="query-params", format_func=format_func, help=hint
+        )
+        return listed
     chosen = st.segmented_control(
         label,
         options,

@@ -1,6 +1,7 @@
 """Entries of forms, kept in the address; questions for the uncertainty of what is given."""
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -14,6 +15,7 @@ from jointid.ui.shared.parse_numbers import numbers_in
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)
 
+_NEGATIVE = re.compile(r"(?<!\w)-(?=\d)")
 _WORDS = {"exact": 0.0, "unknown": math.inf}
 _INERTIAS = ("exact", "± 1 %", "± 3 %", "± 5 %", "± 10 %", "± 30 %", "unknown")
 _NOT_STATED = "not stated"
@@ -43,7 +45,14 @@ def enter_text(
 ) -> str:
     """Ask for a text."""
     ask = place.text_input
-    return _kept(key, ask, value, label, value=value, help=help_ or None, placeholder=example)
+    return _kept(
+        key, ask, value, label, value=value, help=help_ or None, placeholder=example_hint(example)
+    )
+
+
+def example_hint(example: str) -> str:
+    """Write an example for an empty field so that it does not look entered."""
+    return f"e.g. {_NEGATIVE.sub('−', example)}" if example else ""
 
 
 def enter_number(

@@ -13,7 +13,6 @@ from streamlit.delta_generator import DeltaGenerator
 from jointid.ui.shared.markdown_escape import markdown_escape
 
 __all__ = [
-    "SHOWN_AT_MOTOR",
     "show_error",
     "show_info",
     "show_note",
@@ -21,8 +20,6 @@ __all__ = [
     "show_text_table",
     "show_warning",
 ]
-
-SHOWN_AT_MOTOR = "K and D of this table are seen from the motor, whatever unit the sidebar selects."
 
 
 def show_error(error: object, place: DeltaGenerator | None = None) -> None:
@@ -51,6 +48,12 @@ def show_progress(share: float, text: object, place: DeltaGenerator) -> None:
 
 
 def show_text_table(columns: Mapping[str, Sequence[Any]], place: DeltaGenerator | None = None) -> None:
-    """Show a small table without a frame of its own; headings and cells are text."""
-    escaped = {markdown_escape(name): [*map(markdown_escape, cells)] for name, cells in columns.items()}
+    """Show a small table without a frame of its own; headings and cells are text.
+
+    A column without a heading holds names of quantities.
+    """
+    escaped = {
+        markdown_escape(name or "Quantity"): [*map(markdown_escape, cells)]
+        for name, cells in columns.items()
+    }
     (place or st).table(escaped, hide_index=True)

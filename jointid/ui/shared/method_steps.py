@@ -16,9 +16,9 @@ class Step:
     """Description in one line."""
 
 
-OVERVIEW = Step("app.py", "Study", "The answer, and what to know before it is trusted.")
+OVERVIEW = Step("app.py", "Study", "The answer, its error bars and the verdict.")
 RECORDS = Step("pages/1_Records.py", "Records", "What was logged: each joint's angle and torque.")
-SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot whose springs are known.")
+SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot with known K and D.")
 IMPORT = Step(
     "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."
 )
@@ -26,7 +26,7 @@ PHASORS = Step("pages/2_Phasors.py", "Phasors", "Each sine becomes one complex n
 TRANSFER = Step("pages/3_Transfer_matrix.py", "Transfer matrix", "The robot without its controllers.")
 ELASTICITY = Step("pages/4_Elasticity.py", "Elasticity", "Stiffness and damping of every joint.")
 CUT = Step("pages/5_Cut.py", "Cut", "What knowing them is worth, in millimetres.")
-PLAN = Step("pages/6_Plan.py", "Plan", "The records that would cut the error bars most.")
+PLAN = Step("pages/6_Plan.py", "Plan", "Records that reduce the error bars most.")
 REPORT = Step("pages/7_Report.py", "Report and export", "A report, and files for other tools.")
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
 COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")

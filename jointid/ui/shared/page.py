@@ -1,6 +1,6 @@
 """The beginning of every page: settings, sidebar, and the chosen study."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,16 +11,20 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import is_dark, plot, side_by_side
+from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
 from jointid.ui.shared.refused_file import show_refused
 from jointid.ui.shared.sidebar import choose_study
 from jointid.ui.shared.workspace import open_study
 
+_SIDE_BY_SIDE = 3
+"""Joints whose figures are shown all at once."""
 _ICON = Path(__file__).with_name("icon.svg")
 # Contrast of 4.5 to 1 (WCAG AA) and a visible focus, where streamlit lacks them.
 _STYLE = """
+h2 { font-size: 1.75rem !important; }
+[data-testid="stAlert"] h2 { font-size: 1.35rem !important; padding: 0 0 0.5rem; }
 [data-testid="stCode"] code span { color: inherit !important; }
 :is(a, button, input, textarea, summary, main, [tabindex]):focus-visible {
   outline: 2px solid %s !important; outline-offset: 1px; }
@@ -86,8 +90,8 @@ class Page:
         description: str,
         *,
         heading: str = "**Joint {0}**",
-    ) -> None:
-        """Show one figure per joint, two side by side.
+    ) -> Sequence[int]:
+        """Show one figure per joint, two side by side; of many joints, that of the chosen one.
 
         Parameters
         ----------
@@ -97,13 +101,27 @@ class Page:
             Draws the figure of a joint, from 0.
         description, heading : str
             Alternative text and heading, with {0} for the joint's number.
+
+        Returns
+        -------
+        sequence of int
+            The joints drawn.
         """
-        for j, place in enumerate(side_by_side(self.study.inertia.n)):
+        joints = self.joints("joint")
+        for j, place in zip(joints, side_by_side(len(joints)), strict=True):
             with place:
-                if heading:
+                if heading and len(joints) > 1:
                     st.markdown(heading.format(j + 1))
                 figure = self.drawn(f"{what} {j}", partial(draw, j))
                 plot(figure, description.format(j + 1), key=f"{what} {j}")
+        return joints
+
+    def joints(self, key: str) -> Sequence[int]:
+        """Return the joints to draw: all of a few, of many the one that a choice selects."""
+        n = self.study.inertia.n
+        if n <= _SIDE_BY_SIDE:
+            return range(n)
+        return [choose_segment("Joint", range(n), key, format_func=lambda j: f"Joint {j + 1}")]
 
     def phasors(self) -> Phasors:
         """Return the phasors; without them, show the reason and end the page."""
@@ -146,7 +164,9 @@ def open_page(title: str) -> Page:
     show_refused()
     if choice is None:
         st.title("No study yet")
-        st.write("There are no sample studies beside the app. Open a .zip at the side, or make records:")
+        st.write(
+            "There are no sample studies beside the app. Open a .zip in the sidebar, or make records:"
+        )
         st.page_link(SIMULATE.path, label=SIMULATE.name)
         st.page_link(IMPORT.path, label=IMPORT.name)
         st.stop()

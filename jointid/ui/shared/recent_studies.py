@@ -67,11 +67,11 @@ def _show_storage(kept: dict[str, Entry]) -> None:
         for size in (sum(entry.size_bytes for entry in kept.values()), used, store.limit_bytes)
     )
     st.caption(
-        "Kept at this page's address: bookmark it. Who has the address sees these studies. "
+        "Kept at this page's address: bookmark it. Anyone with the address sees these studies. "
         f"They take {here} MiB; the store on this computer holds {all_of_it} of {limit} MiB."
     )
     if used > _NEARLY_FULL * store.limit_bytes:
-        st.warning("The store is nearly full: studies that were not opened for longest will be dropped.")
+        st.warning("The store is nearly full: the least recently opened studies will be deleted.")
 
 
 @st.cache_data(ttl=10, show_spinner=False)

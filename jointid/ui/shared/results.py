@@ -150,7 +150,7 @@ def computed_on_click(
         return None
     with place.container():
         bar = st.progress(0.0, "Computing")
-        st.button("Stop", key=f"{name}_stop", help="Ends the computation; nothing is kept of it.")
+        st.button("Stop", key=f"{name}_stop", help="Stops the computation and discards it.")
     try:
         found = compute(bar)
     except JointIdError as error:

@@ -13,15 +13,23 @@ function mark() {
     if ((wide || high) && /auto|scroll/.test(getComputedStyle(region).overflow)) region.tabIndex = 0;
     else region.removeAttribute("tabindex");
   }
+  // An upload area has a name and takes the focus: it is no mere decoration.
+  for (const area of document.querySelectorAll("section[role=presentation][aria-label]"))
+    area.setAttribute("role", "group");
 }
 
 export default function () {
-  const later = () => { clearTimeout(waiting); waiting = setTimeout(mark, 300); };
+  const later = () => { waiting ??= setTimeout(() => { waiting = undefined; mark(); }, 100); };
   const changes = new MutationObserver(later);
   changes.observe(document.body, { childList: true, subtree: true });
   addEventListener("resize", later);
+  document.fonts.addEventListener("loadingdone", later);  // of formulas
   later();
-  return () => { changes.disconnect(); removeEventListener("resize", later); };
+  return () => {
+    changes.disconnect();
+    removeEventListener("resize", later);
+    document.fonts.removeEventListener("loadingdone", later);
+  };
 }
 """
 _component = st.components.v2.component("jointid_scroll_regions", html="<i hidden></i>", js=_JS)

@@ -47,8 +47,9 @@ def choose_study() -> tuple[str, str, str] | None:
             list(STIFFNESS_UNITS),
             key="unit",
             bind="query-params",
-            help="For the answer, its tiles and the report. Through a gear ratio N, a stiffness K at "
-            "the motor is N² K at the joint. Figures, tables and files stay at the motor, in SI units.",
+            help="For the answer, its report and every table of K and D. Through a gear ratio N, a "
+            "stiffness K at the motor is N² K at the joint. Figures, gear laws and files stay at the "
+            "motor, in SI units.",
         )
         make_scroll_regions_focusable()
         equip_figures()
@@ -59,9 +60,11 @@ def _choose() -> str | None:
     """Ask which study. The choice lives in the session, and in the address so that it survives F5."""
     names = names_by_address()
     chosen = st.session_state.get("chosen") or st.query_params.get("study")
+    if chosen not in names and (spaced := str(chosen).replace("_", " ")) in names:
+        chosen = spaced  # as the sample's file is called
     if chosen is not None and chosen not in names:
         what = "The study of this address" if len(chosen) == _ID_LENGTH else f'"{chosen}"'
-        show_info(f"{what} is not in this workspace, or not any more. Open its file again.")
+        show_info(f"{what} is not, or no longer, in this workspace. Open its file again.")
     if chosen not in names:
         chosen = next(iter(sample_paths()), next(iter(names), None))
     st.session_state["chosen"] = chosen
@@ -72,7 +75,7 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="What was opened, simulated or imported at this address, and the sample studies.",
+        help="Studies opened, simulated or imported at this address, and the samples.",
     )
     if chosen is not None:
         set_in_address("study", chosen)

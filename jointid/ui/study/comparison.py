@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, JointIdError
+from jointid import Analysis, Inertia, JointIdError
+from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
 from jointid.rounding import significant
 from jointid.study import NOT_USABLE
@@ -14,7 +15,6 @@ from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import (
-    SHOWN_AT_MOTOR,
     show_error,
     show_info,
     show_text_table,
@@ -31,11 +31,18 @@ _CLEAR = 3.0
 
 def choose_other(page: Page) -> Page:
     """Ask for the second study and its estimator; end the page where it cannot be opened."""
-    names = list(names_by_address().values())
+    names, methods = list(names_by_address().values()), list(cached.ESTIMATORS)
+    similar = _similar(page, names)
     left, right = st.columns(2)
-    key = left.selectbox("Compare with", names, index=_similar(page, names), key="compare_study")
+    key = left.selectbox("Compare with", names, index=similar, key="compare_study")
+    # Without a partner, the paper's estimator is compared.
+    alone = names[similar] == page.key and page.method != "least-squares"
     method = right.selectbox(
-        "Its estimator", list(cached.ESTIMATORS), key="compare_estimator", help="See the sidebar."
+        "Its estimator",
+        methods,
+        index=methods.index("least-squares") if alone else 0,
+        key="compare_estimator",
+        help="See the sidebar.",
     )
     try:
         opened = open_study(key)
@@ -46,24 +53,31 @@ def choose_other(page: Page) -> Page:
 
 
 def _similar(page: Page, names: list[str]) -> int:
-    """Index of the next study with as many joints, by default the chosen one."""
-    own = names.index(page.key)
+    """Index of the next study of the same inertias, else of as many joints, else of the chosen one."""
+    own, given = names.index(page.key), page.study.inertia
+    partners: dict[str, Inertia] = {}
     for name in names[own + 1 :] + names[:own]:
         with suppress(JointIdError):
-            if open_study(name).study.inertia.n == page.study.inertia.n:
-                return names.index(name)
-    return own
+            partners[name] = open_study(name).study.inertia
+    alike = [name for name, inertia in partners.items() if inertia.n == given.n]
+    same = [name for name in alike if np.allclose(partners[name].M, given.M)]
+    return names.index(next(iter([*same, *alike, page.key])))
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
+    if same and page.method == other.method:
+        show_info("Both sides show one study and one estimator: choose another study or estimator.")
+        st.stop()
+    one_side = first.unit.side == second.unit.side and first.unit.angle == second.unit.angle
+    units = (first.unit, second.unit) if one_side else (AT_MOTOR, AT_MOTOR)
     try:
-        rows = compare(first.fit, second.fit, same_records=same)
+        rows = compare(first.fit, second.fit, same_records=same, units=units)
     except JointIdError as error:
         show_error(error)
         st.stop()
-    st.subheader(_sentence(rows, page, other), anchor=False)
+    st.header(_sentence(rows, page, other), anchor=False)
     for each, whose in ((first, page), (second, other)):
         if each.state == NOT_USABLE:
             show_warning(f"{whose.key}: {each.headline}")
@@ -83,7 +97,8 @@ def show_differences(page: Page, first: Analysis, other: Page, second: Analysis)
         else "σ is the standard error of the difference, with both errors independent. A common cause, "
         "such as a wrong torque constant of the same robot, changes both alike."
     )
-    st.caption(f"Difference: second study minus first. {SHOWN_AT_MOTOR}")
+    why = "" if one_side else ": one of the studies has no gear ratios"
+    st.caption(f"Difference: second study minus first. K and D {units[0].side}{why}.")
 
 
 def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> None:
@@ -91,8 +106,9 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
     if not (first.transfer_matrices and second.transfer_matrices):
         show_info(first.transfer_problem or second.transfer_problem)
         return
-    st.subheader("Both models", anchor=False)
-    for j, place in enumerate(side_by_side(first.fit.n)):
+    st.header("Both models", anchor=False)
+    joints = page.joints("compare_joint")
+    for j, place in zip(joints, side_by_side(len(joints)), strict=True):
         with place:
             figure = compared_models((first, second), (page.key, other.key), j, dark=page.dark)
             plot(figure, f"Magnitude of H{j + 1}{j + 1} of both studies", key=f"compare {j}")
@@ -101,20 +117,21 @@ def show_models(page: Page, first: Analysis, other: Page, second: Analysis) -> N
 def _sentence(rows: tuple[Difference, ...], page: Page, other: Page) -> str:
     stiffness = rows[: len(rows) // 2]
     if page.digest == other.digest:
-        if page.method == other.method:
-            return "Both sides show one study and one estimator: choose another study or estimator"
         largest = max(abs(row.relative) for row in stiffness)
         return f"The stiffnesses differ by at most {significant(100 * largest, 2)} %"
     clear = [row for row in stiffness if abs(row.sigmas) > _CLEAR]
     if not clear:
         return "The stiffnesses agree within their errors"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
-    return f"{markdown_escape(other.key)}, compared with {markdown_escape(page.key)}: {changes}"
+    lower = [row.relative < 0 for row in clear]
+    softer = "" if any(lower) != all(lower) else other.key if all(lower) else page.key
+    lead = f"{markdown_escape(softer)} is softer. " if softer else ""
+    return f"{lead}{markdown_escape(other.key)}, compared with {markdown_escape(page.key)}: {changes}"
 
 
 def _change(row: Difference) -> str:
     ratio = 1 + row.relative
-    if not 0.67 < ratio < 1.5:
+    if ratio >= 1.5:
         return f"{significant(ratio, 2)} times as stiff"
     return f"{significant(100 * abs(row.relative), 2)} % {'stiffer' if ratio > 1 else 'softer'}"
 

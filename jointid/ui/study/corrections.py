@@ -1,21 +1,33 @@
 """Changes that may remedy a finding: offered, previewed, made and taken back."""
 
+from dataclasses import replace
+
 import numpy as np
 import streamlit as st
 
 from jointid import Analysis, Finding, JointIdError, Study
-from jointid.answer import elasticity_quantities
 from jointid.corrections.changes import corrected, label
 from jointid.files.digest import study_digest
+from jointid.files.store import Store
 from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared import cached
 from jointid.ui.shared.messages import show_error, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.workspace import delete, keep, names_by_address, recent
+from jointid.ui.shared.workspace import (
+    delete,
+    keep,
+    keep_part,
+    names_by_address,
+    noting_problems,
+    place_for,
+    recent,
+    store,
+)
 from jointid.verdict.evidence import Change
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
 _SUFFIX = ", corrected"
+_PART = "corrections"
 
 
 def show_changes(page: Page) -> None:
@@ -24,7 +36,7 @@ def show_changes(page: Page) -> None:
         return
     with st.container(border=True):
         show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
-        before = st.session_state.get(_BEFORE, {}).get(page.digest)
+        before = _before(page.digest)
         if before in names_by_address():
             st.button("Undo the last change", key="undo_change", on_click=_undo, args=(before,))
 
@@ -47,7 +59,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
     with st.container(border=True):
         try:
             study = corrected(page.study, change)
-            after = cached.analysis(study_digest(study), page.method, study)
+            after = replace(cached.analysis(study_digest(study), page.method, study), unit=analysis.unit)
         except JointIdError as error:
             show_error(error)
             st.button("Close", key="cancel_change", on_click=_look_at, args=(None,))
@@ -63,20 +75,20 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
                 type="primary",
                 on_click=_apply,
                 args=(page, study),
-                help="Makes a new study with this change. The present one stays in the list.",
+                help="Makes a new study with this change. The current one stays in the list.",
             )
             st.button("Cancel", key="cancel_change", on_click=_look_at, args=(None,))
 
 
 def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
     columns = {"": ["State"]}
-    columns[""] += [f"{found.name} ({found.unit})" for found in elasticity_quantities(before.fit)]
+    columns[""] += [f"{found.name} ({found.unit})" for found in before.quantities]
     columns[""] += ["Residual / noise"]
     for heading, each in (("Now", before), ("With the change", after)):
         misfit = float(np.sqrt(each.fit.misfit))
         columns[heading] = [
             each.state,
-            *(found.shown[0] for found in elasticity_quantities(each.fit)),
+            *(found.shown[0] for found in each.quantities),
             significant(misfit, 2) if np.isfinite(misfit) else UNDETERMINED,
         ]
     return columns
@@ -87,10 +99,29 @@ def _look_at(chosen: tuple[str, str] | None) -> None:
 
 
 def _apply(page: Page, study: Study) -> None:
-    """Keep the corrected study and show it."""
-    st.session_state.setdefault(_BEFORE, {})[study_digest(study)] = st.session_state["chosen"]
+    """Keep the corrected study and show it; the workspace remembers what it was made from."""
+    digest, before = study_digest(study), str(st.session_state["chosen"])
     keep(study, page.key.removesuffix(_SUFFIX) + _SUFFIX)
+    with noting_problems("The change can be undone in this session only. "):
+        keep_part(_PART, lambda to, place: _note_before(to, place, digest, before))
+    st.session_state.setdefault(_BEFORE, {})[digest] = before
     _look_at(None)
+
+
+def _note_before(to: Store, place: str, digest: str, before: str) -> None:
+    to.put(place, "Study before a change", digest, before.encode())
+
+
+def _before(digest: str) -> str | None:
+    """Key of the study that a changed one was made from, read once per session."""
+    known: dict[str, str | None] = st.session_state.setdefault(_BEFORE, {})
+    if digest not in known:
+        known[digest] = None
+        with noting_problems():
+            if place := place_for(_PART):
+                found = [entry.id for entry in store().entries(place) if entry.digest == digest]
+                known[digest] = store().read(place, found[0]).decode() if found else None
+    return known[digest]
 
 
 def _undo(before: str) -> None:

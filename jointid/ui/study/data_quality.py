@@ -20,7 +20,7 @@ _ROUNDING_S = 1e-9
 
 def show_quality(page: Page) -> None:
     """Show the quality of every record, and what its figures mean."""
-    st.subheader("Quality of every record", anchor=False)
+    st.header("Quality of every record", anchor=False)
     if page.study.motion_records:
         table(motion_table(page.study.motion_records))
     if not page.study.sine_records:
@@ -31,15 +31,15 @@ def show_quality(page: Page) -> None:
         show_error(error)
     with st.expander("What the columns mean"):
         st.markdown(
-            "These are the figures of the joint that moves most.\n"
+            "Values of the joint with the largest motion.\n"
             "- **θ** is the motor's angle, **τ** its torque.\n"
             "- **S/N**, signal to noise: amplitude of the sine over its own standard error.\n"
             "- **Dist.**, distortion: amplitude of the harmonics over that of the sine. "
-            "Friction makes it.\n"
-            "- **Settl.**, settling: how much the sine of the first quarter differs from that of the "
-            "second half. Above 1 % the robot had not settled.\n"
-            "- **Found**: the frequency that the motor's angle has; it should be the stated one.\n"
-            "- **Jitter**: largest distance of a sample from its place on an even grid."
+            "Friction causes it.\n"
+            "- **Settl.**, settling: relative difference of the sine between the first quarter "
+            "and the second half. Above 1 % the robot had not settled.\n"
+            "- **Found**: frequency of the motor's angle; it should equal the stated one.\n"
+            "- **Jitter**: largest deviation of a sample time from a uniform grid."
         )
 
 
@@ -99,17 +99,19 @@ def motion_table(records: Sequence[MotionRecord]) -> Table:
     return columns | {"Jitter (ms)": [_figure(1e3 * x) if x else "0" for x in uneven]}
 
 
-def phasor_table(phasors: Phasors) -> Table:
-    """One row per record: amplitude and phase of every signal, with ± one standard error."""
+def phasor_table(phasors: Phasors, joint: int) -> Table:
+    """One row per record: amplitude and phase of one joint's angle and torque, with ± one error."""
     n = phasors.n
     z, error = phasors.z, phasors.standard_deviation / np.sqrt(2)  # half of the variance lies along z
     columns: dict[str, list[object]] = {
         "Record": list(phasors.labels),
         "Hz": [significant(f, 5) for f in phasors.omega / (2 * np.pi)],
     }
-    for k in range(2 * n):
-        # In mrad an angle and its error have fewer zeros, so that a narrow column holds both.
-        name, unit, times = (f"θm{k + 1}", "mrad", 1e3) if k < n else (f"τm{k - n + 1}", "N·m", 1.0)
+    # In mrad an angle and its error have fewer zeros, so that a narrow column holds both.
+    for k, name, unit, times in (
+        (joint, f"θ{joint + 1}", "mrad", 1e3),
+        (n + joint, f"τ{joint + 1}", "N·m", 1.0),
+    ):
         size = np.abs(z[:, k])
         columns[f"|{name}| ({unit})"] = [
             with_error(times * a, times * e) for a, e in zip(size, error[:, k], strict=True)

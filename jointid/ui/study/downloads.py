@@ -23,6 +23,7 @@ from jointid.exporting import (
 from jointid.exporting.tables import without_friction_and_delay
 from jointid.files.study_files import pack_study
 from jointid.ui.shared.charts import choose_segment, download
+from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.messages import show_error, show_info
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
 
@@ -32,8 +33,8 @@ _SNIPPETS = (
     ("SDF", ".sdf", sdf_snippet),
 )
 _HINTS = {
-    "Gear laws": "Torque over wind-up of every gear, motor side, up to the torque tried: for a 1-D "
-    "Lookup Table in Simulink, a CombiTable1Ds in Modelica, or an own controller."
+    "Gear laws": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
+    "records: for a 1-D Lookup Table in Simulink, a CombiTable1Ds in Modelica, or your own controller."
 }
 
 
@@ -45,7 +46,7 @@ def results(digest: str, method: str, _analysis: Analysis) -> Identification:
 
 def show_identification_files(found: Identification, analysis: Analysis, stem: str) -> None:
     """Offer K, D and their origin as JSON, TOML and MATLAB."""
-    st.subheader("K, D and how they were obtained", anchor=False)
+    st.header("K, D and how they were obtained", anchor=False)
     st.write(
         "With the state of the answer, covariance, friction, delay, and the inertias as given and as "
         "fitted. SI units, seen from the motors."
@@ -62,17 +63,17 @@ def show_identification_files(found: Identification, analysis: Analysis, stem: s
             "without friction and delay, and phasors.",
         )
     language = choose_segment("Copy K and D as", list(LANGUAGES), "copy_as")
-    st.code(code_listing(found, language), language=None)
+    st.code(code_listing(found, language), language=None, wrap_lines=language == "Text")
     with st.expander("The whole file"):
         st.code(to_toml(found), language="toml", height=360)
 
 
 def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
     """Offer phasors, gear laws and transfer matrix as CSV."""
-    st.subheader("Tables", anchor=False)
+    st.header("Tables", anchor=False)
     separate = f", and in separate columns from torques {without(analysis.fit)}"
     st.write(
-        "CSV with a header line, every number with all its digits. H as measured"
+        "CSV with a header line and full precision. H as measured"
         + (separate if without_friction_and_delay(analysis) else "")
         + "."
     )
@@ -93,21 +94,21 @@ def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
 def show_simulator_files(found: Identification, study: Study, stem: str) -> None:
     """Offer the joints as snippets for simulators; ask for gear ratios that the study does not state."""
     n, ratio = study.inertia.n, study.gear_ratios
-    st.subheader("For robot simulators", anchor=False)
+    st.header("For robot simulators", anchor=False)
     st.write(
-        "Simulators see the joints from the arm. Through a gear ratio N, a stiffness K of the motor "
-        "side becomes N²K; damping and rotor inertia likewise. These formats hold linear springs: a "
-        "nonlinear gear is replaced by the secant of its torsion curve at the largest torque tried, "
-        "which the file states."
+        "Simulators use joint-side values. With a gear ratio N, a stiffness K at the motor becomes "
+        "N²K at the joint; damping and rotor inertia likewise. These formats hold linear springs: the "
+        "secant of its torsion curve at the largest torque in the records replaces a nonlinear gear, "
+        "and the file states this torque."
     )
     if ratio is None:
         entered = st.text_input(
             "Gear ratios, motor turns per joint turn" + (", one per joint" if n > 1 else ""),
             key="gears",
             bind="query-params",
-            placeholder=", ".join(["100", "80", "60", "50", "50", "50"][:n]),
-            help="Negative where the motor turns the other way than its joint. "
-            "One number holds for all joints.",
+            placeholder=example_hint(", ".join(["100", "80", "60", "50", "50", "50"][:n])),
+            help="Negative if motor and joint turn in opposite directions. "
+            "One number applies to all joints.",
         )
     else:
         entered = numbers_out(ratio)
@@ -124,12 +125,12 @@ def show_simulator_files(found: Identification, study: Study, stem: str) -> None
         except JointIdError as error:
             show_error(error)
     else:
-        st.caption("Without gear ratios there is no snippet: an error in a ratio counts by its square.")
+        st.caption("The snippet needs the gear ratios: an error in a ratio enters squared.")
 
 
 def show_study_files(study: Study, stem: str) -> None:
     """Offer the study itself."""
-    st.subheader("The study", anchor=False)
+    st.header("The study", anchor=False)
     st.write("study.toml and one table per record: readable without this software.")
     with st.container(horizontal=True):
         download(

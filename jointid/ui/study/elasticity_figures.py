@@ -1,7 +1,7 @@
 """Figures of the page Elasticity, one per joint."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import streamlit as st
 
@@ -84,18 +84,21 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
 def _show_torsion(page: Page, analysis: Analysis) -> None:
     st.caption(
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
-        "K; damping opens the loops, one per record or segment, coloured by frequency and drawn with "
-        "± two standard errors."
+        "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
-    page.show_per_joint(
+    choices: list[Literal["frequency", "amplitude"]] = ["frequency", "amplitude"]
+    by = st.segmented_control(
+        "Colour of the records", choices, default="frequency", key="torsion_colour"
+    )
+    joints = page.show_per_joint(
         "torsion",
-        lambda j: torsion_curve(analysis.fit, j, dark=page.dark),
+        lambda j: torsion_curve(analysis.fit, j, colour_by=by or "frequency", dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
-    each = [gear_terms(analysis.fit, j) for j in range(analysis.fit.n)]
+    each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
-        {"Joint": [f"{j}" for j in range(1, len(each) + 1)]}
+        {"Joint": [f"{j + 1}" for j in joints]}
         | {name: [terms.get(name, "–") for terms in each] for name in names}
     )
     download(

@@ -6,12 +6,18 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit
-from jointid.answer import ERROR_BARS, friction_note, further_quantities, model_name
+from jointid.answer import (
+    ERROR_BARS,
+    elasticity_quantities,
+    friction_note,
+    further_quantities,
+    model_name,
+)
 from jointid.estimation.candidates import Candidate
-from jointid.rounding import plain, significant, with_error
+from jointid.rounding import plain, significant
 from jointid.ui.shared.cached import ESTIMATORS
 from jointid.ui.shared.charts import Table, table
-from jointid.ui.shared.messages import SHOWN_AT_MOTOR, show_text_table
+from jointid.ui.shared.messages import show_text_table
 
 
 def show_estimates(analysis: Analysis) -> None:
@@ -19,7 +25,7 @@ def show_estimates(analysis: Analysis) -> None:
     show_text_table(estimates_table(analysis))
     st.caption(
         f"All pages show **{analysis.fit.method}**; the sidebar selects another. {ERROR_BARS} "
-        f"{SHOWN_AT_MOTOR} "
+        f"K and D {analysis.unit.side}. "
         "The linear estimators keep the given inertias, so their error bars contain the whole "
         "uncertainty of these."
     )
@@ -69,16 +75,13 @@ def _left_over(candidate: Candidate) -> str:
 def estimates_table(analysis: Analysis) -> Table:
     """K, D ± standard error of every estimator, and the nominal values."""
     fits = {analysis.fit.method: analysis.fit} | dict(analysis.fits)
-    nominal = analysis.study.nominal
-    n = analysis.fit.n
+    nominal = analysis.nominal
     columns: dict[str, list[object]] = {"Estimator": [*fits]}
-    for k in range(2 * n):
-        name = f"K{k + 1} (N·m/rad)" if k < n else f"D{k - n + 1} (N·m·s/rad)"
-        values = [np.concatenate([fit.K, fit.D])[k] for fit in fits.values()]
-        errors = [fit.standard_error[k] for fit in fits.values()]
-        columns[name] = [with_error(v, e) for v, e in zip(values, errors, strict=True)]
+    found = [elasticity_quantities(fit, analysis.unit) for fit in fits.values()]
+    for k, same in enumerate(zip(*found, strict=True)):
+        cells = columns[f"{same[0].name} ({same[0].unit})"] = [each.shown[0] for each in same]
         if nominal is not None:
-            columns[name].append(plain(float(np.concatenate([nominal.K, nominal.D])[k])))
+            cells.append(plain(float(f"{nominal[k]:.5g}")))
     columns["Residual / noise"] = [significant(float(np.sqrt(fit.misfit)), 2) for fit in fits.values()]
     if nominal is not None:
         columns["Estimator"].append("nominal")

@@ -76,10 +76,10 @@ def show_element(page: Page, analysis: Analysis, pose: str, i: int, j: int) -> N
     st.caption(caption + freed_note(analysis.fit))
 
 
-def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
-    """Condition and reciprocity over frequency, what was rejected, and the matrix as numbers."""
+def show_how_well_known(matrix: TransferMatrix, i: int, j: int, *, dark: bool) -> None:
+    """Condition and reciprocity over frequency, what was rejected, and H_ij as numbers."""
     if matrix.H.shape[1] > 1:
-        st.subheader("How well H is known", anchor=False)
+        st.header("How well H is known", anchor=False)
         st.write(
             "With a condition number of 1 the torques of the records are orthogonal; at 100 their "
             "noise is amplified about a hundredfold. The reciprocity error is the largest difference "
@@ -89,23 +89,21 @@ def show_how_well_known(matrix: TransferMatrix, *, dark: bool) -> None:
         plot(torque_condition(matrix, dark=dark), what)
     for text in matrix.rejected:
         show_info(text)
-    table(matrix_table(matrix))
-    st.caption("As measured. |H| in 1/(kg·m²) with ± one standard error.")
+    table(element_table(matrix, i, j))
+    st.caption("The chosen element as measured. |H| in 1/(kg·m²) with ± one standard error.")
 
 
-def matrix_table(matrix: TransferMatrix) -> Table:
-    """One row per frequency: magnitude of every element with its standard error, phase, condition."""
+def element_table(matrix: TransferMatrix, i: int, j: int) -> Table:
+    """One row per frequency: magnitude of H_ij, and H_ji, with standard error; phase; condition."""
     n = matrix.H.shape[1]
     columns: dict[str, list[object]] = {"Hz": [significant(f, 5) for f in matrix.omega / (2 * np.pi)]}
     error = matrix.standard_deviation / np.sqrt(2)
-    for i in range(n):
-        for j in range(n):
-            size = np.abs(matrix.H[:, i, j])
-            columns[f"|H{i + 1}{j + 1}|"] = [
-                with_error(a, e) for a, e in zip(size, error[:, i, j], strict=True)
-            ]
-            angle = np.degrees(np.angle(matrix.H[:, i, j]))
-            columns[f"∠H{i + 1}{j + 1} (°)"] = [minus(f"{a:.1f}") for a in angle]
+    for row, column in dict.fromkeys([(i, j), (j, i)]):
+        size, angle = (f(matrix.H[:, row, column]) for f in (np.abs, np.angle))
+        name = f"H{row + 1}{column + 1}"
+        pairs = zip(size, error[:, row, column], strict=True)
+        columns[f"|{name}|"] = [with_error(a, e) for a, e in pairs]
+        columns[f"∠{name} (°)"] = [minus(f"{a:.1f}") for a in np.degrees(angle)]
     if n > 1:
         columns["Condition"] = [significant(c, 3) for c in matrix.condition]
         columns["Reciprocity (%)"] = [significant(100 * e, 2) for e in matrix.reciprocity_error]

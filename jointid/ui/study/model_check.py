@@ -1,7 +1,5 @@
 """Model validation: prediction of left-out records, residuals, harmonics, poses, amplitudes."""
 
-from contextlib import suppress
-
 import numpy as np
 import streamlit as st
 
@@ -12,7 +10,6 @@ from jointid.study import NOT_USABLE
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
-from jointid.ui.study.uncertainty_panels import names_of
 from jointid.uncertainty.poses import PoseFits, fits_by_pose
 from jointid.uncertainty.validation import (
     Prediction,
@@ -21,6 +18,7 @@ from jointid.uncertainty.validation import (
     predict_left_out,
     record_residuals,
 )
+from jointid.verdict.rules_model import EXPLAINED
 
 
 @st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")
@@ -28,7 +26,8 @@ def _prediction(digest: str, method: str, _analysis: Analysis) -> Prediction:
     inertias = _analysis.study.inertias
     if any(inertia is not inertias[0] for inertia in inertias):
         raise JointIdError(
-            "The records come from several poses, so that there is no single H to predict."
+            "The records come from several poses, so that there is no single H to predict. The tab "
+            "Poses on the page Elasticity compares K and D of each pose alone."
         )
     return predict_left_out(_analysis.phasors, inertias[0], _analysis.fit)
 
@@ -41,19 +40,32 @@ def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """How well the model predicts records that are left out, in one line; nothing where it cannot."""
-    if page.study.motion_records or analysis.state == NOT_USABLE:
+    """How well the model predicts records that are left out of the fit, or why that is not known."""
+    if analysis.state == NOT_USABLE:
         return
-    with suppress(JointIdError):
-        st.caption(_sentence(_prediction(page.digest, page.method, analysis)))
+    try:
+        if page.study.motion_records:
+            raise JointIdError("One motion covers all frequencies, so that none can be left out.")
+        text = f"Records left out of the fit are predicted {_sentence(_predicted(page, analysis))}"
+    except JointIdError as error:
+        text = f"No prediction of records left out of the fit. {error}"
+    show_note(text)
+
+
+def _predicted(page: Page, analysis: Analysis) -> Prediction:
+    return _prediction(page.digest, page.method, analysis)
 
 
 def _sentence(prediction: Prediction) -> str:
+    """Size of the deviation, judged as the verdict judges the misfit of all records."""
     apart = significant(100 * float(np.median(prediction.relative_error)), 2)
-    times = significant(float(np.sqrt(prediction.misfit)), 2)
+    times, limit = (significant(float(np.sqrt(x)), 2) for x in (prediction.misfit, EXPLAINED))
+    text = f"within {apart} % of H (median), {times} × the stated errors"
+    if prediction.misfit <= EXPLAINED:
+        return f"{text}; noise explains up to {limit}."
     return (
-        f"Prediction of records left out of the fit: H within {apart} % (median), {times} × the stated "
-        "errors; about 1 when the model holds."
+        f"{text}, where {limit} is the most that noise explains: the model lacks something, or these "
+        "records do not show all that the whole fit takes into account."
     )
 
 
@@ -61,11 +73,11 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     """Prediction, residuals and harmonics; amplitudes when a study has several."""
     st.markdown("**Prediction of records left out of the fit**")
     try:
-        prediction = _prediction(page.digest, page.method, analysis)
+        prediction = _predicted(page, analysis)
     except JointIdError as error:
         show_info(error)
     else:
-        st.caption("Fits to every second frequency predict H at the others. " + _sentence(prediction))
+        st.caption(f"Fits to every second frequency predict the others {_sentence(prediction)}")
         what = "Measured and predicted H over frequency, and their relative difference"
         plot(left_out_prediction(prediction, dark=page.dark), what, key="left_out")
 
@@ -96,8 +108,8 @@ def _show_harmonics(page: Page, analysis: Analysis) -> None:
         "A linear gear has no harmonics of the excitation. Odd harmonics indicate friction, even ones "
         "backlash or a one-sided load. Pale bars: within the noise."
     )
-    n = analysis.fit.n
-    for j, place in enumerate(side_by_side(n)):
+    n, joints = analysis.fit.n, page.joints("harmonics_joint")
+    for j, place in zip(joints, side_by_side(len(joints)), strict=True):
         with place:
             st.markdown(f"Joint {j + 1}")
             figure = harmonic_bars(content, n + j, analysis.phasors.labels, dark=page.dark)
@@ -131,10 +143,13 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         "agree."
     )
     columns: dict[str, list[str]] = {"Pose": [*(name or NO_POSE for name in fits.names), "Distance"]}
-    for k, name in enumerate(names_of(analysis)):
-        pairs = zip(fits.estimates[:, k], fits.standard_error[:, k], strict=True)
-        columns[name] = [
-            *(with_error(v, e) for v, e in pairs),
+    pairs = [
+        (analysis.unit.shown(value), analysis.unit.shown(error))
+        for value, error in zip(fits.estimates, fits.standard_error, strict=True)
+    ]
+    for k, found in enumerate(analysis.quantities):
+        columns[f"{found.name} ({found.unit})"] = [
+            *(with_error(value[k], error[k]) for value, error in pairs),
             significant(float(fits.significance[k]), 2),
         ]
     show_text_table(columns)

@@ -20,7 +20,7 @@ from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest
 
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "records": ("Records", 2, (1, 20)),
-    "seconds": ("Seconds each", 20.0, (2.0, 120.0)),
+    "seconds": ("Length of each (s)", 20.0, (2.0, 120.0)),
     "from": ("From (Hz)", 2.0, (0.1, 1000.0)),
     "to": ("To (Hz)", 40.0, (0.2, 2000.0)),
 }

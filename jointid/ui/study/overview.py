@@ -42,14 +42,14 @@ def show_headline(analysis: Analysis, page: Page | None = None) -> None:
     With a page, the reason comes with its finding and the changes that may remedy it.
     """
     if analysis.state == NOT_USABLE:
-        lead = f"#### {markdown_escape(analysis.headline)}"
+        lead = f"## {markdown_escape(analysis.headline)}"
         if page is None:
             st.error(lead)
         else:
             _finding(page, analysis, analysis.findings[0], lead)
         return
     st.markdown(f":{_STATE_COLOURS[analysis.state]}-badge[{analysis.state.capitalize()}]")
-    st.subheader(analysis.headline, anchor=False)
+    st.header(analysis.headline, anchor=False)
     if analysis.caution:
         show_note(analysis.caution)
     if analysis.unit.is_default and str(st.session_state.get("unit")).endswith("joint"):

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, ElasticityFit, Inertia, JointIdError
-from jointid.answer import UNITS
+from jointid import Analysis, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
-from jointid.rounding import UNDETERMINED, minus, significant, with_error
+from jointid.rounding import UNDETERMINED, minus, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
-from jointid.ui.shared.messages import SHOWN_AT_MOTOR, show_text_table
+from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
     PlannedRecords,
@@ -51,7 +51,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     torque, velocity = largest_so_far(analysis)
     one, two, three, four = st.columns(4)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
-    seconds = enter_number(two, "plan_seconds", "Seconds each", 4.0, (0.1, 600.0))
+    seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
     # A study's limits are its own: the key holds its digest.
     torques, velocities = (
         enter_text(
@@ -127,7 +127,7 @@ def suggested_table(found: Suggestion) -> Table:
         columns[f"Velocity {j + 1} (rad/s)"] = [significant(v, 3) for v in velocity]
     columns["Length (s)"] = [f"{s:g}" for s in records.duration_s.tolist()]
     worst = found.relative_error.argmax(axis=1)[1:]
-    columns["Worst error after it"] = [
+    columns["Worst error afterwards"] = [
         f"{found.names[k]} {'± ' * bool(np.isfinite(e))}{percent(e)}"
         for k, e in zip(worst, found.worst[1:].tolist(), strict=True)
     ]
@@ -160,12 +160,11 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     JointIdError
         When a cell is empty, or the plan is no experiment.
     """
-    st.subheader("A plan of your own", anchor=False)
     st.write("Change the records, add some, or delete some; the table shows the expected accuracy.")
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
-    show_text_table(predicted_table(errors, analysis.fit))
-    st.caption(SHOWN_AT_MOTOR)
+    show_text_table(predicted_table(errors, analysis))
+    st.caption(f"K and D {analysis.unit.side}.")
     return plan
 
 
@@ -186,7 +185,7 @@ def _edit_plan(found: Suggestion, digest: str) -> dict[str, list[float | None]]:
         hide_index=True,
         key=f"own_plan_{digest[:12]}",
         column_config={name: number(format="%g", required=True) for name in start},
-        alt="A plan of your own",
+        alt="Your own plan",
     )
     return {str(name): list(values) for name, values in dict(edited).items()}
 
@@ -240,17 +239,15 @@ def _predicted(
     )
 
 
-def predicted_table(errors: PredictedErrors, fit: ElasticityFit) -> Table:
+def predicted_table(errors: PredictedErrors, analysis: Analysis) -> Table:
     """Error bars today, as everywhere else, with the plan alone, and with both."""
-    columns: dict[str, list[str]] = {"": [f"{name} ({UNITS[name[0]]})" for name in errors.names]}
-    columns["Today"] = [
-        with_error(v, e) for v, e in zip(errors.estimate, fit.standard_error, strict=True)
-    ]
-    for name, values in (("This plan alone", errors.planned), ("Both together", errors.together)):
-        columns[name] = [
-            f"± {significant(float(e), 2)}" if np.isfinite(e) else UNDETERMINED for e in values
-        ]
-    return columns
+    today = analysis.quantities
+    return {
+        "": [f"{found.name} ({found.unit})" for found in today],
+        "Today": [found.shown[0] for found in today],
+        "This plan alone": plus_minus(analysis.unit.shown(errors.planned)),
+        "Both together": plus_minus(analysis.unit.shown(errors.together)),
+    }
 
 
 def percent(error: float) -> str:
@@ -273,9 +270,9 @@ def _from_first_joint(torque: Complexes) -> Complexes:
 
 
 def _degrees(values: Complexes) -> Floats:
-    """Phase, with −180° and −0° written as 180° and 0°."""
-    angle = np.degrees(np.angle(values))
-    return np.asarray(np.where(angle < -179.5, angle + 360, angle) + 0.0)
+    """Phase from 0° to 359.5°: an editable grid has no typographic minus."""
+    angle = np.degrees(np.angle(values)) % 360
+    return np.asarray(np.where(angle < 359.5, angle, 0.0))
 
 
 def _phasor(value: complex) -> str:

@@ -37,7 +37,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
     with st.container(horizontal=True):
         download("Report as PDF", made.pdf, f"{stem}_report.pdf", "application/pdf", kind="primary")
         download("Report as HTML", made.html, f"{stem}_report.html", "text/html")
-    with st.expander("Look at it"):
+    with st.expander("Preview"):
         preview(made.html, height=700)
 
 
@@ -45,9 +45,9 @@ def _write(analysis: Analysis, progress: Callable[[float, str], object]) -> Made
     report = run_in_background(
         make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
     )
-    progress(0.6, "Setting the pages for the screen")
+    progress(0.6, "Preparing the HTML report")
     html = run_in_background(to_html, report)
-    paper = "Setting the pages for paper"
+    paper = "Preparing the PDF report"
     progress(0.65, paper)
     pdf = run_in_background(to_pdf, report, progress=lambda done: progress(0.65 + 0.35 * done, paper))
     return MadeReport(html, pdf)

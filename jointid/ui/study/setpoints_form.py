@@ -21,16 +21,20 @@ from jointid.wording import file_stem
 
 _LIMITS = {
     "gear_ratio": ("Gear ratios", "100, 90", "Motor turns per joint turn, negative when reversed."),
-    "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As the robot shows it."),
+    "start_deg": ("Start pose (°), all axes", "0, -90, 90, 0, 45, 0", "As displayed by the robot."),
     "lower_deg": ("Lowest positions (°)", "-170, -60", ""),
     "upper_deg": ("Highest positions (°)", "170, 60", ""),
     "velocity_deg_s": ("Velocities (°/s)", "105, 101", "Largest velocities of the joints."),
     "acceleration_deg_s2": ("Accelerations (°/s²)", "300, 250", "Largest accelerations of the joints."),
     "torque_Nm": ("Motor torques (N·m)", "20, 12", "Largest torques of the motors."),
     "load_Nm": ("Motor torques at rest (N·m)", "", "Such as gravity in the start pose; empty: none."),
-    "axes": ("Axes of the robot", "1, 2", "Which axes the joints of the study are; empty: the first."),
+    "axes": (
+        "Axes of the robot",
+        "1, 2",
+        "Axes that are the joints of the study; empty: the first.",
+    ),
 }
-_SUPERPOSED = "Against stiction: every record is then made forth and back."
+_SUPERPOSED = "Avoids stiction; every record then runs forward and back."
 _OPTIONAL = ("load_Nm", "axes")
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "scale": ("Scale of the motion", 1.0, (0.001, 100.0)),
@@ -50,10 +54,9 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     JointIdError
         When an entry is wrong or a limit is exceeded.
     """
-    st.subheader("Set points for the robot", anchor=False)
     st.write(
-        "The plan above as a motion of the joints, for the controller. It is played on the simulated "
-        "robot first; a file exists only within all limits. Read its head before use."
+        "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
+        "first; a file is written only if all limits hold. Read its header before use."
     )
     ratios = analysis.study.gear_ratios
     entered = {} if ratios is None else {"gear_ratio": numbers_out(ratios)}
@@ -65,7 +68,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     one, two, three, four = st.columns(4)
     kind = choose_from(one, "setpoints_kind", "Motion", list(_KINDS))
     file_format = choose_from(two, "setpoints_format", "Format", list(FORMATS), _title)
-    interval_hint = "Empty: the usual one of the format."
+    interval_hint = "Empty: the default of the format."
     interval = enter_text(three, "setpoints_interval", "Interval (ms)", "", interval_hint)
     numbers: list[Any] = [
         enter_number(place, f"setpoints_{key}", *entry)
@@ -106,7 +109,7 @@ def show_set_points(page: Page, plan: PlannedRecords, analysis: Analysis, pose: 
     chosen = FORMATS[file_format]
     name = f"{file_stem(analysis.study.name)}_set_points{chosen.ending}"
     download(f"Save the set points ({chosen.title})", lambda: points.text().encode(), name, "text/plain")
-    with st.expander("Head of the file"):
+    with st.expander("Header of the file"):
         st.code("\n".join(points.comments), language=None, height=360)
 
 

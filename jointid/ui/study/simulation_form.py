@@ -34,20 +34,20 @@ from jointid.ui.shared.entries import (
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
 
 _RECORDS = {
-    "Sines, all joints, another phase each time": "orthogonal",
+    "Sines, all joints, a new phase in each record": "orthogonal",
     "Sines, one joint at a time, the others held": "one-at-a-time",
     "Sweeps": "sweep",
     "Multisines on odd lines": "multisine",
     "Random motion": "random",
     "Point-to-point moves": "moves",
 }
-_COUNT_HELP = "Number of sines. Of another motion, every joint gives one record, at least two."
+_COUNT_HELP = "Number of sines. Other motions: one record per joint, at least two."
 _M2_HELP = (
     "On the diagonal each joint's own inertia, off it the coupling inertia: how much torque one joint "
     "needs because the other accelerates. Motor side: divided by both gear ratios."
 )
 _WRONG_HELP = (
-    "The study's inertias differ from the robot's by this much, each up or down at random; the fit must "
+    "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
     "correct them."
 )
 _GAIN_HELP = (
@@ -62,7 +62,7 @@ _ROBOT = {
         "0.004104, 0.000395; 0.000395, 0.001889",
         _M2_HELP,
     ),
-    "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, against the motion."),
+    "coulomb": ("Coulomb friction (N·m)", "0.02, 0.01", "Constant, opposite to the motion."),
     "viscous": ("Viscous friction (N·m·s/rad)", "0, 0", "Grows with the velocity."),
 }
 """Label, default and explanation of each text."""
@@ -80,13 +80,17 @@ _EXPERIMENTS: dict[str, tuple[Any, ...]] = {
 _LAWS = {
     "cubic": ("Cubic stiffness (N·m/rad³)", "Torque c δ³ in addition to K δ: the gear hardens."),
     "backlash_rad": ("Backlash (rad)", "Total play, seen from the motor."),
-    "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop, after Dahl."),
+    "hysteresis_Nm": ("Hysteresis (N·m)", "Half the height of the loop (Dahl model)."),
     "presliding_rad": ("Presliding (rad)", "Hysteresis over the initial slope of its loop."),
+    "K2": ("K2 (N·m/rad)", "Slope beyond the torque T1; 0: no change of slope."),
+    "K3": ("K3 (N·m/rad)", "Slope beyond the torque T2."),
+    "T1_Nm": ("T1 (N·m)", "Torque from which the slope is K2."),
+    "T2_Nm": ("T2 (N·m)", "Torque from which the slope is K3."),
 }
 """Label and explanation of the laws of a gear, one number for all joints or one each."""
 _ADDED_HELP = (
-    "All experiments are made again with a payload of known mass at a known place. Its inertia, motor "
-    "side, is exact; it fixes the absolute torque scale."
+    "Repeats all experiments with a payload of known mass and position. Its inertia, motor side, is "
+    "exact and determines the torque scale."
 )
 
 
@@ -147,9 +151,9 @@ def ask() -> Settings | None:
         key: enter_number(place, f"sim_{key}", *entry)
         for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
     }
-    st.markdown("**What the study is given**")
+    st.markdown("**What the study states**")
     left, right = st.columns(2)
-    wrong = enter_number(left, "sim_wrong", "Inertias wrong by (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
+    wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
     inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)
     left, right = st.columns(2)
     gain = enter_text(left, "sim_gain", "Logged torque / true torque", "1", _GAIN_HELP)

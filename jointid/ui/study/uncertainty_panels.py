@@ -1,6 +1,7 @@
 """Uncertainty of K and D: error bars, their parts, inertias as given and fitted, and checks."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from time import monotonic
 
 import numpy as np
@@ -16,7 +17,6 @@ from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
-    SHOWN_AT_MOTOR,
     show_info,
     show_progress,
     show_text_table,
@@ -27,6 +27,7 @@ from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
+from jointid.wording import capitalised
 
 _PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
@@ -59,7 +60,7 @@ def show_errors(analysis: Analysis) -> None:
     show_text_table(errors_table(analysis))
     st.caption(
         f"Estimator: **{analysis.fit.method}**. {ERROR_BARS} The squares of its parts add up to its "
-        f"square. {SHOWN_AT_MOTOR}"
+        f"square. K and D {analysis.unit.side}."
     )
     if analysis.study.torque_std is None:
         st.caption(UNSTATED_TORQUE_SCALE)
@@ -67,16 +68,17 @@ def show_errors(analysis: Analysis) -> None:
 
 def errors_table(analysis: Analysis) -> Table:
     """One row per parameter: estimate, parts of its error, and the paper's answer."""
-    fit, found = analysis.fit, elasticity_quantities(analysis.fit)
-    header, rows = error_table(fit)
+    fit, found = analysis.fit, analysis.quantities
+    header, rows = error_table(fit, analysis.unit)
     columns: dict[str, Sequence[str]] = {
         "": [f"{quantity.name} ({quantity.unit})" for quantity in found],
         "Estimate": [quantity.shown[0] for quantity in found],
     }
-    columns |= dict(list(zip(header, _columns(rows), strict=True))[2:])  # after name and whole error
+    parts = zip(map(capitalised, header), _columns(rows), strict=True)
+    columns |= dict(list(parts)[2:])  # after name and whole error
     if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
-    paper = elasticity_quantities(analysis.fits["least-squares"])
+    paper = elasticity_quantities(analysis.fits["least-squares"], analysis.unit)
     pairs = list(zip(paper, found, strict=True))
     known = [np.isfinite([one.error, other.error]).all() for one, other in pairs]
     apart = [difference(one.value, other.value) for one, other in pairs]
@@ -101,7 +103,8 @@ def difference(other: float, value: float) -> str:
 
 def show_inertias(analysis: Analysis) -> None:
     """Inertias and torque scales as given and as fitted, and the change of K and D by each."""
-    show_text_table(dict(zip(PRIOR_HEADER, _columns(row.cells for row in analysis.priors), strict=True)))
+    heads, cells = map(capitalised, PRIOR_HEADER), _columns(row.cells for row in analysis.priors)
+    show_text_table(dict(zip(heads, cells, strict=True)))
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation σ that the "
         "study states. Fitted: together with K and D."
@@ -141,7 +144,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "frequency at a time; its scatter includes every cause but the inertias, which all records "
         "share: compare it with the part from noise. A factor of two is normal. A jackknife far above "
         "it indicates a wrong model; a bootstrap far above the range of 68 % of its draws indicates "
-        "outliers by noise."
+        "outliers caused by noise."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
     draws = _SLOW_DRAWS if slow else _FAST_DRAWS
@@ -156,13 +159,18 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     drawn, left_out = checks
     names, fit = names_of(analysis), analysis.fit
     low, high = drawn.interval(0.68)
-    columns = {"": names, "Stated": _errors(fit.standard_error)}
-    columns["Bootstrap"] = _errors(drawn.standard_error)
-    columns["68 % of the draws"] = _errors((high - low) / 2)
-    columns["From noise"] = _errors(fit.noise_error)
+    errors = {
+        "Stated": fit.standard_error,
+        "Bootstrap": drawn.standard_error,
+        "68 % of the draws": (high - low) / 2,
+        "From noise": fit.noise_error,
+    }
     if isinstance(left_out, Jackknife):
-        columns["Jackknife"] = _errors(left_out.standard_error)
-    show_text_table(columns)
+        errors["Jackknife"] = left_out.standard_error
+    show_text_table(
+        {"": [f"{quantity.name} ({quantity.unit})" for quantity in analysis.quantities]}
+        | {name: plus_minus(analysis.unit.shown(error)) for name, error in errors.items()}
+    )
     if drawn.failed:
         st.caption(f"{drawn.failed} draws allowed no estimate and are left out.")
     if isinstance(left_out, str):
@@ -189,7 +197,8 @@ def _checks(
         return drawn, str(error)
 
 
-def _errors(values: Floats) -> list[str]:
+def plus_minus(values: Floats) -> list[str]:
+    """Write standard errors with their sign."""
     return [f"± {significant(float(x), 2)}" if np.isfinite(x) else UNDETERMINED for x in values]
 
 
@@ -205,8 +214,12 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
     except JointIdError as error:
         show_info(error)
         return
+    units = dict(zip(names, analysis.unit.units(analysis.fit.n), strict=True))
+    size = dict(zip(names, analysis.unit.shown(np.ones(len(names))), strict=True))
+    scale = np.array([size[first], size[second]])
+    shown = [replace(e, centre=e.centre * scale, outline=e.outline * scale) for e in ellipses]
     plot(
-        confidence_outlines(ellipses, dark=page.dark),
+        confidence_outlines(shown, units, dark=page.dark),
         f"Confidence ellipses of {first} and {second}",
         key="ellipses",
     )

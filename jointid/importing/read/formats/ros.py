@@ -71,7 +71,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         return states
     start = min(log.start_ns for log in logs.values())
     signals = [signal for topic, log in logs.items() for signal in log.signals(topic, start)]
-    note = "Topics are put together at their times of recording."
+    note = "Topics are merged by their times of recording."
     together = tables_of_signals(file, signals, (note,))
     complete = any(column.where == "effort" for table in states for column in table.columns)
     return (*states, *together) if complete else (*together[:1], *states, *together[1:])
@@ -134,8 +134,8 @@ class _TopicLog:
             )
         if len(self._layouts) > _MOST_JOINTS:
             raise JointIdError(
-                f"{self._file}: its messages name ever other joints, more than {_MOST_JOINTS} sets of "
-                "them: record the state of one robot."
+                f"{self._file}: its messages name more than {_MOST_JOINTS} different sets of "
+                "joints: record the state of one robot."
             )
 
     def signals(self, topic: str, start_ns: int) -> list[Signal]:

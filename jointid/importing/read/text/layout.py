@@ -80,7 +80,7 @@ def decoded(file: str, data: bytes) -> str:
             if not stated:
                 raise _no_text(file) from error
             raise JointIdError(
-                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are none: "
+                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are not:  "
                 "the file is damaged. Export it again."
             ) from error
         # What Windows programs of western Europe write; Latin-1 never fails.

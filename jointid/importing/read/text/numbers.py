@@ -74,7 +74,7 @@ def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) ->
             plain = next((cell for cell in marked if decimal in cell), "")
             raise JointIdError(
                 f'{file}: "{grouped[0]}" may be {_both(grouped[0], thousands)}'
-                + (f', as "{plain}" stands there, too' if plain else "")
+                + (f', because "{plain}" occurs as well' if plain else "")
                 + ". Export without marks between thousands, or with one decimal mark throughout."
             )
         shown, meant = proof or grouped[0], value_of(proof or grouped[0], decimal, thousands)
@@ -88,7 +88,7 @@ def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) ->
     # Every number with a mark has three digits after it, and none begins with 0.
     if decimal == ",":
         raise JointIdError(
-            f'{file}: "{marked[0]}" may be {_both(marked[0], ",")}: all its commas stand before three '
+            f'{file}: "{marked[0]}" may be {_both(marked[0], ",")}: each comma precedes three '
             "digits. Export with decimal points, or with another number of decimals."
         )
     return f'Points are read as decimal marks: "{marked[0]}" is not {marked[0].replace(".", "")}.'

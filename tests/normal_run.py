@@ -1,0 +1,194 @@
+"""Variants of costly tests that a normal run tries; ``--long``, as in CI, tries every variant.
+
+By file and test, patterns of the names that pytest prints in brackets; a test without patterns belongs
+to long runs. Tests that are not here run whole.
+"""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
+    "test_answer.py": {
+        "test_a_negative_viscous_friction_is_explained": ("viscous1*",),
+    },
+    "test_any_study.py": {
+        "test_a_study_is_answered_alike_twice_or_refused": (),
+    },
+    "test_app.py": {
+        "test_wrong_inertias_and_torque_scale_are_corrected_by_a_known_payload": (),
+    },
+    "test_arm.py": {
+        "test_energy_and_angular_momentum_are_kept": ("parallelogram",),
+    },
+    "test_arm_side.py": {
+        "test_jitter_of_the_clock_is_resampled": (),
+    },
+    "test_closed_loop.py": {
+        "test_default_settling_time_settles_friction": (),
+        "test_friction_converges_with_the_square_of_the_step": (),
+    },
+    "test_corrections.py": {
+        "test_a_fault_of_all_records_is_taken_out_again": ("joint*", "torque 1 reversed"),
+    },
+    "test_cut_page.py": {
+        "test_of_another_robot_custom_values_are_its_own": (),
+        "test_of_other_than_two_joints_is_a_demonstration": ("three joints",),
+    },
+    "test_figures.py": {
+        "test_every_figure_names_its_axes_with_units_and_its_meanings_once": ("True-2", "True-1"),
+    },
+    "test_gears.py": {
+        "test_a_play_of_a_sixth_of_the_deflection_is_found": (),
+        "test_play_is_not_taken_for_slopes": (),
+        "test_simulated_records_obey_their_law": ("hysteresis", "backlash"),
+        "test_the_cut_agrees_with_an_independent_integration": ("hysteresis", "hardening"),
+    },
+    "test_hostile_pages.py": {
+        "test_every_tab_about_a_hostile_study": ("Ellipses*",),
+    },
+    "test_import_inertia.py": {
+        "test_the_page_asks_how_well_inertias_and_torque_scale_are_known": ("chosen2*",),
+    },
+    "test_import_joined.py": {
+        "test_the_page_joins_them_and_can_leave_it": (),
+    },
+    "test_import_kept.py": {
+        "test_entries_of_another_kind_are_set_aside": ("x", "null"),
+        "test_two_sessions_at_one_address_do_not_disturb_each_other": (),
+        "test_what_is_damaged_is_said_and_the_rest_is_open": ("log",),
+    },
+    "test_import_multisine.py": {
+        "test_elasticity_of_a_noisy_multisine": (),
+        "test_harmonics_of_one_sine_are_no_lines": ("harmonics2",),
+        "test_lines_over_a_decade_with_short_rests": ("lines0", "lines1"),
+    },
+    "test_import_page.py": {
+        "test_what_is_no_inertia_is_said_and_stays": ("0.001, 0.002*",),
+        "test_what_is_no_log_is_said_and_the_others_open": ("",),
+    },
+    "test_import_roles.py": {
+        "test_a_clock_inside_a_matrix_and_velocities_take_no_role": ("first-*",),
+    },
+    "test_import_segments.py": {
+        "test_multisine_gives_one_record_per_line": ("0.001",),
+    },
+    "test_import_tables.py": {
+        "test_workbook_bomb_is_refused": (),
+    },
+    "test_import_untaken.py": {
+        "test_frequencies_that_change_without_a_pause_are_runs_of_their_own": ("0.04",),
+        "test_no_piece_of_a_sweep_is_a_sine": ("4-*",),
+        "test_sweep_gives_no_runs_and_is_told": ("logarithmic*",),
+    },
+    "test_inertia_prior.py": {
+        "test_linear_estimators_carry_the_prior_in_their_errors": ("weighted",),
+    },
+    "test_likelihood.py": {
+        "test_a_linear_estimate_that_heavy_friction_throws_off_is_no_end": ("(40, -1*",),
+        "test_a_long_lag_alone_is_no_friction": (),
+        "test_another_beginning_is_found_also_where_the_model_does_not_fit_well": (),
+        "test_any_law_of_friction_leaves_the_answer": ("Coulomb", "Stribeck*"),
+        "test_parts_that_are_demanded_are_fitted_also_where_there_are_none": (
+            "False-*-maximum-likelihood", "True-True-True-auto",
+        ),
+        "test_the_gradient_is_that_of_the_cost": ("*-0.1",),
+    },
+    "test_motion.py": {
+        "test_an_initial_state_does_not_change_the_answer": (),
+        "test_inertias_need_not_be_known": (),
+        "test_motions_of_two_joints": ("*-moves", "None-sweep", "inf-random"),
+        "test_without_noise_k_and_d_are_exact": ("1000.0*",),
+    },
+    "test_motion_records.py": {
+        "test_a_log_of_any_motion_becomes_a_motion_record_with_its_band": ("moves", "sweep"),
+        "test_everything_is_made_of_a_study_with_motions": ("both",),
+        "test_sweeps_do_not_become_steady_sines": ("12.0",),
+        "test_torques_of_another_robot_are_no_usable_answer": (),
+    },
+    "test_outcome.py": {
+        "test_a_stiffness_error_costs_its_share_of_the_rigid_servos_error": ("0.5", "2.0"),
+    },
+    "test_payload.py": {
+        "test_a_known_payload_fixes_the_absolute_scale": ("0",),
+    },
+    "test_physics.py": {
+        "test_elasticity_does_not_depend_on_the_controllers": ("maximum*",),
+        "test_response_does_not_depend_on_the_controllers": ("2",),
+    },
+    "test_plan.py": {
+        "test_prediction_against_campaigns": (),
+        "test_uncertain_inertias_are_part_of_the_prediction": ("*-1", "inf-2"),
+    },
+    "test_record_scatter.py": {
+        "test_records_that_disagree_widen_the_errors": ("0.0",),
+        "test_right_errors_stay_as_they_are": ("0.0",),
+    },
+    "test_report.py": {
+        "test_a_figure_gives_way_before_it_leaves_a_page_empty": ("0", "20"),
+        "test_no_page_but_the_last_is_mostly_empty": ("2",),
+        "test_other_numbers_of_joints_have_no_cut": ("1",),
+    },
+    "test_report_page.py": {
+        "test_the_report_is_made_on_demand_and_kept": ("2",),
+    },
+    "test_sensor_steps.py": {
+        "test_rounding_of_slow_and_sticking_motion_is_claimed": ("67.0-*",),
+    },
+    "test_setpoints.py": {
+        "test_no_file_of_a_random_plan_exceeds_a_limit": ("?",),
+        "test_no_scale_helps_where_rest_exceeds_the_limit": (),
+        "test_over_a_limit_nothing_is_written": ("acceleration*",),
+        "test_the_played_motion_gives_k_and_d_back": ("multisine",),
+        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines",),
+    },
+    "test_sine_fit.py": {
+        "test_stated_covariance_is_the_scatter_of_the_phasors": (
+            "just over eight", "many", "coloured", "*one period*",
+        ),
+    },
+    "test_tolerance.py": {
+        "test_and_with_every_option_of_the_servo": ("serial",),
+        "test_the_map_is_made_of_single_cuts": ("0.01-*",),
+    },
+    "test_tracking.py": {
+        "test_identified_parameters_cut_within_hundredths_of_a_millimetre": ("0.01*",),
+        "test_pymunk_agrees_with_an_independent_integration": ("0.01-*",),
+    },
+    "test_transfer_matrix.py": {
+        "test_covariance_is_the_scatter_of_the_elements": ("*-1",),
+    },
+    "test_trust_pages.py": {
+        "test_the_bootstrap_agrees_with_the_stated_errors": ("1",),
+    },
+    "test_uncertainty.py": {
+        "test_bootstrap_agrees_with_the_stated_errors": ("weighted", "least-squares"),
+        "test_bootstrap_draws_the_given_inertias_as_well": ("weighted*",),
+        "test_bootstrap_sees_the_bias_of_least_squares": (),
+        "test_bootstrap_with_friction": (),
+        "test_influence_predicts_what_other_given_inertias_do": ("*-2",),
+        "test_jackknife_agrees_on_average": ("weighted",),
+    },
+    "test_validation.py": {
+        "test_prediction_errs_as_stated": ("maximum-likelihood-1", "least-squares-2"),
+    },
+    "test_verdict.py": {
+        "test_exchanged_joints_and_units_that_inertias_absorb": ("sound*", "<lambda>-inertia3*"),
+        "test_factor_of_one_record_is_named": ("1-87.0*", "-1-1-*-six"),
+        "test_one_record_in_degrees_is_named_and_no_inertia_blamed": ("0-auto",),
+        "test_what_is_wrong_in_every_record_accuses_none": ("sound-0.97",),
+        "test_wrong_scale_comes_first_and_hides_what_follows_from_it": ("57*",),
+    },
+    "test_wheel.py": {
+        "test_the_sdist_makes_the_same_wheel": (),
+    },
+    "test_workspace.py": {
+        "test_another_session_at_the_address_continues": ("1",),
+    },
+}  # fmt: skip
+
+
+def of_long_run(file: str, test: str, variant: str) -> bool:
+    """Whether only a long run tries this variant of a test."""
+    tried = VARIANTS.get(file, {}).get(test)
+    return tried is not None and not any(fnmatchcase(variant, pattern) for pattern in tried)
