@@ -26,9 +26,6 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.estimation.candidates import positive_moments
-from jointid.estimation.effects import EFFECTS
-from jointid.estimation.effects import LAWS as NONLINEAR
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import (
@@ -38,8 +35,10 @@ from jointid.estimation.likelihood import (
     scores,
 )
 from jointid.estimation.linear_fit import weighted
+from jointid.estimation.model_average import positive_moments
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.parameters import EFFECTS, ParameterLayout
+from jointid.estimation.parameters import LAWS as NONLINEAR
 from jointid.estimation.residual import Residual, fitted_layout, make_problem
 from jointid.motion.friction import friction_waveforms
 

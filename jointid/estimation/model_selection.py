@@ -21,14 +21,14 @@ from jointid.estimation.candidates import (
     Choice,
     Fits,
     Model,
-    spread_by_prior,
+    fit_model,
+    model_waveforms,
 )
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, Score, maximum_likelihood, scores
+from jointid.estimation.likelihood import LikelihoodEstimate, Score, scores
+from jointid.estimation.model_average import spread, spread_of_links
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import Block, ParameterLayout, Parameters
-from jointid.estimation.residual import LOWEST_LINK, make_problem, with_law_noise
+from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, LAWS, Block, ParameterLayout, Parameters
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -36,10 +36,8 @@ from jointid.estimation.start_values import (
     with_play,
     without_inertias,
 )
-from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
-from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 _RICHER = {
@@ -82,8 +80,6 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
-_USUAL_LINK = 10.0
-"""Mode of a link of a usual arm, over the joint's with free motor."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -167,48 +163,6 @@ def _searched(search: _Search) -> Choice:
             if other.fits.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
-
-
-def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
-    """Friction waveforms of a model; None without friction."""
-    if model.reversal is None:
-        return None
-    return friction_waveforms(phasors, model.reversal, curve=model.curve)
-
-
-def fit_model(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    start: Floats | Parameters,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given."""
-    return maximum_likelihood(
-        phasors,
-        prior,
-        start,
-        friction=waveforms or model_waveforms(phasors, model),
-        delay=model.delay,
-        effects=model.effects,
-        noise=noise,
-    )
-
-
-def evaluated(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    scale: Floats,
-) -> WhitenedResidual:
-    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
-    waveforms = model_waveforms(phasors, model)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
-    return WhitenedResidual.of(problem, estimate.p, scale)
 
 
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
@@ -494,19 +448,11 @@ class _Search:
     def choice(self, best: Model) -> Choice:
         """The best model with the candidates, and how far others that explain the data differ."""
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
-        spread = self.fits.spread(best, self.scores(best)) + self._spread_of_reversals(best)
-        return Choice(best, found, candidates, spread + self._spread_of_links(best))
-
-    def _spread_of_links(self, best: Model) -> Floats:
-        """Covariance of K and D by links that a model lacks, shape (2n, 2n).
-
-        Links bend like −s⁴c; with uncertain inertias, K and M2 imitate most of it.
-        """
-        found, score = self.fits.tried[best], self.scores(best).get("link")
-        if isinstance(found, JointIdError) or score is None or self.phasors.motion.any():
-            return np.zeros((2 * self.phasors.n,) * 2)
-        wide, usual = (self.prior.link_std(found.named.K, t) for t in (LOWEST_LINK, _USUAL_LINK))
-        return spread_by_prior(score, wide, usual, max(1.0, found.misfit))
+        scored = self.scores(best)
+        whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
+        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
+            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:
         """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).

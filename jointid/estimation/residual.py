@@ -18,11 +18,10 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import ARM_EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.parameters import ARM_EFFECTS, GEAR_LAWS, LAWS, ParameterLayout, Parameters
 from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images

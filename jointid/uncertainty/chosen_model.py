@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import maximum_likelihood
 from jointid.estimation.linear_fit import LINEAR, Estimate
 from jointid.estimation.noise import Noise
+from jointid.estimation.parameters import EFFECTS
 from jointid.estimation.residual import Problem, make_problem
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
