@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from examples import tries
 
-from benchmarks.independent_robot import simulate
-from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case
+from benchmarks.independent_robot import Robot, simulate
+from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case, Loads
 from benchmarks.whole_error import (
     CASES,
     INERTIA_COLUMNS,
@@ -103,6 +103,21 @@ def test_few_frequencies_show_links_as_well() -> None:
     assert max(each.standard_error.max() for each in links) < 0.03, told(links)
     bounds = np.array([least(campaign) for campaign in campaigns["rigid"]])
     assert np.median([each.standard_error for each in rigid] / bounds) < 1.1 * 1.2
+
+
+@pytest.mark.parametrize(("share", "run"), [(0.02, 0), (0.1, 2)])
+def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
+    """A search that takes the laws one by one ended 68 standard errors off."""
+
+    def change(_: Robot, loads: Loads) -> dict[str, Any]:
+        dahl = {"hysteresis_Nm": share * loads.torque, "hysteresis_rad": share * loads.deflection}
+        return dahl | {"backlash_rad": 0.06 * loads.deflection}
+
+    found = outcomes([Case(change=change, band=(0.5, 3.0, 8)).campaign(run, noise=0.01)])
+    assert np.abs(found[0].z).max() < 5, told(found)
+    assert np.abs(found[0].error).max() < 0.01, told(found)
+    assert found[0].analysis is not None
+    assert all(set(gear.laws) == {"backlash", "hysteresis"} for gear in found[0].analysis.fit.gears)
 
 
 @pytest.mark.parametrize("name", KINDS["others"])

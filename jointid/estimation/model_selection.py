@@ -337,6 +337,9 @@ class _Search:
         for start in starts:
             if not fits.misfit(wider) < _LOST:
                 self.fit(wider, start)
+        stuck = fits.misfit(wider) >= fits.misfit(narrow) > _POOR  # one more part cannot raise the cost
+        if stuck and wider.is_slow and self.starts.get(wider, 0) < _MOST_STARTS:
+            self.fit(wider, self.start)
 
     def _extensions(self, model: Model) -> list[Model]:
         """Models with one more part that may lower the cost significantly."""
