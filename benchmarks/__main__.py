@@ -33,6 +33,8 @@ LONG = {
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",
+    "six_axes": "K and D of six axes with friction and an unknown payload, sines and motions",
+    "arm_side": "K from sensors behind the gears: errors, skew, predictions of other records",
     "setpoints": "10,000 random experiments as set points: no limit exceeded in a written file",
     "mutated_logs": "100,000 damaged logs over all readers: only tables and JointIdError",
     "friction": "what friction and an untold delay do to the estimators",

@@ -1,19 +1,27 @@
 """Stiffness from second encoders on random six-axis robots: errors, pulls, skew, predictions.
 
-python -m benchmarks.arm_side [cases]
+python -m benchmarks.arm_side [cases]    or  python -m benchmarks arm_side
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 
 import numpy as np
 
+from benchmarks.harness import Table
 from jointid import identify_arm_side
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, motion_record, random_truth
 
+COLUMNS = {"robots": "", "K found": ".0f", "refused": ".0f", "K off %, median": ".2f", "largest": ".2f",
+           "pull, rms": ".2f", "beyond 3 σ": ".0f", "skew off, largest, ms": ".4f",
+           "prediction off, median, arc s": ".1f", "largest, arc s": ".1f"}  # fmt: skip
+QUIET = {"eccentricity": 2.0, "ripple": 1.0, "teeth": 2.0, "vibration": 0.3, "hysteresis": 2.0}
 
-def table(title: str, payload_known: bool, cases: int, **changes: float) -> None:
+
+def row(title: str, payload_known: bool, cases: int, **changes: float) -> dict[str, str | float]:
+    """Errors over random robots; each fit predicts another record of its robot."""
     pulls, errors, skews, left, refused = [], [], [], [], 0
     for seed in range(cases):
         truth = random_truth(np.random.default_rng(seed), **changes)
@@ -30,26 +38,22 @@ def table(title: str, payload_known: bool, cases: int, **changes: float) -> None
         rest = other.theta_rad / ROBOT.gear_ratio - other.arm_rad - fit.predict(other)
         left += list(rest[:, :SENSORS].std(axis=0) / ARC_SECOND)
     pull = np.array(pulls)
-    print(
-        f"{title:34s} {cases:5d} {pull.size:5d} {refused:7d} {np.median(errors):8.2f}"
-        f" {np.max(errors):7.2f}"
-        f" {np.mean(pull):6.2f} {np.sqrt(np.mean(pull**2)):6.2f} {np.sum(np.abs(pull) > 2):4d}"
-        f" {np.sum(np.abs(pull) > 3):4d} {np.max(skews):9.4f}"
-        f" {np.median(left):7.1f} {np.max(left):7.1f}",
-        flush=True,
-    )
+    figures = [title, pull.size, refused, np.median(errors), max(errors), np.sqrt(np.mean(pull**2))]
+    figures += [np.sum(np.abs(pull) > 3), max(skews), np.median(left), max(left)]
+    return dict(zip(COLUMNS, figures, strict=True))
 
 
-def main() -> None:
-    cases = int(sys.argv[1]) if len(sys.argv) > 1 else 50
-    print(
-        f"{'records of 20 s, skew 0 to 5 ms':34s} cases    K refused  K err %  max % pull"
-        "   rms  > 2  > 3  skew ms  predict and max, arc seconds"
+def measure(quick: bool, cases: int = 50) -> Iterator[Table]:
+    """Return the table for ``python -m benchmarks arm_side``."""
+    cases = 1 if quick else cases
+    rows = (
+        row("payload unknown by 40 kg", False, cases),
+        row("payload known, quiet gear", True, cases, **QUIET),
     )
-    quiet = {"eccentricity": 2.0, "ripple": 1.0, "teeth": 2.0, "vibration": 0.3, "hysteresis": 2.0}
-    table("payload unknown by 40 kg", False, cases)
-    table("payload known, quiet gear", True, cases, **quiet)
+    title = f"Second encoders, {cases} robots, 20 s each, skew of 0 to 5 ms"
+    yield Table("arm_side", title, COLUMNS, rows)
 
 
 if __name__ == "__main__":
-    main()
+    for each in measure(False, int(sys.argv[1]) if len(sys.argv) > 1 else 50):
+        print(each.markdown(), flush=True)

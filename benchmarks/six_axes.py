@@ -1,22 +1,33 @@
-"""Six axes with gravity and heavy friction: accuracy, findings and processor time of one analysis."""
+"""Six axes with gravity and heavy friction: accuracy, findings and processor time of one analysis.
+
+python -m benchmarks.six_axes [--quick]    or  python -m benchmarks six_axes
+"""
 
 from __future__ import annotations
 
+import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from benchmarks.harness import Table
 from jointid import (
     Controller,
     Elasticity,
     Excitation,
     Measurement,
+    Motion,
+    MotionRecord,
     MotorFriction,
     RobotModel,
+    SineRecord,
     Study,
     analyse,
+    simulate_motion,
     simulate_records,
 )
 
@@ -29,44 +40,74 @@ FRICTION = MotorFriction(
 )
 
 
-def main() -> None:
-    robot = RobotModel.load(ROBOT)
+COLUMNS = {"records": "", "prior": ".2f", "payload σ, kg": ".0f", "payload off, kg": ".0f",
+           "K off %": ".3f", "D off %": ".3f", "K σ %": ".3f", "D σ %": ".3f",
+           "noise alone: K %": ".3f", "D %": ".3f", "CPU s": ".1f", "findings": ""}  # fmt: skip
+CASES = ((0.0, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 40.0, 35.0), (0.05, 40.0, 35.0))
+"""Prior of the inertias, standard deviation and error of the payload, kg."""
+
+
+def records_of(kind: str, robot: RobotModel, frequencies: int) -> list[SineRecord] | list[MotionRecord]:
+    """Sine records of a pattern, or six motions of 20 s."""
     K = JOINT_K / robot.gear_ratio**2
     elasticity, inertia = Elasticity(K, DAMPING_S * K), robot.inertia(POSE)
-    print("pattern          std   payload   K off %   D off %   K std %   D std %   CPU s   findings")
-    for pattern in ("orthogonal", "one-at-a-time"):
-        records = simulate_records(
-            inertia,
-            elasticity,
-            np.geomspace(3, 40, 14),
-            excitation=Excitation(pattern=pattern),
-            controller=Controller(),
-            friction=FRICTION,
-            measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
+    noise = Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01)
+    if kind == "motions":
+        motion = Motion("random", 3.0, 40.0, 20.0)
+        return list(
+            simulate_motion(inertia, elasticity, motion, records=6, friction=FRICTION, measurement=noise)
         )
-        for std, mass_std in ((0.0, 0.0), (0.05, 0.0), (0.0, 40.0)):
-            carrying = robot.with_payload(mass_std=mass_std)
-            study = Study(
-                records,
-                carrying.inertia(POSE),
-                robot_model=carrying,
-                pose_angles_rad={"": POSE},
-                inertia_std=std,
-            )
-            with threadpool_limits(1):
-                begin = time.process_time()
-                found = analyse(study)
-                spent = time.process_time() - begin
-            fit, true = found.fit, np.concatenate([elasticity.K, elasticity.D])
-            off = 100 * np.abs(fit.estimate / true - 1).reshape(2, 6).max(axis=1)
-            sigma = 100 * (fit.standard_error / true).reshape(2, 6).max(axis=1)
-            levels = [f"{f.level}: {f.title}" for f in found.findings if f.level != "good"]
-            numbers = f"{off[0]:7.3f}   {off[1]:7.3f}   {sigma[0]:9.3f}   {sigma[1]:9.3f}   {spent:5.1f}"
-            print(
-                f"{pattern:15}  {std:.2f}   {mass_std:4.0f} kg   {numbers}   {'; '.join(levels)}",
-                flush=True,
-            )
+    return simulate_records(
+        inertia,
+        elasticity,
+        np.geomspace(3, 40, frequencies),
+        excitation=Excitation(pattern=kind),
+        controller=Controller(),
+        friction=FRICTION,
+        measurement=noise,
+    )
+
+
+def row(
+    kind: str, records: Any, robot: RobotModel, std: float, mass_std: float, off: float
+) -> dict[str, Any]:
+    """Accuracy, findings and processor time of one analysis.
+
+    python -m benchmarks.six_axes [--quick]    or  python -m benchmarks six_axes
+    """
+    carrying = robot.with_payload(mass=robot.payload.mass + off, mass_std=mass_std)
+    study = Study(
+        records,
+        carrying.inertia(POSE),
+        robot_model=carrying,
+        pose_angles_rad={"": POSE},
+        inertia_std=std,
+    )
+    with threadpool_limits(1):
+        begin = time.process_time()
+        found = analyse(study)
+        spent = time.process_time() - begin
+    K = JOINT_K / robot.gear_ratio**2
+    fit, true = found.fit, np.concatenate([K, DAMPING_S * K])
+    worst = [
+        (100 * np.abs(part / true)).reshape(2, 6).max(axis=1)
+        for part in (fit.estimate - true, fit.standard_error, fit.noise_error)
+    ]
+    levels = [f"{f.level}: {f.title}" for f in found.findings if f.level != "good"]
+    figures = [kind, std, mass_std, off, *np.concatenate(worst).tolist(), spent, "; ".join(levels)]
+    return dict(zip(COLUMNS, figures, strict=True))
+
+
+def measure(quick: bool) -> Iterator[Table]:
+    """Return one table for each kind of records."""
+    robot = RobotModel.load(ROBOT)
+    for kind in ("orthogonal",) if quick else ("orthogonal", "one-at-a-time", "motions"):
+        records = records_of(kind, robot, 6 if quick else 14)
+        cases = CASES[:1] if quick else CASES[2:3] if kind == "motions" else CASES
+        rows = tuple(row(kind, records, robot, *case) for case in cases)
+        yield Table("six_axes", f"Six axes with friction: {kind}", COLUMNS, rows)
 
 
 if __name__ == "__main__":
-    main()
+    for each in measure("--quick" in sys.argv):
+        print(each.markdown(), flush=True)

@@ -50,7 +50,7 @@ class JointIdError(ValueError):
 
 
 def _shortened(message: str) -> str:
-    """Return a message without its middle where it is too long; what to do stands at its end."""
+    """Return a message without its middle if it is too long; the remedy at its end remains."""
     if len(message) <= _MOST:
         return message
     return f"{message[: _MOST - 1000]} … {message[-900:]}"

@@ -18,7 +18,7 @@ from jointid.small_matrices import inverse
 from jointid.wording import counted
 
 _SLOWEST = 1e-3
-"""Frequency that stands for zero where gravity acts, rad/s."""
+"""Frequency used in place of zero where gravity acts, rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,8 @@ class Inertia:
     shared : array_like, shape (n, n), optional
         Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
         payload, kg·m². By default zero.
+    shared_gravity : array_like, shape (n, n), optional
+        Change of ``gravity`` by the same standard deviation, N·m/rad. By default zero.
 
     Raises
     ------
@@ -58,6 +60,8 @@ class Inertia:
     """Stiffness of gravity, shape (n, n), N·m/rad; zero without it."""
     shared: Floats
     """Change of M2 by one standard deviation of the common unknown, shape (n, n), kg·m²."""
+    shared_gravity: Floats
+    """Change of the gravity stiffness by the same, shape (n, n), N·m/rad."""
 
     def __init__(
         self,
@@ -66,6 +70,7 @@ class Inertia:
         added: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
         shared: ArrayLike | None = None,
+        shared_gravity: ArrayLike | None = None,
     ) -> None:
         rotor = finite_array("M (rotor inertias, kg·m²)", M, ndim=1)
         n = rotor.size
@@ -83,6 +88,7 @@ class Inertia:
         object.__setattr__(self, "gravity", _gravity(gravity, n))
         common = np.zeros((n, n)) if shared is None else _symmetric("shared", "change of M2", shared, n)
         object.__setattr__(self, "shared", frozen(common))
+        object.__setattr__(self, "shared_gravity", _gravity(shared_gravity, n, "shared_gravity"))
 
     @property
     def n(self) -> int:
@@ -103,7 +109,9 @@ class Inertia:
             When it is not symmetric or has another shape, or the sum is no inertia.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
-        return Inertia(self.M, self.M2 + more, self.added + more, self.gravity, self.shared)
+        return Inertia(
+            self.M, self.M2 + more, self.added + more, self.gravity, self.shared, self.shared_gravity
+        )
 
 
 def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) -> Floats:
@@ -124,14 +132,14 @@ def dynamic_arm_inertia(omega: ArrayLike, inertia: Inertia | Sequence[Inertia]) 
     return np.asarray(M2 - gravity / squared[:, None, None])
 
 
-def _gravity(values: ArrayLike | None, n: int) -> Floats:
+def _gravity(values: ArrayLike | None, n: int, name: str = "gravity") -> Floats:
     if values is None:
         return frozen(np.zeros((n, n)))
-    matrix = finite_array("gravity (stiffness of gravity, N·m/rad)", values, ndim=2)
+    matrix = finite_array(f"{name} (stiffness of gravity, N·m/rad)", values, ndim=2)
     if matrix.shape != (n, n):
-        raise JointIdError(f"gravity has shape {matrix.shape}: expected ({n}, {n}).")
+        raise JointIdError(f"{name} has shape {matrix.shape}: expected ({n}, {n}).")
     if np.abs(matrix - matrix.T).max() > 1e-6 * np.abs(matrix).max():
-        raise JointIdError("gravity must be symmetric: it is the second derivative of an energy.")
+        raise JointIdError(f"{name} must be symmetric: it is the second derivative of an energy.")
     return frozen((matrix + matrix.T) / 2)
 
 

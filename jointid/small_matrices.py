@@ -55,8 +55,8 @@ def inverse(A: Numbers) -> Numbers:
 def whitener(V: Numbers) -> Numbers:
     """W with W V Wᴴ = I for covariances V of shape (..., n, n): L⁻¹ of V = L Lᴴ.
 
-    Double precision cannot tell a direction of V below ``_LEAST_PIVOT`` of its diagonal from zero, or
-    from less than zero. It counts as that much, so that a singular V has a whitener, too. Only a
+    In double precision, a direction of V below ``_LEAST_PIVOT`` of its diagonal equals zero or
+    less. It counts as that much, so that a singular V has a whitener, too. Only a
     variance of zero has none.
 
     Raises

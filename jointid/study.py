@@ -31,7 +31,7 @@ from jointid.verdict.motion_findings import motion_findings
 from jointid.wording import counted
 
 INERTIA_STD = 0.05
-"""Relative standard deviation of inertias where a study says nothing: computed from drawings, they are
+"""Relative standard deviation of inertias if the study states none: computed from drawings, they are
 known to a few per cent."""
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"

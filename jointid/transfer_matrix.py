@@ -23,7 +23,7 @@ _ORDER = 3
 _LINES, _NARROW = 8, 0.6
 """Half width of a local band: spectral lines of the longest record, and at least Hz."""
 _UNKNOWN = 0.5
-"""Relative standard error of H from a motion that tells nothing."""
+"""Relative standard error of H from a motion without information."""
 _NOISE_MARGIN = 3.0
 """Smallest singular value of the torques over their noise."""
 

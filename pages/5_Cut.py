@@ -11,6 +11,7 @@ from jointid.ui.cut.panels import (
     show_assumptions,
     show_gears,
     show_meaning,
+    show_own_path,
     show_rule,
 )
 from jointid.ui.cut.pictures import show_figure_7
@@ -38,6 +39,7 @@ with stage:
     st.header(headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
     show_gears(page, settings, outcome.robot)
+show_own_path(analysis)
 show_rule(outcome.robot)
 show_meaning(outcome, settings)
 

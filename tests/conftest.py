@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from examples import begin
-from normal_run import of_long_run
+from normal_run import COLLECTED, of_long_run
 from plants import PAPER, PARALLELOGRAM, ROBOTS
 from threadpoolctl import threadpool_limits
 
@@ -66,7 +66,7 @@ def pytest_configure(config: pytest.Config) -> None:
     of pytest-xdist needs.
     """
     begin(long=config.getoption("--long"))
-    gc.disable()  # until all tests are read, which makes a million objects that stay
+    gc.disable()  # until pytest_collection_finish: reading the tests makes a million lasting objects
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
     threadpool_limits(1)
 
@@ -76,6 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Whole files go to a worker: a long one at the end would leave the other cores idle.
     """
+    config.stash[COLLECTED] = {_name(item) for item in items}
     if not config.getoption("--long"):
         left_out = [item for item in items if _is_long(item)]
         config.hook.pytest_deselected(items=left_out)
@@ -86,14 +87,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _is_long(item: pytest.Item) -> bool:
-    if item.get_closest_marker("long"):
-        return True
+    return item.get_closest_marker("long") is not None or of_long_run(*_name(item))
+
+
+def _name(item: pytest.Item) -> tuple[str, str, str]:
+    """File, test and variant."""
     test, _, variant = item.name.partition("[")
-    return of_long_run(item.path.name, test, variant.removesuffix("]"))
+    return item.path.name, test, variant.removesuffix("]")
 
 
 def pytest_collection_finish() -> None:
-    """Leave what was made while reading the tests out of every later search for garbage."""
+    """Exclude the objects made so far from every later garbage collection."""
     gc.freeze()
     gc.enable()
 

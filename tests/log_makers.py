@@ -9,11 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from jointid.arrays import Floats
+from jointid.importing import Guess, Reason
 
 ROWS = 400
 TIME_S = np.arange(ROWS) * 2e-3
 ANGLE = 0.3 * np.sin(2 * np.pi * 10 * TIME_S) + 0.1
 TORQUE = 0.7 * np.cos(2 * np.pi * 10 * TIME_S) - 0.01
+
+
+def unsure(guess: Guess) -> list[Reason]:
+    """Entries of a guess that the user should check before the mapping is used."""
+    return [reason for reason in guess.reasons if not reason.sure]
 
 
 def cell_log(encoding: str = "latin-1", rows: int = ROWS) -> bytes:

@@ -9,6 +9,7 @@ import numpy as np
 from jointid import (
     Elasticity,
     Inertia,
+    Measurement,
     RobotModel,
     Study,
     extract_phasors,
@@ -38,6 +39,9 @@ def test_an_uncertain_payload_changes_the_inertia_of_every_pose_together() -> No
     found = ROBOT.inertia(q)
     np.testing.assert_allclose(found.M2 + 2 * found.shared, heavier.inertia(q).M2, rtol=1e-9, atol=1e-12)
     assert not exact.inertia(q).shared.any()
+    np.testing.assert_allclose(
+        found.gravity + 2 * found.shared_gravity, heavier.inertia(q).gravity, rtol=1e-9, atol=1e-9
+    )
 
 
 def test_the_information_is_the_inverse_of_the_covariance() -> None:
@@ -66,6 +70,24 @@ def test_stiffness_and_payload_come_back_from_two_poses() -> None:
     draws = [fit.prior.redrawn(np.random.default_rng(k), fit.parameters) for k in range(50)]
     shifts = np.array([draw.offsets["M2"] for draw in draws])
     assert np.corrcoef(shifts[:, 0, 0], shifts[:, 1, 0])[0, 1] > 0.99
+
+
+def test_a_wrong_payload_does_not_pass_for_another_gravity() -> None:
+    """The payload's mass changes the arm's inertia and its weight together."""
+    q = np.deg2rad([0.0, -60.0, 100.0, 20.0, 40.0, 10.0])
+    true = ROBOT.inertia(q)
+    K = np.array([5.0e6, 7.5e6, 4.2e6, 1.3e6, 1.1e6, 0.4e6]) / ROBOT.gear_ratio**2
+    quiet = Measurement(position_noise_rad=1e-6, torque_noise_Nm=1e-3)
+    records = simulate_records(
+        true, Elasticity(K, 0.003 * K), np.geomspace(3, 40, 9), measurement=quiet, seed=1
+    )
+    carrying = ROBOT.with_payload(mass=ROBOT.payload.mass + 35, mass_std=40.0)
+    fit = identify_elasticity(extract_phasors(records), carrying.inertia(q), inertia_std=0.0)
+    np.testing.assert_allclose(fit.K, K, rtol=1e-3)
+    assert not any("gravity" in each.name for each in fit.candidates if each.chosen)
+    found = fit.inertia[0] if isinstance(fit.inertia, tuple) else fit.inertia
+    assert isinstance(found, Inertia)
+    np.testing.assert_allclose(found.gravity, true.gravity, atol=0.01 * np.abs(true.gravity).max())
 
 
 def test_a_study_keeps_the_common_unknown(tmp_path: Path) -> None:

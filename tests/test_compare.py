@@ -9,6 +9,8 @@ import pytest
 from streamlit.testing.v1 import AppTest
 
 from jointid import Analysis, JointIdError, Study, analyse
+from jointid.answer import StiffnessUnit
+from jointid.files.study_files import pack_study
 from jointid.uncertainty.comparison import compare
 
 
@@ -55,3 +57,59 @@ def test_the_page_compares_two_studies(app: AppTest) -> None:
     assert at.header[0].value.startswith("The stiffnesses differ by at most")
     at = at.selectbox(key="compare_study").set_value("one joint").run()
     assert "1 joint" in at.error[0].value
+
+
+def test_differences_are_shown_in_the_unit_and_on_the_side_of_the_answer(first: Analysis) -> None:
+    units = StiffnessUnit.named("N·m/arcmin at the joint", np.array([100.0, -90.0]))
+    rows = compare(first.fit, first.fit, units=(units, units))
+    scale = np.array([1e4, 8.1e3]) * np.pi / 10800
+    assert [row.first.value for row in rows[:2]] == pytest.approx((scale * first.fit.K).tolist())
+    assert {row.first.unit for row in rows} == {"N·m/arcmin", "N·m·s/rad"}
+
+
+def test_the_softer_of_two_robots_is_named_first(
+    app: AppTest, studies: dict[int, Study], first: Analysis
+) -> None:
+    records = [replace(r, tau_Nm=0.9 * r.tau_Nm) for r in first.study.records]
+    inertia = replace(
+        first.study.inertia, M=0.9 * first.study.inertia.M, M2=0.9 * first.study.inertia.M2
+    )
+    soft = pack_study(replace(first.study, records=records, inertia=inertia))
+    at = app.run()
+    at.file_uploader(key="uploaded").set_value(("soft.zip", soft, "application/zip"))
+    at = at.run().switch_page("pages/11_Compare.py").run()
+    at = at.selectbox(key="compare_study").set_value("paper").run()
+    assert not at.exception, at.exception[0].stack_trace
+    assert at.header[0].value.startswith("soft.zip is softer.")
+    assert "11 % stiffer" in at.header[0].value
+
+
+@pytest.mark.parametrize(
+    ("page", "details"),
+    [
+        ("pages/11_Compare.py", ""),
+        ("pages/4_Elasticity.py", "Error bars"),
+        ("pages/4_Elasticity.py", "Estimators"),
+        ("pages/6_Plan.py", ""),
+    ],
+)
+def test_every_table_of_k_keeps_the_unit_of_the_answer(
+    app: AppTest, studies: dict[int, Study], page: str, details: str
+) -> None:
+    geared = replace(studies[2], gear_ratio=[100.0, -90.0])
+    at = app.run()
+    at.file_uploader(key="uploaded").set_value(("geared.zip", pack_study(geared), "application/zip"))
+    at = at.run()
+    at = at.selectbox(key="unit").set_value("N·m/arcmin at the joint").run()
+    if details:
+        at.session_state["details"] = details
+    at = at.switch_page(page).run().run()  # AppTest gives a new page its choices in the second run
+    if page.endswith("Compare.py"):  # with itself by another estimator
+        at = at.selectbox(key="compare_study").set_value("geared.zip").run()
+        at = at.selectbox(key="compare_estimator").set_value("least-squares").run()
+    assert not at.exception, at.exception[0].stack_trace
+    shown = [str(cell) for t in at.table for cell in (*t.value.columns, *t.value.iloc[:, 0])]
+    own = [text for text in shown if text.startswith("K1 (")]
+    assert own
+    assert set(own) == {"K1 (N·m/arcmin)"}
+    assert any("at the joint" in caption.value for caption in at.caption)

@@ -199,6 +199,12 @@ def test_a_finding_is_remedied_and_taken_back_on_the_page(
     assert not at.error
     assert at.selectbox(key="study").value == "mine.zip, corrected"
     assert any("Exchange the torques" in caption.value for caption in at.caption)
+    again = AppTest.from_file(str(Path(__file__).parents[1] / "app.py"), default_timeout=60)
+    for name in ("w", "study"):
+        value = at.query_params[name]
+        again.query_params[name] = value if isinstance(value, str) else value[0]
+    at = again.run()  # another session at the same address, as after a refresh
+    assert at.selectbox(key="study").value == "mine.zip, corrected"
     at = at.button(key="undo_change").click().run()
     assert at.selectbox(key="study").value == "mine.zip"
     assert "mine.zip, corrected" not in at.selectbox(key="study").options

@@ -89,7 +89,7 @@ class TestPage:
         before, after = headline(at)
         assert before > 1.5
         assert after < 0.1
-        assert "with a parallelogram drive: its K and D apply as they are" in words(at)
+        assert "with a parallelogram drive: its K and D apply unchanged" in words(at)
         assert "a robot with the identified springs, K = 43" in words(at)
         assert "assumes K = 21.5, 3.75 N·m/rad" in words(at)  # what the study calls nominal
         assert not at.get("plotly_chart")  # the tabs are computed when opened

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import json
 import re
+import runpy
+import shlex
+import shutil
+import struct
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 import jointid
 from jointid.cli import app
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SNIPPET = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 WITH_CODE = [page for page in PAGES if SNIPPET.search(page.read_text("utf-8"))]
-LONG = ("docs/tutorials/six-axes.md", "docs/how-to/simulate.md", "docs/tutorials/motion.md")
+LONG = {
+    f"docs/{page}.md"
+    for page in ("how-to/simulate", "tutorials/first-study", "tutorials/motion", "tutorials/six-axes")
+}
 """Pages whose analyses take more than a second."""
 
 
@@ -40,6 +52,43 @@ def test_snippets_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         exec(compile(code, name(page), "exec"), names)
 
 
+SHELL = re.compile(r"^```bash\n(.*?)^```", re.MULTILINE | re.DOTALL)
+WITH_COMMANDS = [
+    page
+    for page in PAGES
+    if re.search(r"^jointid (?!app)", "".join(SHELL.findall(page.read_text("utf-8"))), re.MULTILINE)
+]
+
+
+def edit_mapping(path: Path) -> None:
+    """The corrections of the tutorial: gear ratios, rated torques, held torque, all confirmed."""
+    mapping = json.loads(path.read_text("utf-8"))
+    for joint, ratio, rated in zip(mapping["joints"], (101.0, -93.5), (8.2, 2.1), strict=True):
+        joint["gear_ratio"], joint["torque"]["scale"] = ratio, rated
+    path.write_text(json.dumps(mapping | {"torque_hold": True, "assumed": []}), "utf-8")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=name)
+def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In order, with the log of the example, the TOML of the tutorials and a folder of studies."""
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(ROOT / "examples" / "twincat_log.py"), run_name="__main__")
+    shutil.copy("cell7.csv", "log.csv")
+    shutil.copytree(ROOT / "sample_data" / "single_joint", "cells/one")
+    for source, target in (("tutorials/own-robot", "robot.toml"), ("how-to/plan", "cell7.toml")):
+        text = (ROOT / "docs" / f"{source}.md").read_text("utf-8")
+        Path(target).write_text(re.findall(r"^```toml\n(.*?)^```", text, re.M | re.S)[0], "utf-8")
+    lines = [line for block in SHELL.findall(page.read_text("utf-8")) for line in block.splitlines()]
+    for line in lines:
+        command = shlex.split(line, comments=True)
+        if command[:1] == ["jointid"] and command[1] != "app":
+            result = CliRunner().invoke(app, command[1:])
+            assert result.exit_code == 0, (line, result.output, result.exception)
+        if "--guess" in command:
+            edit_mapping(Path("columns.json"))
+
+
 def test_every_command_and_option_is_listed() -> None:
     rows = (ROOT / "docs" / "reference" / "command-line.md").read_text("utf-8").splitlines()
     for command, found in get_command(app).commands.items():  # type: ignore[attr-defined]
@@ -54,6 +103,19 @@ def test_links_have_targets(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8")):
         if "://" not in target:
             assert (page.parent / target).exists(), target
+
+
+def test_the_page_about_the_code_names_functions_and_rooms_that_exist() -> None:
+    text = (ROOT / "docs" / "explanation" / "code.md").read_text("utf-8")
+    steps = re.findall(r"(\w+\.py) {2,}(\w+)\(", text)
+    assert len(steps) > 4
+    for name, function in steps:
+        found = [file.read_text("utf-8") for file in (ROOT / "jointid").rglob(name)]
+        assert any(f"\ndef {function}(" in code for code in found), function
+    package = (ROOT / "jointid").iterdir()
+    rooms = {path.name for path in package if path.suffix == ".py" or (path / "__init__.py").exists()}
+    listed = set(re.findall(r"[`/](\w+(?:\.py)?)/?`", text))
+    assert rooms - {"__init__.py"} <= listed
 
 
 def test_readme_is_short() -> None:
@@ -92,3 +154,47 @@ def test_the_reference_lists_every_public_name() -> None:
         re.findall(r"^::: jointid\.(\w+)", (ROOT / "docs/reference/api.md").read_text("utf-8"), re.M)
     )
     assert listed == set(FUNCTIONS + CLASSES)
+
+
+def _texts() -> str:
+    """All texts of the package, with … for every value in them."""
+    texts = []
+    for path in sorted((ROOT / "jointid").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = (v.value if isinstance(v, ast.Constant) else "…" for v in node.values)
+                texts.append("".join(map(str, parts)))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return "\n".join(texts)
+
+
+def test_the_listed_errors_exist() -> None:
+    rows = (ROOT / "docs/reference/errors.md").read_text("utf-8").splitlines()
+    messages = [row.split(" | ")[1] for row in rows if row.startswith("| ") and "---" not in row][1:]
+    texts = _texts()
+    fragments = [part.strip(" :,.?") for message in messages for part in re.split("[…;]", message)]
+    assert len(messages) > 15
+    for fragment in fragments:
+        assert fragment in texts, fragment
+
+
+def test_the_reader_of_contributing_reads_its_format(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    exec(SNIPPET.findall((ROOT / "CONTRIBUTING.md").read_text("utf-8"))[0], names)
+    heads = [
+        struct.pack("<32s8s", name.encode(), unit.encode())
+        for name, unit in (("q", "deg"), ("tau", "%"))
+    ]
+    values = np.arange(20, dtype="<f4")
+    log = b"PLANT7" + struct.pack("<dII", 500.0, 2, 10) + b"".join(heads) + values.tobytes()
+    path = tmp_path / "run.p7"
+    path.write_bytes(log)
+    (table,) = names["READER"].read("run.p7", str(path))
+    assert (table.column("q").unit, table.column("tau").unit) == ("deg", "%")
+    assert table.column("time").values[-1] == pytest.approx(9 / 500)
+    assert table.column("tau").values.tolist() == values[1::2].tolist()
+    assert names["READER"].recognises(log[:4096])
+    path.write_bytes(log[:-1])
+    with pytest.raises(jointid.JointIdError, match="cut short"):
+        names["READER"].read("run.p7", str(path))

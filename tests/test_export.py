@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import sys
 import tomllib
 import xml.etree.ElementTree as ET
@@ -49,6 +50,7 @@ from jointid.exporting import (
     gear_table,
     identification,
     load_identification,
+    modelica_table,
     mujoco_snippet,
     phasor_table,
     scipy_state_space,
@@ -164,6 +166,29 @@ def test_nonlinear_gears_become_tables_and_secants(result: Identification) -> No
     assert arm.K[1] == pytest.approx(90**2 * result.K[1])
     for snippet in (mujoco_snippet, urdf_snippet):
         assert "not linear (hardening)" in snippet(one, [100.0, 90.0])
+
+
+def test_tables_of_laws_hold_their_kinks(result: Identification) -> None:
+    """Read as Simulink and Modelica do: columns by name, and tables of a text file by name."""
+    range_ = {"tried_rad": 0.04, "tried_Nm": 1.5}
+    play = Gear(K=float(result.K[0]), backlash_rad=2e-4, **range_)
+    bent = Gear(K=float(result.K[1]), K2=12.0, K3=15.0, T1_Nm=0.08, T2_Nm=0.2, **range_)
+    one = replace(result, gears=(play, bent))
+    columns = np.genfromtxt(io.StringIO(gear_table(one)), delimiter=",", names=True)
+    header, *lines = modelica_table(one).splitlines()
+    assert header == "#1"
+    tables = {}
+    while lines:
+        name, rows, width = re.fullmatch(r"double (\w+)\((\d+),(\d+)\)\s+#.*", lines.pop(0)).groups()
+        tables[name] = np.array([line.split() for line in lines[: int(rows)]], float)
+        assert tables[name].shape == (int(rows), int(width))
+        del lines[: int(rows)]
+    at = np.linspace(-0.04, 0.04, 4001)
+    for j, gear in enumerate(one.gears, start=1):
+        x, y = columns[f"deflection_m{j}_rad"], columns[f"torque_m{j}_Nm"]
+        assert np.diff(x).min() > 0
+        np.testing.assert_array_equal(tables[f"gear{j}"], np.stack([x, y], axis=1))
+        np.testing.assert_allclose(np.interp(at, x, y), gear.torque(at), atol=1e-12)
 
 
 def test_json_is_readable_without_this_software(result: Identification) -> None:

@@ -10,7 +10,7 @@ import pytest
 from examples import examples
 from hypothesis import given
 from hypothesis import strategies as st
-from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope
+from log_makers import ANGLE, ROWS, TIME_S, TORQUE, cell_log, comma_log, mat_scope, unsure
 
 from jointid import Inertia, JointIdError
 from jointid.importing import (
@@ -358,7 +358,7 @@ def test_guess_of_the_cell() -> None:
     first, second = guess.mapping.joints
     assert first.position == Channel("Achse 1 Ist", "deg", None, "joint")
     assert second.torque == Channel("Moment 2", "%", 1.0, "motor")
-    asked = {reason.what for reason in guess.open_questions}
+    asked = {reason.what for reason in unsure(guess)}
     assert {"gear ratio of joint 1", "scale of torque of joint 2", "torque hold"} <= asked
     assert "position of joint 1" not in asked
     assert "unit of time" not in asked
@@ -378,7 +378,7 @@ def test_a_position_without_a_torque_is_said() -> None:
     ):
         part = guess_mapping(table_of(**{key: v for key, v in columns.items() if key != gone}))
         assert part.mapping.n == 1
-        (reason,) = [r for r in part.open_questions if r.what == "joints"]
+        (reason,) = [r for r in unsure(part) if r.what == "joints"]
         assert said in reason.text
 
 
@@ -399,7 +399,7 @@ def test_guess_of_nameless_signals_says_that_it_is_a_mere_proposal() -> None:
     (table,) = read_log(mat_scope(), "scope.mat")
     guess = guess_mapping(table)
     assert guess.mapping.time == TimeColumn("time", "s")
-    assert {"position of joint 1", "torque of joint 1"} <= {r.what for r in guess.open_questions}
+    assert {"position of joint 1", "torque of joint 1"} <= {r.what for r in unsure(guess)}
 
 
 @pytest.mark.parametrize(
@@ -415,7 +415,7 @@ def test_sample_numbers_and_no_time_at_all() -> None:
     assert counted.mapping.time == TimeColumn("nr", "samples", 1000.0)
     none = guess_mapping(table_of(q=ANGLE[:50], tau=TORQUE[:50]))
     assert none.mapping.time == TimeColumn("", "samples", 1000.0)
-    assert "time" in {reason.what for reason in none.open_questions}
+    assert "time" in {reason.what for reason in unsure(none)}
 
 
 def test_counts_are_seen() -> None:
@@ -669,7 +669,7 @@ def test_a_pair_by_number_alone_is_to_be_looked_at() -> None:
     table = LogTable(
         "log", tuple(LogColumn(n, numbers(values if n == "t" else np.sin(values))) for n in names)
     )
-    asked = {r.what: r.text for r in guess_mapping(table).open_questions}
+    asked = {r.what: r.text for r in unsure(guess_mapping(table))}
     assert "by its number alone" in asked["position of joint 2"]
     assert "position of joint 1" not in asked
 

@@ -245,7 +245,7 @@ class TestMapping:
         ] * 3
         assert at.selectbox(key="import M unit").value == "kg·m²"
         assert all(row.use for part in at.session_state["import_segments_last"].values() for row in part)
-        assert any("used again" in i.value and "Inertias are not" in i.value for i in at.info)
+        assert any("used again" in i.value and "Inertias are not reused" in i.value for i in at.info)
 
 
 class TestStudy:

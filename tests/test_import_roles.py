@@ -8,7 +8,7 @@ from pathlib import Path
 import format_makers as make
 import numpy as np
 import pytest
-from log_makers import ANGLE, TIME_S, TORQUE
+from log_makers import ANGLE, TIME_S, TORQUE, unsure
 from typer.testing import CliRunner
 
 from jointid import SineRecord, extract_phasors
@@ -47,7 +47,7 @@ def pairs(*names: str) -> list[tuple[str, str]]:
     """Position and torque of each joint; the mapping must be one that can be written and read."""
     guess = guess_mapping(table_named(*names))
     assert mapping_from_json(mapping_to_json(guess.mapping)) == guess.mapping
-    told = {reason.what for reason in guess.open_questions}
+    told = {reason.what for reason in unsure(guess)}
     assert set(guess.mapping.open_roles) <= told
     return [(j.position.column, j.torque.column) for j in guess.mapping.joints]
 

@@ -85,7 +85,7 @@ def test_a_long_study_is_analysed_like_another(tmp_path: Path) -> None:
     records = simulate_records(
         INERTIA,
         TRUE,
-        [5, 10, 15, 20, 25],
+        [5, 12, 25],
         excitation=Excitation(periods=60),
         controller=Controller(bandwidth_hz=8),
         friction=MotorFriction(coulomb=[0.05, 0.012]),

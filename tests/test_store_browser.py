@@ -86,7 +86,7 @@ def test_a_study_survives_refresh_links_kill_and_a_closed_tab(
     place = workspace_of(page)
     reload(page, "Records")
     chosen(page, "mine.zip")
-    expect(page.locator(".js-plotly-plot")).to_have_count(3)
+    expect(page.locator(".js-plotly-plot")).to_have_count(1)
     for name, title in (("Study", studies[1].name), ("Simulate a robot", "Simulate a robot")):
         follow(page, name, title)
         chosen(page, "mine.zip")

@@ -7,6 +7,8 @@ import pytest
 from scipy.optimize import fsolve
 
 from jointid import Elasticity, JointIdError, PlanarArm, RobotModel, locked_resonances
+from jointid.cut.path_deflection import joint_path
+from jointid.cut.rectangle import rectangle
 from jointid.cut.tool_stiffness import planar_tool_stiffness, tool_stiffness
 from tests.robots import SIX_AXES
 
@@ -54,6 +56,26 @@ def test_six_axes_under_load_and_gravity() -> None:
     moved = ROBOT.tool_jacobian(POSE + x / 2) @ x
     np.testing.assert_allclose(found.deflection(force), moved, rtol=2e-3, atol=1e-7)
     np.testing.assert_allclose(found.resonances_hz, locked_resonances(ROBOT.inertia(POSE), ELASTICITY))
+
+
+def test_tool_bends_along_a_path_by_gravity_and_inertia() -> None:
+    """The sag from the joints' statics; the rest from the work of a force at the tool."""
+    path = rectangle(zone_m=0.005, centre_m=(0.0, 0.0))
+    found = joint_path(ROBOT, POSE, path)
+    compliance = 1 / ELASTICITY.K
+    still = np.zeros(6)
+    corner = path.position(0.0)[0]
+    q = POSE + np.linalg.pinv(ROBOT.tool_jacobian(POSE)) @ [*corner, 0.0]
+    sag = ROBOT.tool_jacobian(q) @ (ROBOT.torque(q, still, still) / JOINT_K)
+    np.testing.assert_allclose(found.deflection(found.gravity, compliance)[0], sag, rtol=0.01)
+    slow = joint_path(ROBOT, POSE, rectangle(zone_m=0.005, centre_m=(0.0, 0.0), speed_m_s=0.03))
+    assert slow.change(slow.inertia, compliance) < 0.05 * found.change(found.inertia, compliance)
+    step = 1e-6 * np.eye(6)[2]
+    moved = (ROBOT.tool_point(POSE + step) - ROBOT.tool_point(POSE - step)) / 2e-6
+    np.testing.assert_allclose(moved, ROBOT.tool_jacobian(POSE)[:, 2], atol=1e-8)
+    far = rectangle(width_m=3.0, height_m=3.0, centre_m=(0.0, 0.0))
+    with pytest.raises(JointIdError, match="does not reach"):
+        joint_path(ROBOT, POSE, far)
 
 
 def test_standard_error_of_the_compliance() -> None:

@@ -170,6 +170,11 @@ class TestSeveralPoses:
         at = at.switch_page(ELASTICITY).run()
         assert any("several poses" in info.value for info in at.info)
 
+    def test_why_there_is_no_prediction_is_said_beside_the_answer(self, at: AppTest) -> None:
+        said = [caption.value for caption in at.caption if "left out of the fit" in caption.value]
+        assert len(said) == 1
+        assert "several poses" in said[0]
+
     def test_a_pose_can_be_planned_for(self, at: AppTest) -> None:
         at = at.switch_page(PLAN).run()
         assert not at.exception, at.exception[0].stack_trace

@@ -86,6 +86,12 @@ def test_an_address_survives_renaming(studies: dict[int, Study], folder: Path) -
     assert begun(**address).selectbox(key="study").value == "worn gear"
 
 
+def test_a_sample_is_found_by_the_name_of_its_file() -> None:
+    at = begun(study="one_joint")
+    assert at.selectbox(key="study").value == "one joint"
+    assert not any("in this workspace" in info.value for info in at.info)
+
+
 def test_what_is_deleted_is_gone_for_every_session(studies: dict[int, Study]) -> None:
     at = upload(begun(), studies[1])
     other = begun(**address_of(at))

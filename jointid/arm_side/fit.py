@@ -1,4 +1,4 @@
-"""Stiffness of each joint from its deflection, and what the fit predicts for other records."""
+"""Stiffness of each joint from its deflection, and the prediction for other records."""
 
 from dataclasses import dataclass, replace
 

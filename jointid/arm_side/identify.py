@@ -172,7 +172,7 @@ def _identified(
 def _skews(joints: list[JointDeflection | None], own: Floats) -> tuple[Floats, Floats]:
     """Skew of each joint, (n,), and its standard error, (n,), s; infinite where it stays free.
 
-    Joints that agree are sampled by one clock: a joint whose own motion tells little of its skew, or
+    Joints that agree are sampled by one clock: a joint whose own motion hardly determines its skew, or
     only together with its stiffness, takes that of the others. The spread beyond the errors is
     estimated by moments (DerSimonian and Laird 1986).
     """

@@ -38,7 +38,7 @@ class PositionMap:
 
 
 def position_map(q: Sequence[Floats], slow: Sequence[Floats], fast: Sequence[Floats]) -> PositionMap:
-    """Fit the map to what a model leaves over.
+    """Fit the map to the residual of a model.
 
     Parameters
     ----------

@@ -16,6 +16,7 @@ from jointid.cli.options import (
     NOMINAL_K,
     OVERWRITE,
     TORQUE_STD,
+    given,
     named,
     nominal,
     require_ending,
@@ -52,7 +53,7 @@ def convert(
         Path | None,
         typer.Option(
             parser=named,
-            help="TOML with M and M2 (motor side, kg·m²) and std, of poses too; or a study.",
+            help="TOML with M, M2 (motor side, kg·m²), std and poses; or a study.",
         ),
     ] = None,
     pose: Annotated[
@@ -113,18 +114,16 @@ def convert(
         print_table(["entry", "", "reason"], rows)
         for text in tables[0].notes:
             typer.echo(f"{tables[0].name}: {text}", err=True)
-        print(f"\n{guess} is written. Correct it, then: jointid convert … --mapping {guess}")
+        print(
+            f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
+            f"FILE --output STUDY"
+        )
         return
     if chosen is None or output is None or inertia is None:
         raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
-    robot = robot_from(inertia)
-    robot = replace(
-        robot,
-        nominal=nominal(nominal_K, nominal_D) or robot.nominal,
-        name=name or robot.name,
-        inertia_std=robot.inertia_std if inertia_std is None else inertia_std,
-        torque_std=robot.torque_std if torque_std is None else torque_std,
-    )
+    assumed, called = nominal(nominal_K, nominal_D), name or None
+    changes = given(nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std)
+    robot = replace(robot_from(inertia), **changes)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         raise typer.BadParameter(

@@ -21,7 +21,8 @@ def cut(
     ] = None,
     zones_mm: Annotated[str, typer.Option(help="Corner zones, mm.")] = "1,5,10",
     assumed: Annotated[
-        str, typer.Option(help="Servo model before: study (its nominal values), rigid, soft or stiff.")
+        str,
+        typer.Option(help="The servo before assumes: study (nominal), rigid, soft or stiff."),
     ] = "",
     drive: Annotated[str, typer.Option(help="parallelogram or serial; by default the study's.")] = "",
     svg: Annotated[Path | None, typer.Option(help="Write Figure 7 to this file.")] = None,
@@ -30,6 +31,7 @@ def cut(
 ) -> None:
     """Simulate the paper's cut with the servo before and after identification."""
     from jointid.cut.outcome import millimetres
+    from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import cut_robot, demonstration
 
     zones = numbers(zones_mm)
@@ -45,6 +47,9 @@ def cut(
     else:
         analysis = analysed(study, method, quiet=as_json)
         robot = cut_robot(analysis, drive or None)  # type: ignore[arg-type]
+        if svg is None and has_own_path(analysis):
+            _print_own_path(analysis, zones, as_json)
+            return
     choice = assumed or ("study" if robot.nominal else "soft" if study is None else "rigid")
     with progress("Cutting", quiet=as_json) as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
@@ -56,8 +61,9 @@ def cut(
         from jointid.reporting.figures import cut_figure
 
         named_cuts = [(f"corner zone {zone:g} mm", o) for zone, o in zip(zones, outcomes, strict=True)]
+        before = "nominal" if choice == "study" else choice
         rows = [
-            (f"Before: {choice}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
+            (f"Before: {before}", LIGHT.nominal, [(label, o.before) for label, o in named_cuts]),
             ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
@@ -81,6 +87,23 @@ def cut(
     print_table(columns, cells, right=tuple(range(len(columns))))
     for problem in dict.fromkeys(o.problem for o in outcomes if o.problem):
         print(f"\nThe path error after identification is not known: {problem}")
+
+
+def _print_own_path(analysis: Any, zones_mm: Sequence[float], as_json: bool) -> None:
+    """Print how far the study's own robot bends along the path."""
+    from jointid.cut.path_deflection import meaning, own_path_deflections, rows_of
+
+    found = own_path_deflections(analysis, [1e-3 * zone for zone in zones_mm])
+    if as_json:
+        cuts = [
+            {"zone_mm": zone} | {f"{name}m": value and 1e3 * value for name, value in vars(each).items()}
+            for zone, each in zip(zones_mm, found, strict=True)
+        ]
+        print_json({"rule": "own robot", "meaning": meaning(analysis), "cuts": cuts})
+        return
+    print(f"Largest deflection of the tool along the path\n{meaning(analysis)}\n")
+    header, rows = rows_of(zones_mm, found)
+    print_table(header, rows, right=tuple(range(len(header))))
 
 
 def cut_results(

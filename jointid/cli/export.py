@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from jointid import exporting
 from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
@@ -18,7 +19,21 @@ from jointid.study import NOT_USABLE, Analysis
 if TYPE_CHECKING:
     from jointid.exporting import Identification
 
-_ENDINGS = (".phasors.csv", ".h.csv", ".json", ".toml", ".mat", ".zip", ".xml", ".urdf", ".sdf")
+_CONTENTS: dict[str, Callable[[Analysis, Identification, list[float]], str | bytes]] = {
+    ".phasors.csv": lambda analysis, *_: exporting.phasor_table(analysis),
+    ".h.csv": lambda analysis, *_: exporting.transfer_matrix_table(analysis),
+    ".torsion.csv": lambda analysis, *_: exporting.torsion_table(analysis),
+    ".gears.csv": lambda _, found, __: exporting.gear_table(found),
+    ".gears.txt": lambda _, found, __: exporting.modelica_table(found),
+    ".json": lambda _, found, __: exporting.to_json(found),
+    ".toml": lambda _, found, __: exporting.to_toml(found),
+    ".mat": lambda analysis, *_: exporting.to_mat(analysis),
+    ".zip": lambda analysis, *_: _packed(analysis),
+    ".xml": lambda _, found, ratio: exporting.mujoco_snippet(found, ratio),
+    ".urdf": lambda _, found, ratio: exporting.urdf_snippet(found, ratio),
+    ".sdf": lambda _, found, ratio: exporting.sdf_snippet(found, ratio),
+}
+"""What a file holds, by the ending of its name."""
 
 
 @reported
@@ -30,7 +45,8 @@ def export(
             "--output",
             "-o",
             help="Files; the ending selects the format: .json, .toml (identification), .mat, "
-            ".phasors.csv, .H.csv, .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
+            ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
+            "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),
     ],
     gear_ratio: Annotated[
@@ -54,40 +70,24 @@ def export(
     for file in output:
         if _ending(file) in (".xml", ".urdf", ".sdf") and ratio is None:
             raise typer.BadParameter(f"{file.name} has joint-side values: give --gear-ratio 100,90")
-    from jointid.exporting import identification
-
-    result = identification(analysis)
+    result = exporting.identification(analysis)
     for file in output:
-        write_file(file, _exported(_ending(file), analysis, result, ratio))
+        content = _CONTENTS[_ending(file)](analysis, result, ratio or [])
+        write_file(file, content if isinstance(content, bytes) else content.encode())
     if analysis.state == NOT_USABLE:
         typer.echo(f"{analysis.headline} See jointid identify.", err=True)
     written(output, as_json)
 
 
 def _ending(file: Path) -> str:
-    for ending in _ENDINGS:
+    for ending in _CONTENTS:
         if file.name.lower().endswith(ending):
             return ending
-    shown = ", ".join(".H.csv" if ending == ".h.csv" else ending for ending in _ENDINGS)
+    shown = ", ".join(".H.csv" if ending == ".h.csv" else ending for ending in _CONTENTS)
     raise typer.BadParameter(f"{file.name}: expected a name that ends in one of {shown}.")
 
 
-def _exported(
-    ending: str, analysis: Analysis, result: Identification, ratio: list[float] | None
-) -> bytes:
-    from jointid import exporting
-    from jointid.files.study_files import pack_study
+def _packed(analysis: Analysis) -> bytes:
+    from jointid.files.study_files import pack_study  # slow to import
 
-    contents: dict[str, Callable[[], str | bytes]] = {
-        ".mat": lambda: exporting.to_mat(analysis),
-        ".zip": lambda: pack_study(analysis.study),
-        ".phasors.csv": lambda: exporting.phasor_table(analysis),
-        ".h.csv": lambda: exporting.transfer_matrix_table(analysis),
-        ".json": lambda: exporting.to_json(result),
-        ".toml": lambda: exporting.to_toml(result),
-        ".xml": lambda: exporting.mujoco_snippet(result, ratio or []),
-        ".urdf": lambda: exporting.urdf_snippet(result, ratio or []),
-        ".sdf": lambda: exporting.sdf_snippet(result, ratio or []),
-    }
-    content = contents[ending]()
-    return content if isinstance(content, bytes) else content.encode()
+    return pack_study(analysis.study)

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jointid.cli.output import status
 from jointid.errors import JointIdError
@@ -37,23 +37,11 @@ def _sample(name: str) -> Path:
         ) from None
 
 
-def analysed(
-    path: Path,
-    method: str,
-    *,
-    quiet: bool,
-    inertia_std: float | None = None,
-    torque_std: float | None = None,
-) -> Analysis:
-    """Read a study and run the whole method on it; given deviations replace the study's."""
+def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysis:
+    """Read a study, change its deviations as given, and run the whole method on it."""
     from jointid.study import analyse
 
-    study = loaded(path)
-    study = replace(
-        study,
-        inertia_std=study.inertia_std if inertia_std is None else inertia_std,
-        torque_std=study.torque_std if torque_std is None else torque_std,
-    )
+    study = replace(loaded(path), **changes)
     with status("Analysing", quiet=quiet):
         return analyse(study, method=method)
 
@@ -76,7 +64,7 @@ def require_free(path: Path, overwrite: bool, reads: Iterable[Path | None] = ())
     for source in (Path(os.path.realpath(read)) for read in reads if read is not None):
         inside = source in target.parents and path.exists() and _in_study(path)
         if source == target or target in source.parents or inside or _same_file(source, target):
-            raise JointIdError(f"{path} is what this command reads: choose another path for the result.")
+            raise JointIdError(f"{path} is the input of this command: choose another path for results.")
     if path.exists() and not overwrite:
         raise JointIdError(f"{path} exists: choose another path, or replace it with --overwrite.")
 

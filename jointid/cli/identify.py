@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from jointid.cli.files import analysed
-from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT
+from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
 from jointid.study import Analysis
@@ -20,7 +20,7 @@ def identify(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify stiffness and damping of every joint."""
-    deviations = {"inertia_std": inertia_std, "torque_std": torque_std}
+    deviations = given(inertia_std=inertia_std, torque_std=torque_std)
     analysis = analysed(study, method, quiet=as_json, **deviations)
     if as_json:
         print_json(identify_document(analysis))
@@ -37,12 +37,7 @@ def identify(
 
 
 def _print_tables(analysis: Analysis) -> None:
-    from jointid.answer import (
-        ERROR_BARS,
-        UNSTATED_TORQUE_SCALE,
-        further_quantities,
-        model_name,
-    )
+    from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, model_name
     from jointid.rounding import plain
     from jointid.uncertainty.error_parts import error_table
     from jointid.uncertainty.prior_rows import PRIOR_HEADER

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -42,6 +43,11 @@ def nominal(stiffness: str, damping: str) -> Elasticity | None:
     if not (stiffness or damping):
         return None
     return Elasticity(K=numbers(stiffness), D=numbers(damping))
+
+
+def given(**values: Any) -> dict[str, Any]:
+    """Return the options that a person gave: without those that are None."""
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def gears(texts: Sequence[str], joints: int) -> list[Gear]:

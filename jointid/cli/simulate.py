@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+import jointid
 from jointid.cli.files import require_free, robot_from
 from jointid.cli.options import (
     GEAR_FIELDS,
@@ -15,6 +16,7 @@ from jointid.cli.options import (
     OVERWRITE,
     TORQUE_STD,
     gears,
+    given,
     named,
     nominal,
     numbers,
@@ -66,7 +68,7 @@ def simulate(
     gear: Annotated[
         list[str] | None,
         typer.Option(
-            help='Laws of the gears beside K, motor side, for a joint or all: "1: cubic=9000", '
+            help='Gear laws in addition to K, motor side, for one joint or all: "1: cubic=9000", '
             f'"backlash=0.004, hysteresis=0.08, presliding=0.002". Laws: {", ".join(GEAR_FIELDS)}.'
         ),
     ] = None,
@@ -93,30 +95,18 @@ def simulate(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate closed-loop experiments, sines or another motion, and save it as a study."""
+    """Simulate closed-loop experiments, sines or another motion, and save them as a study."""
     import numpy as np
 
-    from jointid import (
-        Controller,
-        Elasticity,
-        Excitation,
-        Measurement,
-        Motion,
-        MotorFriction,
-        PlanarArm,
-        Study,
-        save_study,
-    )
     from jointid.importing.robot_inertia import KnownRobot
     from jointid.simulation.campaign import simulate_campaign
-    from jointid.study import INERTIA_STD as DEFAULT_STD
 
-    true = Elasticity(K=numbers(stiffness), D=numbers(damping))
-    friction = MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
+    true = jointid.Elasticity(K=numbers(stiffness), D=numbers(damping))
+    friction = jointid.MotorFriction(coulomb=numbers(coulomb), viscous=numbers(viscous))
     noise = numbers(torque_noise)
     assumed = nominal(nominal_K, nominal_D)
     if inertia is None:
-        arm = PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
+        arm = jointid.PlanarArm.example(drive)  # type: ignore[arg-type]  # checked there
         robot = KnownRobot(arm.inertia(arm.inverse((1.15, 0.0))))
     else:
         robot = robot_from(inertia)
@@ -128,10 +118,11 @@ def simulate(
     if not motion and (duration or records or odd):
         raise JointIdError("--duration, --records and --odd belong to a motion: add --motion.")
     experiment: Any = np.unique(np.geomspace(from_hz, to_hz, count or 18).round(6))
-    settings: dict[str, Any] = {"excitation": Excitation(periods=12.5 if periods is None else periods)}
+    length = 12.5 if periods is None else periods
+    settings: dict[str, Any] = {"excitation": jointid.Excitation(periods=length)}
     if motion:
         length = 20.0 if duration is None else duration
-        experiment = Motion(motion, from_hz, to_hz, length, odd=odd)
+        experiment = jointid.Motion(motion, from_hz, to_hz, length, odd=odd)
         settings = {"records": records or 2}
     with progress("Simulating", quiet=as_json) as tell:
         campaign = simulate_campaign(
@@ -139,10 +130,10 @@ def simulate(
             true,
             experiment,
             **settings,
-            controller=Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
+            controller=jointid.Controller(sample_rate_hz=sample_rate_hz, torque_delay_s=1e-3 * delay_ms),
             friction=friction,
             gears=gears(gear, robot.inertia.n) if gear else None,
-            measurement=Measurement(
+            measurement=jointid.Measurement(
                 encoder_counts=encoder_counts or None,
                 torque_noise_Nm=noise,
                 torque_gain=numbers(torque_gain),
@@ -152,14 +143,13 @@ def simulate(
             seed=seed,
             progress=tell,
         )
-    stated = robot.inertia_std if inertia_std is None else inertia_std
-    study = Study(
+    study = jointid.Study(
         **campaign._asdict(),
         nominal=assumed,
         name=name,
         origin="simulated",
-        inertia_std=DEFAULT_STD if stated is None else stated,
-        torque_std=robot.torque_std if torque_std is None else torque_std,
+        **given(inertia_std=robot.inertia_std, torque_std=robot.torque_std)
+        | given(inertia_std=inertia_std, torque_std=torque_std),
     )
-    save_study(study, output, overwrite=overwrite)
+    jointid.save_study(study, output, overwrite=overwrite)
     made(study, output, as_json)

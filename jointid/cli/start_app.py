@@ -29,4 +29,4 @@ def start_app(
     except KeyboardInterrupt:
         return
     if code:
-        raise JointIdError(f"The app ended with code {code}; what streamlit wrote above says why.")
+        raise JointIdError(f"The app ended with code {code}; see the message of streamlit above.")

@@ -99,7 +99,7 @@ def _hold(study: Study, change: Change) -> tuple[Study, str]:
     each = dict.fromkeys(_concerned(study, change), hold)
     words = "held until the next sample" if hold else "momentary"
     made = _each(study, each, lambda record, held: replace(record, torque_hold=held))
-    return made, f"Torque taken as {words}."
+    return made, f"Torque set to {words}."
 
 
 def _scale(study: Study, change: Change) -> tuple[Study, str]:

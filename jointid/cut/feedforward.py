@@ -10,7 +10,7 @@ side.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 
 from jointid.arrays import Floats
 from jointid.cut.arm import Elbow, PlanarArm
@@ -102,7 +102,20 @@ def deflection(torque: Floats, K: float, D: float, step_s: float) -> Floats:
         return np.asarray(torque / K)
     r = K * step_s / D
     decay, mean = np.exp(-r), -np.expm1(-r) / r
-    return np.asarray(lfilter([(1 - mean) / K, (mean - decay) / K], [1.0, -decay], torque, axis=-1))
+    u = np.moveaxis(torque, -1, 0)
+    before = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+    return np.moveaxis(_recursion(decay, ((1 - mean) * u + (mean - decay) * before) / K), 0, -1)
+
+
+def _recursion(decay: float, driven: Floats) -> Floats:
+    """Solution of y_k = decay y_(k−1) + driven_k from rest along the first axis, a bidiagonal system.
+
+    ``scipy.signal`` would filter as well, but its import takes a third of a second.
+    """
+    bands = np.ones((2, len(driven)))
+    bands[1] = -decay
+    found = solve_banded((1, 0), bands, driven.reshape(len(driven), -1), check_finite=False)
+    return np.asarray(found.reshape(driven.shape))
 
 
 def plan_servo(
@@ -158,7 +171,7 @@ def plan_servo(
         if servo.velocity_filter_hz is not None:
             smoothing = -float(np.expm1(-2 * np.pi * servo.velocity_filter_hz * T))
         difference = np.diff(angle, axis=0, prepend=angle[:1]) / T
-        rate = lfilter([smoothing], [1.0, smoothing - 1.0], difference, axis=0)
+        rate = _recursion(1.0 - smoothing, smoothing * difference)
     middle = arm.inverse(0.5 * (toolpath.knot_m.min(axis=0) + toolpath.knot_m.max(axis=0)), elbow)
     J, omega = B + np.diag(arm.mass_matrix(middle)), 2 * np.pi * servo.bandwidth_hz
     ratio = np.abs(arm.gear_ratio)

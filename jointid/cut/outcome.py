@@ -7,6 +7,7 @@ arm and its stiffness.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -170,28 +171,15 @@ def gear_cuts(
     robot: CutRobot,
     toolpath: Toolpath,
     *,
-    servo: Servo | None = None,
     friction: MotorFrictionLike | None = None,
 ) -> tuple[TrackingRun, TrackingRun]:
     """Cuts of a robot with nonlinear gears: the servo knows their linear K and D, or their laws as well.
 
     Parameters and errors as in :func:`cut_outcome`.
     """
-    known, servo = robot.elasticity, servo or EVERYDAY_SERVO
-    linear, whole = (
-        track(
-            robot.arm,
-            toolpath,
-            known,
-            known,
-            servo=servo,
-            friction=friction,
-            gears=robot.gears,
-            assumed_gears=laws,
-        )
-        for laws in (None, robot.gears)
-    )
-    return linear, whole
+    known = robot.elasticity
+    cut = partial(track, robot.arm, toolpath, known, known, gears=robot.gears, friction=friction)
+    return cut(servo=EVERYDAY_SERVO), cut(servo=EVERYDAY_SERVO, assumed_gears=robot.gears)
 
 
 def study_outcome(analysis: Analysis) -> Outcome | None:

@@ -39,9 +39,9 @@ SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
 
 RULES: dict[Rule, str] = {
-    "direct": "The inertias of this study are those of the example arm where it cuts, with a {drive} "
-    "drive: its K and D apply as they are.",
-    "springs": "K and D of this study apply as they are, but its inertias are those of the other drive: "
+    "direct": "The inertias of this study are those of the example arm at the cutting pose with a "
+    "{drive} drive: its K and D apply unchanged.",
+    "springs": "K and D of this study apply unchanged, but its inertias are those of the other drive: "
     "the arm that cuts is not the study's robot.",
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
     "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "

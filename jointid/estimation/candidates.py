@@ -212,7 +212,7 @@ class Fits:
         return criterion
 
     def is_explained(self, model: Model) -> bool:
-        """Whether noise explains what a model leaves, at the fundamentals as well."""
+        """Whether noise explains the residual of a model, at the fundamentals as well."""
         found = self.tried[model]
         if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
             return False

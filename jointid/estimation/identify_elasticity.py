@@ -177,5 +177,5 @@ class _Data:
         orders = np.arange(1, phasors.harmonics.shape[1] + 1)
         s: Complexes = np.asarray(1j * phasors.omega[:, None] * orders)
         own: Complexes = np.asarray((s * s)[..., None] * prior.M[prior.rotor, None])
-        arm = ideal_compliance(prior, prior.M2, s)
+        arm = ideal_compliance(prior, prior.M2, prior.gravity, s)
         return torsion_curves(s, phasors.harmonics, phasors.harmonic_covariance, own, 1.0, 0.0, arm)

@@ -53,6 +53,8 @@ class InertiaPrior:
     """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
     shared: Floats
     """Change of each uncertain part by 1 σ of the common unknown, shape (u, n, n), kg·m²."""
+    shared_gravity: Floats
+    """Change of the gravity stiffness by the same, shape (p, n, n), N·m/rad."""
     rest: Floats
     """Distinct uncertain parts M2 − added, shape (u, n, n), kg·m²."""
     rotor: np.ndarray
@@ -119,6 +121,7 @@ class InertiaPrior:
             added=parts[:, 1],
             gravity=parts[:, 2],
             shared=np.array([parts[pose][part[pose] == k][0, 3] for k in range(len(rest))]),
+            shared_gravity=parts[:, 4],
             rest=rest,
             rotor=rotor,
             pose=pose,
@@ -245,15 +248,34 @@ class InertiaPrior:
         """M2 of each pose, shape (p, n, n), of lower triangles of its uncertain part, shape (u, t)."""
         return np.asarray(self.symmetric(lower)[self.part] + self.added)
 
-    def inertias(self, M: Floats, M2: Floats) -> list[Inertia]:
-        """Inertia of each record from distinct M, shape (m, n), and M2, shape (p, n, n)."""
+    @cached_property
+    def by_lower(self) -> Floats:
+        """Share of the common unknown's σ in a change of each distinct element of M2, shape (u t,)."""
+        weight, common = self._own.ravel() ** -2.0, self.common.ravel()
+        return np.asarray(weight * common / (1 + weight @ common**2))
+
+    def gravities(self, lower: Floats) -> Floats:
+        """Gravity stiffness with each M2, shape (p, n, n), at lower triangles of shape (u, t).
+
+        What the common unknown changes in M2, it changes in the gravity.
+        """
+        if not self.shared_gravity.any():
+            return self.gravity
+        return np.asarray(
+            self.gravity + self.shared_gravity * (self.by_lower @ (lower - self.lower).ravel())
+        )
+
+    def inertias(self, M: Floats, M2: Floats, gravity: Floats | None = None) -> list[Inertia]:
+        """Inertia of each record from distinct M, shape (m, n), M2 and gravity, shapes (p, n, n)."""
+        gravity = self.gravity if gravity is None else gravity
         pairs = list(zip(self.rotor.tolist(), self.pose.tolist(), strict=True))
-        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p], self.gravity[p]) for m, p in set(pairs)}
+        distinct = {(m, p): Inertia(M[m], M2[p], self.added[p], gravity[p]) for m, p in set(pairs)}
         return [distinct[pair] for pair in pairs]
 
 
 def _parts(inertia: Inertia) -> Floats:
-    return np.stack([inertia.M2 - inertia.added, inertia.added, inertia.gravity, inertia.shared])
+    rest = inertia.M2 - inertia.added
+    return np.stack([rest, inertia.added, inertia.gravity, inertia.shared, inertia.shared_gravity])
 
 
 def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
@@ -272,7 +294,7 @@ def _distinct(arrays: Sequence[Floats]) -> tuple[Floats, np.ndarray]:
 def checked_std(name: str, value: object) -> float:
     """Return a relative standard deviation as a float, None as 0.
 
-    One too small to matter is 0, exact; one too large to say anything is infinite, unknown.
+    One too small to matter is 0, exact; one too large to have an effect is infinite, unknown.
 
     Raises
     ------

@@ -176,7 +176,11 @@ def maximum_likelihood(
         phasors=clean,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
-        inertias=tuple(prior.inertias(problem.rotor_inertia(named), problem.arm_inertia(named))),
+        inertias=tuple(
+            prior.inertias(
+                problem.rotor_inertia(named), problem.arm_inertia(named), problem.gravity(named)
+            )
+        ),
         scale=scale,
     )
 
@@ -314,15 +318,15 @@ def _further_step(
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows == 0:
         raise JointIdError(
-            "No motor moves visibly in any record, so that friction cannot be told from elasticity: "
-            "move the motors more, or log their positions with more digits."
+            "No motor moves visibly in any record, so that friction cannot be separated from "
+            "elasticity: move the motors more, or log their positions with more digits."
         )
     if problem.rows >= problem.free.shapes + 2 * p.size or not problem.free.groups:
         return
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     if problem.rows < residual.projection.rank() + 2 * p.size:
         raise JointIdError(
-            "The phasors hold too few harmonics to tell friction from elasticity: extract them with "
+            "The phasors hold too few harmonics to separate friction from elasticity: extract them with "
             "harmonics=31, or sample faster."
         )
 
@@ -425,6 +429,6 @@ def _require_separable(problem: Problem, normal: Floats) -> None:
     if values[0] < INSEPARABLE:
         names = np.array(problem.layout.labels)[seen][np.abs(vectors[:, 0]) > 0.3]
         raise JointIdError(
-            f"The records cannot tell {' and '.join(names)} apart. Add records at other frequencies, "
+            f"The records cannot separate {' and '.join(names)}. Add records at other frequencies, "
             "and with other relative amplitudes and phases of the joints."
         )

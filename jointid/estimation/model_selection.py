@@ -35,6 +35,7 @@ from jointid.estimation.start_values import (
     friction_start,
     with_play,
     without_inertias,
+    without_wide_loops,
 )
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
@@ -78,6 +79,8 @@ _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
 """Laws that are fitted where the linear fit is lost."""
+_CLIMB, _MOST_CLIMBS = 0.7, 2
+"""Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
 _MOST_STARTS = 2
@@ -202,6 +205,8 @@ class _Search:
         """Grow and prune from the base, or from the best model that is fitted already."""
         self._fit_first()
         best = self.fits.least(list(self.fits.tried))
+        if self._is_lost():
+            best = self._climbed(best)
         if best.reversal is not None:  # friction that only the start values, or gears, suggest
             best = self._pruned(best)
         while not self._is_spent(best):
@@ -242,6 +247,28 @@ class _Search:
         for model, law, begin in laws:
             if self._is_lost() and law in fits.optional:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
+
+    def _climbed(self, model: Model) -> Model:
+        """The best model after adding the part of the highest score as long as the misfit falls by it.
+
+        With several laws and friction together every model on the way is far off: comparing their
+        alternatives there would use up the fits before the whole is reached.
+        """
+        fits, falls = self.fits, True
+        while falls and len(model.effects) < _MOST_EFFECTS and fits.misfit(model) > EXPLAINED:
+            found, scored = fits.tried[model], self.scores(model)
+            if isinstance(found, JointIdError):
+                break
+            falls = False
+            for part in sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]:
+                wider = model.with_part(part)
+                self.slow_fits -= wider.is_slow  # not one of those that compare
+                self.fit(wider, found.named)
+                falls = fits.misfit(wider) < _CLIMB * found.misfit
+                if falls:
+                    model = wider
+                    break
+        return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:
         return not min(map(self.fits.misfit, self.fits.tried), default=np.inf) < _LOST
@@ -295,6 +322,10 @@ class _Search:
         try:
             waveforms = self._waveforms(model)
             estimate = fit_model(self.phasors, self.prior, start, self.noise, model, waveforms)
+            narrow = without_wide_loops(self.phasors, self.prior, estimate.named)
+            if narrow is not None and estimate.misfit > _DOUBTFUL:
+                other = fit_model(self.phasors, self.prior, narrow, self.noise, model, waveforms)
+                estimate = min(estimate, other, key=lambda each: each.whole_cost(1))
         except JointIdError as error:
             tried.setdefault(model, error)
             return

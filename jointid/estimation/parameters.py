@@ -209,7 +209,7 @@ class ParameterLayout:
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """A parameter vector by the names of its blocks; ``name in p.layout`` says what it holds."""
+    """A parameter vector by the names of its blocks; ``name in p.layout`` tests for a block."""
 
     layout: ParameterLayout
     vector: Floats

@@ -98,6 +98,10 @@ class Problem:
         """Distinct M2, shape (p, n, n), kg·m²."""
         return self.prior.totals(p["M2"]) if "M2" in self.layout else self.prior.M2
 
+    def gravity(self, p: Parameters) -> Floats:
+        """Gravity stiffness with each M2, shape (p, n, n), N·m/rad."""
+        return self.prior.gravities(p["M2"]) if "M2" in self.layout else self.prior.gravity
+
     def by_group(self, values: Floats) -> Floats:
         """Sums over the groups, shape (G,), of values (r, H)."""
         sums = np.bincount(self.group.ravel(), values.ravel(), self.main.size)
@@ -328,7 +332,7 @@ class Residual:
         Of the fundamental alone, h = 1, or with segments of motions of all bins.
         """
         problem, p, s = self.problem, self.p, self.problem.s[:, : self.fundamentals]
-        arm = s[..., None, None] ** 2 * ideal_compliance(problem.prior, problem.arm_inertia(p), s)
+        arm = s[..., None, None] ** 2 * _without_effects(problem, p, s)
         rotor = problem.rotor_inertia(p)[problem.prior.rotor, None]
         Z, _ = motor_impedance(s, rotor, arm, p.K, p.D)
         return np.asarray((Z @ self.position[..., None])[..., 0])
@@ -471,6 +475,19 @@ class Residual:
                 first = layout["M2"].start + part * size
                 uses = problem.prior.part[problem.prior.pose] == part
                 J[uses, :, :, first : first + size] = by_element[uses]
+            if problem.prior.shared_gravity.any():
+                J[..., layout["M2"]] += self._by_common_gravity(share, angle, moved, turns)
+
+    def _by_common_gravity(
+        self, share: Complexes, angle: Complexes, moved: Complexes, turns: SignSlope | None
+    ) -> Complexes:
+        """Change of r by the gravity that follows the common unknown in M2, shape (r, H, n, u t)."""
+        prior = self.problem.prior
+        change = prior.shared_gravity[prior.pose, None]
+        by_unknown = share @ (change @ angle[..., None])
+        if turns is not None:
+            by_unknown = by_unknown + self._by_turns(turns, -self.arm @ (change @ moved[..., None]))
+        return np.asarray(by_unknown * prior.by_lower)
 
 
 def with_law_noise(problem: Problem, vector: Floats) -> Problem:
@@ -561,21 +578,25 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
 def _arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
     if not any(name in problem.layout for name in ARM_EFFECTS):
-        return ideal_compliance(problem.prior, problem.arm_inertia(p), problem.s)
+        return _without_effects(problem, p, problem.s)
     s, pose = problem.s[..., None, None], problem.prior.pose
-    A = s * s * problem.arm_inertia(p)[pose, None] + problem.prior.gravity[pose, None]
+    A = s * s * problem.arm_inertia(p)[pose, None] + problem.gravity(p)[pose, None]
     own = s[..., 0] * p.effect("arm_viscous") - s[..., 0] ** 4 * p.effect("link") + p.effect("gravity")
     for j in range(problem.n):
         A[..., j, j] += own[..., j]
     return inverse(np.asarray(A))
 
 
-def ideal_compliance(prior: InertiaPrior, M2: Floats, s: Complexes) -> Complexes:
-    """The same without effects, of distinct M2 (p, n, n) at s of shape (r, H)."""
+def _without_effects(problem: Problem, p: Parameters, s: Complexes) -> Complexes:
+    return ideal_compliance(problem.prior, problem.arm_inertia(p), problem.gravity(p), s)
+
+
+def ideal_compliance(prior: InertiaPrior, M2: Floats, gravity: Floats, s: Complexes) -> Complexes:
+    """The same without effects, of distinct M2 and gravity (p, n, n) at s of shape (r, H)."""
     squared = (s * s)[..., None, None]
-    if not prior.gravity.any():
+    if not gravity.any():
         return np.asarray(inverse(M2)[prior.pose, None] / squared)
-    return inverse(np.asarray(squared * M2[prior.pose, None] + prior.gravity[prior.pose, None]))
+    return inverse(np.asarray(squared * M2[prior.pose, None] + gravity[prior.pose, None]))
 
 
 def sliding_friction(friction: FrictionWaveforms, p: Parameters, h: int) -> Complexes:

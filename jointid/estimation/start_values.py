@@ -27,6 +27,8 @@ _DAMPED = 0.05
 _ROUGH = 0.1
 """At the start of a fit of gear laws damping over stiffness, and hysteresis over the largest torque and
 deflection."""
+_WIDE, _NARROW = 0.3, 0.03
+"""Width of a loop, over the largest wind-up, that makes it a spring, and that of a usual one."""
 _POINTS, _LOADED, _LEAST = 128, 0.2, 1e-30
 """Samples over a period for the start of a play, torque over its largest from which they count, and
 what stands for zero."""
@@ -78,6 +80,26 @@ def by_motion(phasors: Phasors, prior: InertiaPrior) -> Parameters:
             presliding=_ROUGH * np.abs(delta).max(axis=0),
         )
     )
+
+
+def without_wide_loops(phasors: Phasors, prior: InertiaPrior, p: Parameters) -> Parameters | None:
+    """The parameters with wide loops of hysteresis as stiffness, and small loops; None without one.
+
+    A loop as wide as the wind-up is a spring: such a fit is lost beside the right one.
+    """
+    if "hysteresis" not in p.layout:
+        return None
+    torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
+    peak = np.abs(torque).max(axis=0)
+    K = p.K + p["hysteresis"] / p["presliding"]
+    wide = p["presliding"] * np.abs(K) > _WIDE * peak
+    if not np.any(wide) or np.any(K <= 0):
+        return None
+    values = {block.name: p[block.name] for block in p.layout.blocks}
+    values["K"] = np.where(wide, K, p.K)
+    values["hysteresis"] = np.where(wide, _NARROW * peak, p["hysteresis"])
+    values["presliding"] = np.where(wide, _NARROW * peak / K, p["presliding"])
+    return p.layout.named(p.layout.pack(**values))
 
 
 def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:

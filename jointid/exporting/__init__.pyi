@@ -21,6 +21,7 @@ from .state_space import control_state_space as control_state_space
 from .state_space import scipy_state_space as scipy_state_space
 from .state_space import state_space as state_space
 from .tables import gear_table as gear_table
+from .tables import modelica_table as modelica_table
 from .tables import phasor_table as phasor_table
 from .tables import torsion_table as torsion_table
 from .tables import transfer_matrix_table as transfer_matrix_table

@@ -318,5 +318,5 @@ def _names(n: int, names: Sequence[str] | None) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    """Text as it may stand in an XML comment."""
+    """Text that is valid in an XML comment."""
     return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")

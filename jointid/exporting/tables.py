@@ -7,7 +7,9 @@ from io import StringIO
 import numpy as np
 
 from jointid.answer import without
+from jointid.arrays import Floats
 from jointid.exporting.identification import Identification
+from jointid.gears.gear import knees
 from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
 from jointid.study import Analysis
@@ -16,7 +18,9 @@ from jointid.transfer_matrix import TransferMatrix
 _EVERY = 4
 """Of the points of a torsion curve, for a file of moderate size."""
 _ROWS = 101
-"""Of the look-up table of a law; odd, so that it holds zero."""
+"""Of the look-up table of a law, beside its kinks; odd, so that it holds zero."""
+_NOT_TRIED_RAD = 1e-3
+"""Its range for a gear without a torsion curve."""
 _FORMULA = ("=", "+", "-", "@", "\t")
 """First characters by which a spreadsheet takes a text for a formula, and runs it."""
 
@@ -116,25 +120,49 @@ def torsion_table(analysis: Analysis) -> str:
 def gear_table(found: Identification) -> str:
     """Torque of every gear's law over its wind-up as a look-up table, up to the torque tried.
 
-    For Simulink's 1-D Lookup Table, Modelica's CombiTable1Ds and own controllers. Without damping and
-    hysteresis; motor side.
+    For Simulink's 1-D Lookup Table and own controllers, which interpolate linearly: edges of a play and
+    changes of slope are among its rows. Without damping and hysteresis; motor side.
 
     Returns
     -------
     str
         CSV with a header row, columns ``deflection_m1_rad, torque_m1_Nm, deflection_m2_rad, ...``.
     """
-    share = np.linspace(-1, 1, _ROWS)
-    columns = []
-    for gear in found.gears:
-        delta = share * gear.tried_rad
-        columns += [delta, gear.torque(delta)]
     header = [
         f"{name}_m{j + 1}_{unit}"
         for j in range(found.n)
         for name, unit in (("deflection", "rad"), ("torque", "Nm"))
     ]
-    return csv_text(header, np.stack(columns, axis=1).tolist())
+    return csv_text(header, np.concatenate(_law_tables(found), axis=1).tolist())
+
+
+def modelica_table(found: Identification) -> str:
+    """The same as tables ``gear1, gear2, ...`` of one text file for Modelica's CombiTable1Ds."""
+    lines = ["#1"]
+    for j, table in enumerate(_law_tables(found), start=1):
+        lines.append(f"double gear{j}({len(table)},2)  # wind-up (rad), torque (N.m), motor side")
+        lines += [f"{x!r} {y!r}" for x, y in table.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _law_tables(found: Identification) -> list[Floats]:
+    """Wind-up and torque of every gear, as many rows of each, shape (rows, 2)."""
+    grids = []
+    for gear in found.gears:
+        half, most = 0.5 * gear.backlash_rad, gear.tried_rad or _NOT_TRIED_RAD
+        kinks = np.array([half, *(half + knee for knee in knees(gear)[0])])
+        grids.append(np.unique(np.concatenate([most * np.linspace(-1, 1, _ROWS), -kinks, kinks])))
+        grids[-1] = grids[-1][np.abs(grids[-1]) <= most]
+    rows = max((grid.size for grid in grids), default=0)
+    for j, grid in enumerate(grids):
+        while grid.size < rows:
+            widest = int(np.argmax(np.diff(grid)))
+            grid = np.insert(grid, widest + 1, grid[widest : widest + 2].mean())
+        grids[j] = grid
+    return [
+        np.stack([grid, gear.torque(grid)], axis=1)
+        for grid, gear in zip(grids, found.gears, strict=True)
+    ]
 
 
 def without_friction_and_delay(analysis: Analysis) -> Mapping[str, TransferMatrix]:

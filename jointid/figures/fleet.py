@@ -17,7 +17,7 @@ _WIDE = 6.0
 
 
 def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
-    """How many studies have which value; the median, its robust spread, and what stands out.
+    """Number of studies by value; the median, its robust spread, and outliers.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def log_spans(
     log : MappedLog
         Long logs are drawn by the extremes of every stretch.
     kept, dropped : sequence of Segment
-        Used ones are blue and solid, others grey and dashed; their frequencies stand in the top row.
+        Used ones are blue and solid, others grey and dashed; their frequencies are in the top row.
     dark : bool, default False
         For a dark background.
     """

@@ -1,4 +1,4 @@
-"""The springs: dynamic stiffness of every record, and what the model leaves unexplained."""
+"""The springs: dynamic stiffness of every record, and the residual of the model."""
 
 import numpy as np
 import plotly.graph_objects as go

@@ -9,12 +9,13 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
+from jointid.rounding import significant
 
 Trace = dict[str, Any]
 Axis = dict[str, Any]
 Shape = dict[str, Any]
 
-_MOST_DECADES = 4
+_MOST_DECADES = 3
 """Of an axis with ticks at 1, 2 and 5; a longer one has ticks at some powers of ten."""
 _FULL_HEIGHT: Shape = {"yref": "paper", "y0": 0, "y1": 1}
 
@@ -149,7 +150,8 @@ def log_axis(title: str, **more: Any) -> Axis:
         return axis | {"dtick": -(-(high - low) // 6), "exponentformat": "power"} | more
     steps = (1, 2, 5) if high - low > 1 else (1, 1.5, 2, 3, 4, 5, 7)
     ticks = [m * 10.0**d for d in range(-12, 10) for m in steps]
-    return axis | {"tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]} | more
+    text = [f"{tick:g}" if 1e-4 < tick < 1e6 else significant(tick, 1) for tick in ticks]
+    return axis | {"tickvals": ticks, "ticktext": text} | more
 
 
 def linear_axis(title: str, **more: Any) -> Axis:

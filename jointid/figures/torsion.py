@@ -18,6 +18,7 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
+from jointid.gears.harmonic_balance import sine_stiffness
 
 _MOST_RECORDS = 10
 """Records drawn; more would hide each other."""
@@ -103,16 +104,17 @@ def stiffness_over_amplitude(
     traces: list[Trace] = []
     for k, pose in enumerate(dict.fromkeys(names.tolist())):
         own = names == pose
-        name = plain_text(pose) or "each record"
+        name = plain_text(pose) or ("each record" if np.all(own) else "no pose stated")
         hover = "%{x:.3g} N·m<br>%{y:.4g} ± %{customdata:.2g} N·m/rad<extra></extra>"
         shared = {"customdata": error[own], "error": {"array": error[own]}, "hovertemplate": hover}
-        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)]}
-        traces.append(points(amplitude[own], K[own], name, ink.measured, marker=symbol, **shared))
-    size = np.linspace(0.02, 1, 60) * gear.tried_rad
-    turn = np.sin(2 * np.pi * (np.arange(256) + 0.5) / 256)
-    torque = 2 * (gear.torque(size[:, None] * turn) * turn).mean(axis=1)
+        symbol = {"symbol": JOINT_SYMBOLS[k % len(JOINT_SYMBOLS)], "size": 6}
+        colour = ink.measured if k == 0 else _SCALE[(2 * k) % len(_SCALE)]
+        traces.append(points(amplitude[own], K[own], name, colour, marker=symbol, **shared))
+    size = np.geomspace(0.01, 1, 80) * gear.tried_rad
+    secant = np.zeros(size.size) if gear.tried_rad == 0 else sine_stiffness(gear, size)
     law = {"hovertemplate": "%{x:.3g} N·m<br>%{y:.4g} N·m/rad<extra>fitted law</extra>"}
-    traces.insert(0, line(torque, torque / size, "fitted law", ink.identified, **law))
+    inside = size * secant >= amplitude.min(initial=np.inf)
+    traces.insert(0, line((size * secant)[inside], secant[inside], "fitted law", ink.identified, **law))
     return figure(
         traces,
         height=260,

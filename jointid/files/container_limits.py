@@ -1,4 +1,4 @@
-"""What folders and archives share: safe file names, and limits on what is read."""
+"""Checks common to folders and archives: safe file names and size limits."""
 
 import re
 import sys

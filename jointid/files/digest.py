@@ -35,7 +35,7 @@ def study_digest(study: Study) -> str:
     _arrays(state, [array for inertia in inertias for array in (inertia.M, inertia.M2)])
     if any(inertia.added.any() for inertia in inertias):
         _arrays(state, [inertia.added for inertia in inertias])
-    for name in ("gravity", "shared"):
+    for name in ("gravity", "shared", "shared_gravity"):
         parts = [getattr(inertia, name) for inertia in inertias]
         if any(part.any() for part in parts):
             _arrays(state, parts)

@@ -15,12 +15,15 @@ from jointid.parsing.checked_toml import CheckedTable
 from jointid.robot_models.model import RobotModel
 from jointid.wording import listed, nearest
 
+PARTS = ("added", "gravity", "shared", "shared_gravity")
+"""Optional matrices of an inertia."""
 INERTIA_KEYS = {
     "M": "M = [0.0025, 0.0010]  # rotor inertias, motor side, kg·m²",
     "M2": "M2 = [[0.0041, 0.0004], [0.0004, 0.0019]]  # arm inertia, motor side, kg·m²",
     "added": "added = [[0.0012, 0.0005], [0.0005, 0.0009]]  # exactly known part of M2, kg·m²",
     "gravity": "gravity = [[0.06, 0.01], [0.01, 0.02]]  # gravity stiffness, motor side, N·m/rad",
     "shared": "shared = [[0.0004, 0.0001], [0.0001, 0.0003]]  # change by 1 σ of the payload, kg·m²",
+    "shared_gravity": "shared_gravity = [[0.01, 0.0], [0.0, 0.01]]  # its change of gravity, N·m/rad",
     "angles_deg": "angles_deg = [0.0, -60.0, 100.0, 0.0, 40.0, 0.0]  # joint angles, in place of M2",
     "angles_rad": "angles_rad = [0.0, -1.05, 1.75, 0.0, 0.7, 0.0]  # joint angles, in place of M2",
     "std": "std = 0.03  # M and M2 are known to 3 %",
@@ -63,7 +66,7 @@ STUDY_KEYS = {
     "gear_ratio": "gear_ratio = [101.0, -93.5]  # motor turns per joint turn",
     "gear_temperature_C": "gear_temperature_C = 24.0",
     "note": 'note = "after two hours of work"',
-    "assumed": 'assumed = ["torque held between samples"]  # what nobody has confirmed',
+    "assumed": 'assumed = ["torque held between samples"]  # unconfirmed facts',
     "changes": 'changes = ["Left out: 05.csv"]  # changes of the data as logged',
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
@@ -86,7 +89,7 @@ def read_inertia(
     """
     angles = read_angles(table)
     if angles is not None:
-        both = [key for key in ("M", "M2", "added", "gravity", "shared", "base") if key in table]
+        both = [key for key in ("M", "M2", *PARTS, "base") if key in table]
         if both:
             raise table.error(f"joint angles and {both[0]} are both given: leave one of them out.")
         if robot is None:
@@ -95,7 +98,7 @@ def read_inertia(
             return robot.inertia(angles)
     M = default.M if default is not None and "M" not in table else table.numbers("M")
     M2 = table.matrix("M2")
-    parts = {key: table.matrix(key) for key in ("added", "gravity", "shared") if key in table}
+    parts = {key: table.matrix(key) for key in PARTS if key in table}
     with in_place(table.where, table.file):
         return Inertia(M, M2, **parts)
 
@@ -136,7 +139,7 @@ def read_robot_model(top: CheckedTable, read: Callable[[str], bytes]) -> RobotMo
 def read_known(
     top: CheckedTable, inertia: CheckedTable, robot: RobotModel | None = None
 ) -> dict[str, Any]:
-    """Return what a file says of a robot: inertia, standard deviations if stated, poses, nominal, name.
+    """Return the robot in a file: inertia, standard deviations if stated, poses, nominal, name.
 
     ``inertia`` is the table with M and M2. Raises JointIdError when one of them is invalid.
     """

@@ -16,6 +16,7 @@ from jointid.errors import JointIdError
 from jointid.files.atomic_write import new_file, write_error
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
+from jointid.files.study_keys import PARTS
 from jointid.joints import Inertia
 from jointid.parsing.checked_toml import MAX_TOML_BYTES
 from jointid.phasors.long_records import LongRecord
@@ -150,7 +151,7 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
 
 def inertia_table(inertia: Inertia) -> dict[str, Any]:
     """Return M, M2 and, if there are any, the parts that are not zero, as lists."""
-    parts = {name: getattr(inertia, name) for name in ("added", "gravity", "shared")}
+    parts = {name: getattr(inertia, name) for name in PARTS}
     known = {name: part.tolist() for name, part in parts.items() if part.any()}
     return {"M": inertia.M.tolist(), "M2": inertia.M2.tolist()} | known
 
@@ -166,7 +167,7 @@ def _robot_file(robot: RobotModel) -> str:
 
 
 def _robot_table(robot: RobotModel) -> dict[str, Any]:
-    """What the study says of the model: its file, and what was changed or added when it was loaded."""
+    """Table of the robot model: its file, and values that replaced those of the file."""
     plain = RobotModel.parse(*robot.source)
     table: dict[str, Any] = {"file": _robot_file(robot)}
     for key in ("gear_ratio", "rotor_inertia"):
@@ -186,7 +187,7 @@ def _pose(study: Study, pose: Inertia) -> dict[str, Any]:
     bases = {"": study.inertia} | {n: p for n, p in study.poses.items() if not p.added.any()}
     for name, base in bases.items():
         pairs = (base.M2, pose.M2), (base.added, pose.added)
-        falls = np.array_equal([base.gravity, base.shared], [pose.gravity, pose.shared])
+        falls = all(np.array_equal(getattr(base, part), getattr(pose, part)) for part in PARTS[1:])
         same = all((of + pose.added).tobytes() == total.tobytes() for of, total in pairs)
         if pose.added.any() and not base.added.any() and same and falls:
             table = ({"base": name} if name else {}) | {"added": pose.added.tolist()}

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs, phasors_of, samples_of
 
@@ -15,6 +16,8 @@ _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
+_SINE_POINTS = 512
+"""Samples of a sine."""
 _NEWTON, _CONVERGED = 24, 1e-6
 """Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
 _CENTRED = 1e-9
@@ -223,6 +226,14 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
     return found, slope + 0.5 * (steep + np.roll(steep, -1, axis=-1)), chords
 
 
+def sine_stiffness(gear: Gear, amplitude_rad: Floats) -> Floats:
+    """Stiffness of a gear in a sine of the wind-up, hysteresis included, N·m/rad, as the amplitudes."""
+    delta = np.zeros((*amplitude_rad.shape, 2), complex)
+    delta[..., 1] = amplitude_rad
+    beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, _SINE_POINTS)
+    return np.asarray(gear.K + beyond[..., 1].real / amplitude_rad)
+
+
 def dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
     move = _moves(delta)
@@ -271,9 +282,26 @@ def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
 
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:
-    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope."""
-    waves, parts = _waves(H, slope.shape[-1])
-    return np.asarray((slope[..., None, :] * waves[_inner(m, H)]) @ parts)
+    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope.
+
+    A product of two waves is one of the sum and one of the difference of their orders: the slope's own
+    Fourier coefficients hold all of it.
+    """
+    c = np.fft.rfft(slope, axis=-1)[..., : m + H + 1] / slope.shape[-1]
+    k, h = np.arange(1, m + 1)[:, None], np.arange(1, H + 1)
+    apart, sign, together = np.abs(h - k), np.sign(h - k), h + k
+    re, im = np.ascontiguousarray(c.real), np.ascontiguousarray(c.imag)
+    found = np.empty((*slope.shape[:-1], 1 + 2 * m, 1 + 2 * H))
+    sines, cosines = slice(1, 1 + m), slice(1 + m, None)
+    found[..., 0, 0], found[..., 0, 1 : 1 + H], found[..., 0, 1 + H :] = (
+        re[..., 0], -2 * im[..., 1 : 1 + H], 2 * re[..., 1 : 1 + H]
+    )  # fmt: skip
+    found[..., sines, 0], found[..., cosines, 0] = -im[..., 1 : 1 + m], re[..., 1 : 1 + m]
+    near, far = re[..., apart], re[..., together]
+    found[..., sines, 1 : 1 + H], found[..., cosines, 1 + H :] = near - far, near + far
+    near, far = sign * im[..., apart], im[..., together]
+    found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
+    return found
 
 
 def _parts(z: Complexes) -> Floats:

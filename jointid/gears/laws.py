@@ -68,7 +68,8 @@ class GearLaws:
 
     def smooth(self, delta: Floats) -> Floats:
         """Torque of the cubic stiffness."""
-        return np.asarray(self.cubic * self._beyond_play(delta) ** 3)
+        e = self._beyond_play(delta)
+        return np.asarray(self.cubic * (e * e * e))  # far faster than a power
 
     def smooth_slope(self, delta: Floats) -> Floats:
         """Slope of ``smooth``."""

@@ -42,7 +42,7 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
     ----------
     records : sequence of MotionRecord
     M : ndarray, shape (r, n)
-        Rotor inertia of each record, kg·m², to tell the noise of torque and angle apart.
+        Rotor inertia of each record, kg·m², to separate the noise of torque and angle.
 
     Raises
     ------

@@ -148,8 +148,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         )
     yield Paragraph(
         f"{outcome.robot.meaning} The paper prints no "
-        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and what "
-        "the servo assumes before are assumptions of this software or of the study. Both robots are "
+        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and the "
+        "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",
     )

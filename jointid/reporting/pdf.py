@@ -217,7 +217,7 @@ def _columns(table: Table, width: float, size: float) -> list[float]:
 
 
 def _shared(width: float, wanted: list[float]) -> list[float]:
-    """Share a width: narrow columns have what they need, wide ones give way to the same width."""
+    """Share a width: narrow columns keep their width, wide ones share the rest equally."""
     left, most = width, width
     for number, one in enumerate(sorted(wanted)):
         most = left / (len(wanted) - number)

@@ -98,7 +98,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
     caption = (
-        f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: what the controller assumes today."
+        f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: assumed by the controller at present."
     )
     rows: list[tuple[str, ...]] = []
     for k, found in enumerate(analysis.quantities):

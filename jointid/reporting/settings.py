@@ -6,7 +6,6 @@ from math import isfinite
 import numpy as np
 
 from jointid.answer import elasticity_quantities, further_quantities, model_name
-from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.identify_elasticity import METHODS
 from jointid.estimation.parameters import elasticity_labels
 from jointid.files.digest import study_digest
@@ -67,7 +66,7 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
     yield Table(
         ("estimator", *names),
         tuple(
-            (method, *(with_error(float(v), float(e)) for v, e in _estimates(other)))
+            (method, *map(with_error, other.estimate.tolist(), other.standard_error.tolist()))
             for method, other in analysis.fits.items()
         ),
         "Other estimators on the sine records: the paper's least squares (13)–(14) and its explicit "
@@ -85,10 +84,6 @@ def _model(analysis: Analysis) -> str:
     chosen = next((c.name for c in analysis.fit.candidates if c.chosen), "")
     free = f" ({chosen.partition(', ')[2]})" if ", " in chosen else ""
     return model_name(analysis.fit) + free
-
-
-def _estimates(fit: ElasticityFit) -> Iterator[tuple[float, float]]:
-    yield from zip(fit.estimate, fit.standard_error, strict=True)
 
 
 def record_rows(study: Study) -> Table:

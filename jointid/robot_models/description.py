@@ -1,4 +1,4 @@
-"""What a file says about a robot."""
+"""Description of a robot in a file."""
 
 from dataclasses import dataclass, field
 

@@ -20,6 +20,7 @@ from jointid.robot_models.descriptions import read_mjcf, read_urdf
 from jointid.robot_models.payload import Payload
 from jointid.robot_models.rigid_bodies import (
     Array,
+    Motion,
     RigidBodies,
     about_origin,
     cross,
@@ -184,13 +185,15 @@ class RobotModel(RobotDescription):
         C = self._known_coupling()
         if not np.isfinite(self.rotor_inertia).all():
             raise self._unknown("rotor inertia", self.rotor_inertia, "rotor_inertia")
-        M2, load = C.T @ self.joint_inertia(q) @ C, self.payload
-        heavier = self.with_payload(mass=load.mass + load.mass_std).joint_inertia(q)
+        M2, gravity = C.T @ self.joint_inertia(q) @ C, self.motor_gravity_stiffness(q)
+        load = self.payload
+        heavier = self.with_payload(mass=load.mass + load.mass_std)
         return Inertia(
             self.rotor_inertia,
             M2,
-            gravity=self.motor_gravity_stiffness(q),
-            shared=C.T @ heavier @ C - M2 if load.mass_std else None,
+            gravity=gravity,
+            shared=C.T @ heavier.joint_inertia(q) @ C - M2 if load.mass_std else None,
+            shared_gravity=heavier.motor_gravity_stiffness(q) - gravity if load.mass_std else None,
         )
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
@@ -211,16 +214,26 @@ class RobotModel(RobotDescription):
     def tool_jacobian(self, q: ArrayLike) -> Floats:
         """Velocity of the tool point over joint velocities, shape (3, n), m/rad, in world axes."""
         (angles,) = self._checked(q=q, one=True)
-        still = np.zeros(self.n)
-        motion = self.links.motion(angles + self.zero, still, still)
-        last = motion.frames[-1]
-        tool = last.origin + last.rotation @ (self.flange.origin + self.flange.rotation @ self.tool)
+        motion, tool = self._tool(angles)
         columns, j = np.zeros((3, self.n)), self.n - 1
         while j >= 0:
             z, arm = motion.axes[j], tool - motion.frames[j].origin
             columns[:, j] = z if self.links.sliding[j] else cross(z, arm)
             j = self.links.parent[j]
         return columns
+
+    def tool_point(self, q: ArrayLike) -> Floats:
+        """Position of the tool point at joint angles of shape (n,), shape (3,), m, in world axes."""
+        (angles,) = self._checked(q=q, one=True)
+        return self._tool(angles)[1]
+
+    def _tool(self, angles: Floats) -> tuple[Motion, Floats]:
+        """Motion of the links at rest, and the tool point, shape (3,), m."""
+        still = np.zeros(self.n)
+        motion = self.links.motion(angles + self.zero, still, still)
+        last, flange = motion.frames[-1], self.flange
+        tool = last.origin + last.rotation @ (flange.origin + flange.rotation @ self.tool)
+        return motion, np.asarray(tool)
 
     @cached_property
     def _loaded(self) -> RigidBodies:

@@ -1,4 +1,4 @@
-"""What a file format gets and what it states about itself."""
+"""Input and properties of a file format."""
 
 from __future__ import annotations
 

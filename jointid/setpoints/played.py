@@ -78,7 +78,6 @@ def play(
     elasticity: Elasticity,
     *,
     friction: Friction | MotorFriction | None = None,
-    bandwidth_hz: float = BANDWIDTH_HZ,
 ) -> PlayedExperiment:
     """Play an experiment on the simulated robot, equation (1): one pose, no gravity.
 
@@ -89,8 +88,6 @@ def play(
         The robot, n joints.
     friction : Friction or MotorFriction, optional
         Negative estimates count as none.
-    bandwidth_hz : float, default 10
-        Of the simulated control.
 
     Raises
     ------
@@ -101,9 +98,9 @@ def play(
     friction = friction or MotorFriction()
     coulomb, viscous = np.maximum(none, friction.coulomb), np.maximum(none, friction.viscous)
     ratio = float(np.max(1 + np.diag(inertia.M2) / inertia.M))
-    steady_hz = min(2 * np.pi * bandwidth_hz * ratio / _DAMPING_STEP, _RATE_HZ[1])
+    steady_hz = min(2 * np.pi * BANDWIDTH_HZ * ratio / _DAMPING_STEP, _RATE_HZ[1])
     rate = max(_RATE_HZ[0], _SAMPLES_PER_PERIOD * experiment.highest_hz, steady_hz)
-    controller = Controller(sample_rate_hz=rate, bandwidth_hz=bandwidth_hz)
+    controller = Controller(sample_rate_hz=rate, bandwidth_hz=BANDWIDTH_HZ)
     rubbing = MotorFriction(coulomb, viscous, step_s=1 / rate)
     robot = Robot(inertia, elasticity, controller, rubbing)
     time = np.arange(int(np.ceil(experiment.duration_s * rate)) + 1) / rate

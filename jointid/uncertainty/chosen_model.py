@@ -10,12 +10,14 @@ from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import maximum_likelihood
 from jointid.estimation.linear_fit import LINEAR, Estimate
-from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import EFFECTS
 from jointid.estimation.residual import Problem, make_problem
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
+
+_LEAST_STIFFNESS = 1e-9
+"""In place of one that comes out as zero, N·m/rad."""
 
 
 def refit(
@@ -25,7 +27,6 @@ def refit(
     *,
     delay: bool | None = None,
     friction: FrictionWaveforms | None = None,
-    noise: Noise | None = None,
 ) -> Estimate:
     """Estimate again with the model of ``fit``: same method, friction, delay, effects and prior.
 
@@ -41,8 +42,6 @@ def refit(
         Fit a delay or not; by default as in ``fit``.
     friction : FrictionWaveforms, optional
         Waveforms of the friction, if ``fit`` has any; by default those of the phasors.
-    noise : Noise, optional
-        Noise of the phasors, where it is already known.
 
     Raises
     ------
@@ -53,7 +52,7 @@ def refit(
         inertia = fit.prior.like(inertia, phasors.q.shape)
     if fit.method in LINEAR:
         each = inertia.inertias(inertia.M, inertia.M2)
-        return LINEAR[fit.method](spring_equations(phasors, each, noise=noise))
+        return LINEAR[fit.method](spring_equations(phasors, each))
     if friction is None and fit.friction is not None:
         friction = chosen_friction(phasors, fit)
     return maximum_likelihood(
@@ -63,7 +62,6 @@ def refit(
         friction=friction,
         delay=fit.delay is not None if delay is None else delay,
         effects=[name for name in EFFECTS if name in fit.parameters.layout],
-        noise=noise,
     )
 
 
@@ -77,7 +75,7 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
         phasors = replace(phasors, harmonics=phasors.harmonics[:, :1])
         noise = replace(noise, covariance=noise.covariance[:, :1])
     friction = None if fit.friction is None else chosen_friction(phasors, fit)
-    start = np.full(fit.n, np.inf)
+    start = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
     return make_problem(phasors, fit.prior, fit.parameters.layout, start, friction, noise)
 
 

@@ -54,7 +54,7 @@ class PlanningModel:
         """Inertia of the planned records, as fitted if measured records have it as well."""
         p = self.problem.layout.named(self.p)
         rotor, pose = self.pose
-        gravity = self.problem.prior.gravity[pose]
+        gravity = self.problem.gravity(p)[pose]
         return Inertia(
             self.problem.rotor_inertia(p)[rotor], self.problem.arm_inertia(p)[pose], gravity=gravity
         )

@@ -1,7 +1,7 @@
-"""Planning of motions: what a sweep or a multisine within limits would tell about K and D."""
+"""Planning of motions: expected errors of K and D from a sweep or a multisine within limits."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -87,7 +87,6 @@ def plan_motion(
     *,
     interval_s: float,
     records: int = 2,
-    seed: int = 0,
 ) -> PlannedMotion:
     """Predict the errors of K and D from a motion within limits.
 
@@ -108,8 +107,6 @@ def plan_motion(
         Sample interval, s.
     records : int, default 2
         Number of records.
-    seed : int
-        Seed of phases and noise.
 
     Raises
     ------
@@ -129,9 +126,9 @@ def plan_motion(
     noise = sensor_noise(fit, interval_s)
     friction = MotorFriction(coulomb=coulomb, viscous=viscous, step_s=max(interval_s, 1.25e-4))
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
-    chosen = _within(fit, motion, limits, coulomb, interval_s, seed)
+    chosen = _within(fit, motion, limits, coulomb, interval_s)
     made = _simulated(
-        fit, chosen, interval_s, records=records, friction=friction, measurement=measurement, seed=seed
+        fit, chosen, interval_s, records=records, friction=friction, measurement=measurement
     )
     prior = fit.prior
     found = identify_motion(
@@ -156,28 +153,19 @@ def _information(covariance: Floats) -> Floats:
 
 
 def _within(
-    fit: ElasticityFit,
-    motion: Motion,
-    limits: MotionLimits,
-    coulomb: Floats,
-    interval_s: float,
-    seed: int,
+    fit: ElasticityFit, motion: Motion, limits: MotionLimits, coulomb: Floats, interval_s: float
 ) -> Motion:
     """The motion with the largest acceleration that keeps the limits."""
     acceleration = per_joint("acceleration_rad_s2", motion.acceleration_rad_s2, fit.n)
     share = np.ones(fit.n)  # the motors overshoot their reference
     for _ in range(_ROUNDS):
-        motion = Motion(
-            motion.kind,
-            motion.from_hz,
-            motion.to_hz,
-            motion.duration_s,
+        motion = replace(
+            motion,
             velocity_rad_s=limits.velocity_rad_s * share,
             acceleration_rad_s2=acceleration,
             position_rad=limits.position_rad * share,
-            odd=motion.odd,
         )
-        record = _simulated(fit, motion, interval_s, records=1, seed=seed)[0]
+        record = _simulated(fit, motion, interval_s, records=1)[0]
         reached = largest_motion([record])
         ratio = np.min(
             [

@@ -108,7 +108,7 @@ def known_cause(factor: float, close: float) -> Cause | None:
 def finding_of(
     hypothesis: Hypothesis, before: float, after: float, side: str, duration_s: float, K: Floats
 ) -> Finding:
-    """Finding that names what is wrong.
+    """Finding that names the fault.
 
     Parameters
     ----------

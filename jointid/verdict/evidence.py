@@ -137,10 +137,9 @@ def number(value: float, digits: int = 3) -> str:
     return significant(value, digits)
 
 
-def some(names: Sequence[str], at_most: int = 3) -> str:
-    """List a few names, and the number of the others."""
-    more = f" and {len(names) - at_most} more" if len(names) > at_most else ""
-    return ", ".join(names[:at_most]) + more
+def some(names: Sequence[str]) -> str:
+    """List three names, and the number of the others."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def relative(change: Floats, p: Floats) -> Floats:

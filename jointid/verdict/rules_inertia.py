@@ -103,7 +103,7 @@ def _judged(evidence: Evidence) -> ElasticityFit | None:
 
 
 def _significance(row: PriorRow, exact: bool) -> float:
-    """Difference of fitted and given value, in standard deviations of what is uncertain."""
+    """Difference of fitted and given value, in standard deviations of the uncertain one."""
     scale = row.fitted_std if exact else row.given_std
     return abs(row.fitted - row.given) / scale if scale > 0 else 0.0
 
@@ -143,7 +143,7 @@ def _far_off(evidence: Evidence) -> Iterator[Finding]:
                 f"The inertias look wrong{where}",
                 "At low frequency, where the springs have no effect, torque over acceleration gives "
                 f"about {element} = {number((measured[i, j] + measured[j, i]) / 2, 2)} kg·m² (entered: "
-                f"{number(given[i, j])}).  The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
+                f"{number(given[i, j])}). The residual is {number(np.sqrt(fit.misfit), 2)} × noise.",
                 "Check M and M2 for another pose or drive, a missing payload or wrong gear ratios.",
                 float(off[i, j]),
                 "edit inertias",

@@ -31,6 +31,8 @@ _LOWEST = 0.1
 """Lowest suggested frequency over the lowest of the records."""
 _GAP = 1.4
 """Factor within which a frequency covers a resonance."""
+_FINE = 0.01
+"""Relative standard error of K and D that needs no further frequency."""
 
 
 def not_physical(evidence: Evidence) -> Iterator[Finding]:
@@ -169,17 +171,20 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         return
     error = fit.standard_error / np.sqrt(fit.inflation)
     share = float(relative(error, fit.estimate).max())
-    missed = []
+    missed: list[float] = []
+    covered = 0
     for pose in dict.fromkeys(evidence.poses):
         index, inertia = evidence.of_pose(pose)
         f = evidence.frequency_hz[index]
         modes = [*locked_resonances(inertia, fit.elasticity), *resonances(inertia, fit.elasticity)]
-        missed += [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
+        far = [m for m in modes if np.abs(np.log(f / m)).min() > np.log(_GAP)]
+        missed, covered = missed + far, covered + len(modes) - len(far)
     low, high = evidence.frequency_hz.min(), evidence.frequency_hz.max()
     quarter = 0.25 / max(record.interval_s for record in evidence.records)
     # An inaccurate fit may have resonances far outside the band.
     missed = [m for m in missed if _LOWEST * low <= m <= max(quarter, high)]
-    if missed and high > low:
+    enough = share < _FINE and covered > len(missed)  # the other resonances give K and D
+    if missed and high > low and not enough:
         make = warning if share > 0.05 else note
         yield make(
             "The frequencies miss a resonance",

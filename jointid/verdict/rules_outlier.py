@@ -139,7 +139,7 @@ def _told(found: Outlier, label: str, n: int) -> tuple[str, str, str]:
     joints = "" if wrong.size == n else " of joint " + " and ".join(str(j + 1) for j in wrong)
     factor = float(found.factor[wrong[0]])
     scale = 1 / factor if found.by_angle else factor
-    cause = f"Its {signal}s{joints} are {number(scale)} times what the other records say."
+    cause = f"Its {signal}s{joints} are {number(scale)} times the value from the other records."
     for known, usual, looks, remedy in _KNOWN:
         if np.allclose(found.factor[wrong], known) and (known == -1 or usual == signal):
             return f"The {signal}{joints} in {label} {looks}", cause, remedy.format(names)

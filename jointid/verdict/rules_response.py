@@ -96,6 +96,16 @@ def _controller_peak(
 
 
 def _peaks(response: Floats) -> list[int]:
-    from scipy.signal import find_peaks  # slow to import, and few analyses come here
+    """Peaks above the higher of the two valleys beside them, as far as the next higher point.
 
-    return [int(p) for p in find_peaks(np.log(np.maximum(response, 1e-300)), prominence=_STANDS_OUT)[0]]
+    As ``scipy.signal.find_peaks``, whose import takes a third of a second.
+    """
+    x = np.log(np.maximum(response, 1e-300))
+    found = []
+    for p in 1 + np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] > x[2:])):
+        higher = np.flatnonzero(x > x[p])
+        left = higher[higher < p].max(initial=-1) + 1
+        right = higher[higher > p].min(initial=x.size)
+        if x[p] - max(x[left:p].min(), x[p + 1 : right].min()) >= _STANDS_OUT:
+            found.append(int(p))
+    return found

@@ -142,7 +142,7 @@ def _on_sides(factor: Floats) -> list[Hypothesis]:
 
 
 def _side(chosen: Hypothesis, after: float, scorer: Scorer) -> str:
-    """Return "torque", "angle" or "both" where the coupling of the joints tells which, else ""."""
+    """Return "torque", "angle" or "both" if the coupling of the joints shows which, else ""."""
     factor = chosen.factor
     if chosen.kind not in ("angle", "torque", "both") or factor.size == 1:
         return ""

@@ -111,8 +111,8 @@ def measure_segment(
         lines = find_lines(time, theta, tau)
         if not lines:
             raise JointIdError(
-                f"From {start_s:g} s to {stop_s:g} s no line stands out: give frequency_hz, or other "
-                "times."
+                f"From {start_s:g} s to {stop_s:g} s no spectral line exceeds the noise: give "
+                "frequency_hz, or other times."
             )
         return measured(time, theta, tau, lines_worth(time, theta, tau, lines))
     lines = [float(f) for f in np.atleast_1d(np.asarray(frequency_hz, float))]
@@ -178,7 +178,7 @@ _SHORTEST_S = 3.0  # shorter spans do not become records
 _MARGIN_S = 0.2  # rest kept before and after the motion
 _MOST_LINES = 24  # lines of a multisine that become records of their own
 _LEAST_SHARE = 0.5
-"""Share of motion and torque that steady lines explain at least, where nobody stated a frequency."""
+"""Least share of motion and torque in steady lines, without a stated frequency."""
 
 
 def find_runs(log: MappedLog, *, progress: Callable[[float], None] | None = None) -> FoundSegments:

@@ -87,9 +87,9 @@ def _bend(log: MappedLog, segment: Segment) -> tuple[float, float]:
 
 
 def _drifts_on(log: MappedLog, segment: Segment) -> bool:
-    """Whether the sine goes on beyond the run, with a frequency that runs through evenly.
+    """Whether the sine goes on beyond the run, with a steadily changing frequency.
 
-    A slow sweep bends the phase of a short run too little for the noise to tell, but it does not end.
+    The phase of a slow sweep bends less than the noise in a short run, but the sweep does not end.
     """
     half = (segment.stop_s - segment.start_s) / 2
     found = []

@@ -41,11 +41,6 @@ class Guess:
     mapping: Mapping
     reasons: tuple[Reason, ...]
 
-    @property
-    def open_questions(self) -> tuple[Reason, ...]:
-        """Entries that the user should check before the mapping is used."""
-        return tuple(reason for reason in self.reasons if not reason.sure)
-
 
 def guess_mapping(table: LogTable) -> Guess:
     """Guess time, positions and torques of a log from names, units and the numbers themselves.

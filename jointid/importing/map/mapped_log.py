@@ -84,7 +84,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
     MappedLog
         θ_motor = sign · ratio · θ_joint and τ_motor = sign · τ_joint / ratio for channels on the
         joint side. Rows with a missing value and copies are left out; notes count them and name gaps.
-        Signals with times of their own are interpolated at those of the slowest; a note says so.
+        Signals with separate clocks are interpolated at the times of the slowest, with a note.
 
     Raises
     ------

@@ -147,7 +147,7 @@ class Mapping:
     torque_delay_s : float, default 0.0
         The torque acts this much after its sample, s.
     assumed : sequence of str, optional
-        Entries that no log states and nobody has confirmed: "gear ratio of joint 1", "torque hold",
+        Unconfirmed entries that logs do not state: "gear ratio of joint 1", "torque hold",
         "direction of torque of joint 2"; see ``jointid.importing.map.reasons``.
 
     Raises

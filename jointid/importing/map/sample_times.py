@@ -33,7 +33,7 @@ def sample_times(
     """
     notes: list[str] = []
     if unit.rate_hz:
-        what = f'"{unit.column}" counts samples, taken' if unit.column else "The rows are numbered"
+        what = f'"{unit.column}" counts samples,' if unit.column else "The rows are numbered"
         notes.append(
             f"{what} at {unit.rate_hz:g} Hz; the log does not state this rate. Check it: frequencies "
             "scale with the rate, and K with its square."

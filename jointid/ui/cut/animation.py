@@ -24,41 +24,9 @@ _MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 _RECOGNISABLE = 0.3
 """A magnified error may reach this share of the path's shorter side; beyond, the shape is lost."""
 
-_SPEEDS = {1.0: "true time", 0.5: "1/2", 0.2: "1/5", 0.1: "1/10", 0.05: "1/20"}
-
-_HTML = f"""
-<div class="cut-animation" tabindex="0" role="group"
-  aria-label="Animated cut. Space plays and pauses, arrow keys step by 1 and 10 per cent.">
-  <div class="parts">
-  <figure class="whole"><figcaption>The arm, seen from above</figcaption>
-    <canvas class="arm" role="img" aria-label="The arm from above"></canvas></figure>
-  <figure class="near"><figcaption>The cut</figcaption>
-    <canvas class="cut" role="img"></canvas></figure>
-  <div class="readout">
-    <span>Time <span class="value time">0.000 s</span></span>
-    <span><span class="key reference"></span>reference path</span>
-    <span><span class="key nominal"></span><span class="nominal-name">nominal</span>
-      <span class="value nominal-error"></span></span>
-    <span><span class="key identified"></span>identified
-      <span class="value identified-error"></span></span>
-  </div>
-  <div class="controls">
-    <button type="button" class="play">▶ Play</button>
-    <label class="scrub">Time <input type="range" min="0" max="1" step="any" value="0"></label>
-    <label class="speed">Speed <select>
-      {"".join(f'<option value="{value:g}">{name}</option>' for value, name in _SPEEDS.items())}
-    </select></label>
-    <label class="magnify">Magnify errors
-      <input type="range" min="0" max="9" step="1" value="0"><output>× 1</output></label>
-  </div>
-  <div class="keys">Keys: space plays and pauses, ← → step by 1 %, ↑ ↓ by 10 %, Home and End. On Speed
-    and Magnify errors the arrows, Home and End change these.</div>
-</div></div>
-"""
-
 _component = st.components.v2.component(
     "jointid_cut",
-    html=_HTML,
+    html=(_HERE / "arm_animation.html").read_text("utf-8"),
     css=(_HERE / "arm_animation.css").read_text("utf-8"),
     js=(_HERE / "arm_animation.js").read_text("utf-8"),
 )

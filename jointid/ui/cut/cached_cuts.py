@@ -22,7 +22,7 @@ OFFSETS = (0.01, 0.03, 0.10)
 def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis) -> Outcome:
     """Cut before and after, with the path error that the identification promises.
 
-    Another nominal controller cuts anew before, another zone both; what stays the same is kept.
+    A new nominal controller recomputes the cut before, a new zone both; the rest is kept.
     """
     robot = cut_robot(analysis, settings.drive)
     assumed = assumed_elasticity(robot, settings.assumption, settings.custom)

@@ -7,6 +7,7 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
+from jointid.cut.path_deflection import has_own_path, meaning, own_path_deflections, rows_of
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.figures.cut_shapes import Shape, window
@@ -16,16 +17,32 @@ from jointid.study import NOT_USABLE
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
-from jointid.ui.shared.messages import show_note, show_warning
+from jointid.ui.shared.charts import table
+from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
 from jointid.wording import counted
 
 CUT_PAGE = "pages/5_Cut.py"
+_ZONES_MM = (1.0, 5.0, 10.0)
 
 
 def show_rule(robot: CutRobot) -> None:
     """State which robot cuts."""
     (st.caption if robot.rule == "direct" else st.info)(robot.meaning)
+
+
+def show_own_path(analysis: Analysis) -> None:
+    """Show how far a robot with a model of its own bends along the path; nothing without."""
+    if not has_own_path(analysis):
+        return
+    try:
+        header, rows = rows_of(_ZONES_MM, own_path_deflections(analysis, [1e-3 * z for z in _ZONES_MM]))
+    except JointIdError as error:
+        show_error(error)
+        return
+    st.subheader("Tool deflection of this study's robot", anchor=False)
+    table({name: list(cells) for name, cells in zip(header, zip(*rows, strict=True), strict=True)})
+    st.caption(meaning(analysis))
 
 
 def headline(outcome: Outcome) -> str:
@@ -99,7 +116,7 @@ def remainder(
     friction : CutFriction or None
         At the motors.
     where : str
-        Where errors of K and their cost stand, from the place of this sentence.
+        Place of the errors of K and their cost, seen from this sentence.
     """
     left = millimetres(outcome.after_m)
     if left.startswith("under"):

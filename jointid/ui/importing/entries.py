@@ -23,14 +23,14 @@ from jointid.importing import (
 from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import propose_joint
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
-from jointid.importing.map.reasons import assumptions, unchanged
-from jointid.rounding import minus, plain
+from jointid.importing.map.reasons import unchanged
+from jointid.rounding import plain
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.wording import capitalised, counted, enumerated, listed
+from jointid.wording import capitalised, enumerated
 
 T = TypeVar("T")
 
@@ -194,7 +194,7 @@ class Entries:
                 what, _, unit = meaning.partition(", ")
                 label = capitalised(what) + (f" ({unit})" if unit else "")
                 if len(which) < len(joints):
-                    label += f" of joint {enumerated([str(j + 1) for j in which])}"
+                    label += _of_joints([str(j + 1) for j in which])
                 of_base = [getattr(of, role).scale for of in self.base.joints]
                 name = f"scale of {role}"
                 values = self._numbers(place, label, name, which, of_base, _SCALE, meaning)
@@ -202,7 +202,7 @@ class Entries:
         return found
 
     def _torque_timing(self, left: DeltaGenerator, right: DeltaGenerator) -> tuple[bool | None, float]:
-        """Whether the torque is held, None where nobody says so; and its delay in seconds."""
+        """Whether the torque is held, None if not stated; and its delay in seconds."""
         known = None if "torque hold" in self.base.assumed else self.base.torque_hold
         held = left.selectbox(
             "Torque between samples",
@@ -287,7 +287,7 @@ class Entries:
         return tuple(w for w in dict.fromkeys(names) if " of joint " not in w or w.endswith(tuple(ends)))
 
     def _show_reasons(self, open_: Sequence[str]) -> None:
-        """Say why the unconfirmed guesses are as they are, equal reasons together."""
+        """Show the reasons of unconfirmed guesses, equal reasons together."""
         lines: dict[tuple[str, str], list[str]] = {}
         for what in open_:
             if what in self._reasons:
@@ -295,7 +295,7 @@ class Entries:
                 line = self._reasons[what].text, entry or what
                 lines.setdefault(line, []).extend([joint] if entry else [])
         for (text, entry), of in lines.items():
-            name = markdown_escape(capitalised(entry + (f" of joint {enumerated(of)}" if of else "")))
+            name = markdown_escape(capitalised(entry + _of_joints(of)))
             # No caption: its pale ink leaves the mark too little contrast.
             st.markdown(f":orange-badge[To check] :small[**{name}:** {markdown_escape(text)}]")
 
@@ -319,6 +319,10 @@ class Entries:
         return f"import {name} {self.key}"
 
 
+def _of_joints(names: Sequence[str]) -> str:
+    return f" of joint{'s' * (len(names) > 1)} {enumerated(names)}" if names else ""
+
+
 _RATIO = (
     ("101", "-93.5", "120"),
     "Motor turns per joint turn, negative if they turn in opposite directions. Needed for positions and "
@@ -329,35 +333,3 @@ _SCALE = (
     "From the drive's data sheet or settings; logs do not state it. ? if unknown.",
 )
 """Example and explanation of the numbers of joints."""
-
-
-def columns_in_words(asked: Asked) -> str:
-    """What the columns step holds, or what it lacks."""
-    if asked.missing:
-        return f"choose: {listed(asked.missing, at_most=3)}"
-    time, n = asked.mapping.time, asked.mapping.n
-    text = f"{f'time “{time.column}”' if time.column else 'rows numbered'}, {counted(n, 'joint')}"
-    return f"{text}, to check" if asked.to_confirm else text
-
-
-def drives_in_words(asked: Asked) -> str:
-    """What the drive step holds, or what it lacks."""
-    m = asked.mapping
-    if asked.to_confirm and asked.missing:
-        kinds = dict.fromkeys(_KIND[what.partition(" of ")[0]] for what in asked.missing)
-        return f"missing: {', '.join(kinds)}"
-    if asked.missing:
-        return f"assumed: {', '.join(assumptions(m))}"
-    parts = []
-    if asked.gear_ratio is not None:
-        parts.append(f"gear ratios {', '.join(minus(plain(N)) for N in asked.gear_ratio)}")
-    names = [f"scale of {role} of joint {j + 1}" for role in QUANTITIES for j in range(m.n)]
-    parts += assumptions(replace(m, assumed=(*names, "torque hold")))
-    return ", ".join(parts) + ", to confirm" * asked.to_confirm
-
-
-_KIND = {
-    "gear ratio": "gear ratios",
-    "scale": "rated torques or other scales",
-    "torque hold": "torque held or not",
-}

@@ -9,10 +9,11 @@ from streamlit.delta_generator import DeltaGenerator
 from jointid import JointIdError
 from jointid.figures.log_spans import log_spans
 from jointid.importing import MappedLog, Mapping, Segment, mapping_to_json, study_from_logs
+from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
-from jointid.rounding import plain
-from jointid.ui.importing.entries import Asked, columns_in_words, drives_in_words
+from jointid.rounding import minus, plain
+from jointid.ui.importing.entries import Asked
 from jointid.ui.importing.files import Log, drop_logs
 from jointid.ui.importing.mapping import (
     entries_of,
@@ -39,6 +40,7 @@ from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep
+from jointid.wording import counted, listed
 
 _WAITS = {
     COLUMNS: "Which column is the time, and which are position and torque of each joint.",
@@ -47,6 +49,12 @@ _WAITS = {
     INERTIAS: "Rotor and arm inertias, and how well they are known.",
 }
 """What a step asks for, shown while it waits for an earlier one."""
+_KINDS = {
+    "gear ratio": "gear ratios",
+    "scale": "rated torques or other scales",
+    "torque hold": "torque held or not",
+}
+"""What a missing entry is, by the beginning of its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +120,7 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
     entries, _ = entries_of(log.key, log.table)
     try:
         asked = entries.ask_columns()
-        steps.tell(COLUMNS, not (asked.missing or asked.to_confirm), columns_in_words(asked))
+        steps.tell(COLUMNS, not (asked.missing or asked.to_confirm), _columns_in_words(asked))
     except JointIdError as error:
         show_error(error)
         steps.tell(COLUMNS, False, "to correct")
@@ -135,7 +143,7 @@ def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
         return None
     mapping = replace(asked.mapping, assumed=(*columns.assumed, *asked.mapping.assumed))
     remember(log.table, mapping)
-    steps.tell(DRIVES, not asked.to_confirm, drives_in_words(asked))
+    steps.tell(DRIVES, not asked.to_confirm, _drives_in_words(asked))
     return replace(asked, mapping=mapping)
 
 
@@ -248,3 +256,28 @@ def _open_as_study(
     except JointIdError as error:
         show_error(error)
     return True
+
+
+def _columns_in_words(asked: Asked) -> str:
+    """What the columns step holds, or what it lacks."""
+    if asked.missing:
+        return f"choose: {listed(asked.missing, at_most=3)}"
+    time, n = asked.mapping.time, asked.mapping.n
+    text = f"{f'time “{time.column}”' if time.column else 'rows numbered'}, {counted(n, 'joint')}"
+    return f"{text}, to check" if asked.to_confirm else text
+
+
+def _drives_in_words(asked: Asked) -> str:
+    """What the drive step holds, or what it lacks."""
+    m = asked.mapping
+    if asked.to_confirm and asked.missing:
+        kinds = dict.fromkeys(_KINDS[what.partition(" of ")[0]] for what in asked.missing)
+        return f"missing: {', '.join(kinds)}"
+    if asked.missing:
+        return f"assumed: {', '.join(assumptions(m))}"
+    parts = []
+    if asked.gear_ratio is not None:
+        parts.append(f"gear ratios {', '.join(minus(plain(N)) for N in asked.gear_ratio)}")
+    names = [f"scale of {role} of joint {j + 1}" for role in QUANTITIES for j in range(m.n)]
+    parts += assumptions(replace(m, assumed=(*names, "torque hold")))
+    return ", ".join(parts) + ", to confirm" * asked.to_confirm

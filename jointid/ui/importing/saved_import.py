@@ -178,7 +178,7 @@ def _restore() -> None:
         except JointIdError as error:
             st.session_state["store_problem"] = str(error)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            store().set_aside(place, draft.id, "its content is not what this version writes")
+            store().set_aside(place, draft.id, "its format is unknown to this version")
     files, lost = [], []
     for name, digest in names:
         try:

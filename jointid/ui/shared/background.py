@@ -1,7 +1,7 @@
 """Long computations in a worker process, or in this one while only one session computes.
 
-Sessions share one interpreter: ten computations at once would slow every click tenfold. A single session
-needs no worker processes; the second one starts them.
+Sessions share one interpreter: ten parallel computations would slow every click tenfold. A single
+session needs no worker processes; the second one starts them.
 """
 
 import os

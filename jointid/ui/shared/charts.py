@@ -25,14 +25,20 @@ def is_dark() -> bool:
     return st.context.theme.type == "dark"
 
 
-_toolbar = st.components.v2.component(
-    "jointid_figure_toolbar", js=Path(__file__).with_name("figure_toolbar.js").read_text("utf-8")
-)
+_scripts = {
+    name: st.components.v2.component(
+        f"jointid_{name}",
+        html="<i hidden></i>",
+        js=Path(__file__).with_name(f"{name}.js").read_text("utf-8"),
+    )
+    for name in ("figure_toolbar", "scroll_regions")
+}
 
 
-def equip_figures() -> None:
-    """Add SVG and CSV to the toolbars of the figures of a page."""
-    _toolbar(key="figure_toolbar")
+def equip_page() -> None:
+    """Add SVG and CSV to the toolbars of figures; let the keyboard reach every region that scrolls."""
+    for name, script in _scripts.items():
+        script(key=name)
 
 
 def plot(figure: Any, description: str, *, key: str | None = None) -> None:

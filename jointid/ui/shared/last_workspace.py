@@ -1,33 +1,15 @@
 """The way back to the last workspace from the bare address: its id is kept in the browser only."""
 
+from pathlib import Path
 from urllib.parse import quote
 
 import streamlit as st
-
-_JS = """
-const KEY = "jointid workspace";
-
-export default function ({ parentElement, data }) {
-  const link = parentElement.querySelector("a");
-  link.hidden = true;
-  try {
-    if (data.current) return localStorage.setItem(KEY, `w=${data.current}&study=${data.study}`);
-    const last = localStorage.getItem(KEY) ?? "";
-    if (data.unknown && last.includes(data.unknown)) return localStorage.removeItem(KEY);
-    if (!/^w=[A-Za-z0-9_-]{32}&study=/.test(last)) return;
-    link.href = `?${last}`;
-    link.hidden = false;
-  } catch {
-    // A browser may forbid storage: then there is no way back but the full address.
-  }
-}
-"""
 
 _component = st.components.v2.component(
     "jointid_last_workspace",
     html='<a target="_self" hidden>Continue where you left off</a>',
     css="a { color: var(--st-link-color); font-size: 0.9rem; }",
-    js=_JS,
+    js=Path(__file__).with_suffix(".js").read_text("utf-8"),
 )
 
 

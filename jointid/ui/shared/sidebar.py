@@ -6,12 +6,11 @@ from jointid import JointIdError
 from jointid.answer import STIFFNESS_UNITS
 from jointid.files.study_files import load_study
 from jointid.ui.shared import cached
-from jointid.ui.shared.charts import equip_figures
+from jointid.ui.shared.charts import equip_page
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.method_steps import GROUPS
 from jointid.ui.shared.recent_studies import show_recent
-from jointid.ui.shared.scroll_regions import make_scroll_regions_focusable
 from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_paths, set_in_address
 
 _ID_LENGTH = 32
@@ -51,8 +50,7 @@ def choose_study() -> tuple[str, str, str] | None:
             "stiffness K at the motor is N² K at the joint. Figures, gear laws and files stay at the "
             "motor, in SI units.",
         )
-        make_scroll_regions_focusable()
-        equip_figures()
+        equip_page()
     return None if key is None else (key, method, unit)
 
 

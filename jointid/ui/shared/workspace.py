@@ -1,8 +1,8 @@
 """The studies to choose from: samples on disk, and those kept in the workspace of this address.
 
 Only inputs are kept, never results. The address holds ?w=<workspace> from the first kept study on:
-whoever has the address has its studies, which outlive session, tab and server. Studies that the store
-refuses stay in the session, with a message.
+anyone with the address can open its studies, which outlive session, tab and server. Studies that the
+store refuses stay in the session, with a message.
 """
 
 from collections.abc import Callable, Iterator
@@ -225,7 +225,7 @@ def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str
     """Read a study from the store; the entry's id is as random as the workspace's."""
     study = load_study(store().read(_place, entry))
     if study_digest(study) != _digest:
-        store().set_aside(_place, entry, "its content is not what was kept")
+        store().set_aside(_place, entry, "its content has changed")
         raise JointIdError(
             "The kept copy of this study is damaged and was set aside: open its file again."
         )

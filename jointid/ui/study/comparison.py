@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import streamlit as st
 
-from jointid import Analysis, Inertia, JointIdError
+from jointid import Analysis, JointIdError
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
 from jointid.rounding import significant
@@ -55,13 +55,15 @@ def choose_other(page: Page) -> Page:
 def _similar(page: Page, names: list[str]) -> int:
     """Index of the next study of the same inertias, else of as many joints, else of the chosen one."""
     own, given = names.index(page.key), page.study.inertia
-    partners: dict[str, Inertia] = {}
+    alike = own
     for name in names[own + 1 :] + names[:own]:
         with suppress(JointIdError):
-            partners[name] = open_study(name).study.inertia
-    alike = [name for name, inertia in partners.items() if inertia.n == given.n]
-    same = [name for name in alike if np.allclose(partners[name].M, given.M)]
-    return names.index(next(iter([*same, *alike, page.key])))
+            inertia = open_study(name).study.inertia
+            if inertia.n == given.n and np.allclose(inertia.M, given.M):
+                return names.index(name)
+            if inertia.n == given.n and alike == own:
+                alike = names.index(name)
+    return alike
 
 
 def show_differences(page: Page, first: Analysis, other: Page, second: Analysis) -> None:

@@ -11,6 +11,7 @@ from jointid.exporting import (
     code_listing,
     gear_table,
     identification,
+    modelica_table,
     mujoco_snippet,
     phasor_table,
     sdf_snippet,
@@ -33,9 +34,11 @@ _SNIPPETS = (
     ("SDF", ".sdf", sdf_snippet),
 )
 _HINTS = {
-    "Gear laws": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
-    "records: for a 1-D Lookup Table in Simulink, a CombiTable1Ds in Modelica, or your own controller."
+    "Gear laws (.csv)": "Torque over wind-up of every gear, motor side, up to the largest torque in the "
+    "records: for a 1-D Lookup Table in Simulink or your own controller.",
+    "Gear laws (.txt)": "The same for CombiTable1Ds of Modelica: tables gear1, gear2, …",
 }
+_KINDS = {".csv": "text/csv", ".txt": "text/plain"}
 
 
 @st.cache_resource(max_entries=64, show_spinner="Collecting the results")
@@ -78,15 +81,21 @@ def show_tables(found: Identification, analysis: Analysis, stem: str) -> None:
         + "."
     )
     tables = {
-        "Phasors": ("phasors", lambda: phasor_table(analysis), analysis.study.sine_records),
-        "Gear laws": ("gears", lambda: gear_table(found), True),
-        "Transfer matrix H": ("H", lambda: transfer_matrix_table(analysis), analysis.transfer_matrices),
+        "Phasors (.csv)": ("phasors", lambda: phasor_table(analysis), analysis.study.sine_records),
+        "Gear laws (.csv)": ("gears", lambda: gear_table(found), True),
+        "Gear laws (.txt)": ("gears", lambda: modelica_table(found), True),
+        "Transfer matrix H (.csv)": (
+            "H",
+            lambda: transfer_matrix_table(analysis),
+            analysis.transfer_matrices,
+        ),
     }
     with st.container(horizontal=True):
         for name, (end, write, there) in tables.items():
             if there:
-                file, data = f"{stem}_{end}.csv", lambda write=write: write().encode()
-                download(f"{name} (.csv)", data, file, "text/csv", hint=_HINTS.get(name))
+                ending = name.rpartition("(")[2].rstrip(")")
+                data, kind = lambda write=write: write().encode(), _KINDS[ending]
+                download(name, data, f"{stem}_{end}{ending}", kind, hint=_HINTS.get(name))
     if not analysis.transfer_matrices:
         show_info(f"There is no table of H. {analysis.transfer_problem}")
 

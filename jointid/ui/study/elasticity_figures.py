@@ -1,7 +1,7 @@
 """Figures of the page Elasticity, one per joint."""
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any, get_args
 
 import streamlit as st
 
@@ -15,7 +15,8 @@ from jointid.figures import (
     torsion_curve,
     unexplained_torque,
 )
-from jointid.ui.shared.charts import download
+from jointid.figures.torsion import ColourBy
+from jointid.ui.shared.charts import choose_segment, download
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
@@ -62,7 +63,8 @@ def figures(page: Page, analysis: Analysis) -> dict[str, Callable[[], None]]:
         "K over amplitude": lambda: show(
             "Stiffness of joint {0} over the torque amplitude of the records",
             lambda j: stiffness_over_amplitude(fit, j, poses, dark=dark),
-            "K of each record over its torque amplitude. A linear gear gives a level line.",
+            "K of each record over its torque amplitude. A linear gear gives a level line; hardening "
+            "raises K at large torque, hysteresis at small torque, and play lowers it there.",
         ),
         "Residual": lambda: show(
             "Residual torque of joint {0} against noise",
@@ -86,20 +88,20 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         "Torque through the gear over its wind-up, from motor data alone. The slope of the blue line is "
         "K; damping opens the loops, one per record or segment, drawn with ± two standard errors."
     )
-    choices: list[Literal["frequency", "amplitude"]] = ["frequency", "amplitude"]
-    by = st.segmented_control(
-        "Colour of the records", choices, default="frequency", key="torsion_colour"
-    )
+    by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
-        "torsion",
-        lambda j: torsion_curve(analysis.fit, j, colour_by=by or "frequency", dark=page.dark),
+        f"torsion {by}",
+        lambda j: torsion_curve(analysis.fit, j, colour_by=by, dark=page.dark),
         "Torsion curve of joint {0}, torque over wind-up with the fitted law",
     )
     each = [gear_terms(analysis.fit, j) for j in joints]
     names = dict.fromkeys(name for terms in each for name in terms)
     show_text_table(
-        {"Joint": [f"{j + 1}" for j in joints]}
-        | {name: [terms.get(name, "–") for terms in each] for name in names}
+        {"Gear": list(names)}
+        | {
+            f"Joint {j + 1}": [terms.get(name, "–") for name in names]
+            for j, terms in zip(joints, each, strict=True)
+        }
     )
     download(
         "Torsion curves (.csv)",

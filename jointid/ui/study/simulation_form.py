@@ -241,7 +241,7 @@ def simulated_study(settings: Settings, progress: Callable[[float], None]) -> St
 
 
 def _errors(settings: Settings) -> str:
-    """Describe what the study is given: its errors, and a payload."""
+    """Describe the stated values: their errors, and a payload."""
     text = ""
     if settings.inertia_error:
         text += f" Given inertias wrong by {plain(100 * settings.inertia_error)} %."

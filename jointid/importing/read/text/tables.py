@@ -137,7 +137,7 @@ def _read_slowly(
     for k, (count, line, text) in strange.items():
         notes.append(
             f"Column {layout.names[k] or k + 1}: {counted(count, 'cell')} without a number, "
-            f'taken as missing; the first is "{text:.40}" in line {line}.'
+            f'treated as missing; the first is "{text:.40}" in line {line}.'
         )
     if not rows:
         raise JointIdError(f"{file} has a header but no rows: export the log again.")

@@ -1,8 +1,4 @@
-"""Wide equations, tables and listings: reached by keyboard, so that the arrow keys scroll them."""
-
-import streamlit as st
-
-_JS = """
+// Wide equations, tables and listings: reached by keyboard, so that the arrow keys scroll them.
 const WIDE = "pre, .katex-display, [data-testid=stTable] div";
 let waiting;
 
@@ -31,10 +27,3 @@ export default function () {
     document.fonts.removeEventListener("loadingdone", later);
   };
 }
-"""
-_component = st.components.v2.component("jointid_scroll_regions", html="<i hidden></i>", js=_JS)
-
-
-def make_scroll_regions_focusable() -> None:
-    """Give every region that scrolls a place in the order of the tab key."""
-    _component(key="scroll_regions")

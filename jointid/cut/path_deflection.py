@@ -1,0 +1,164 @@
+"""Tool deflection of a study's own robot along the paper's rectangle, from K and the robot's model.
+
+The joints follow the path without correction: the gears wind up by C u/K under the torque u = Cᵀτ of
+gravity and inertia, and the tool moves by J C u/K. A servo that assumes K̂ leaves u/K − u/K̂. The path is
+slow against the resonances here: their vibration is left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointid.arrays import Floats
+from jointid.cut.outcome import millimetres
+from jointid.cut.rectangle import rectangle
+from jointid.cut.toolpath import Toolpath
+from jointid.errors import JointIdError
+from jointid.joints import Elasticity
+from jointid.robot_models.model import RobotModel
+from jointid.study import Analysis
+
+MEANING = (
+    "The paper's rectangle, horizontal about the tool of this study's own robot in its pose{pose}: "
+    "wind-up of the gears by gravity and inertia, without vibration and without forces of the process. "
+    "The deflection at the start of the path is taught and does not count."
+)
+_STEP_S = 0.004
+_ROUNDS = 3
+_NEAR_M = 1e-6
+_DRAWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class PathDeflection:
+    """Largest deflections of the tool along one path, m."""
+
+    sag_m: float
+    """By gravity at the start of the path, which is taught."""
+    gravity_m: float
+    """Change of the deflection by gravity along the path."""
+    inertia_m: float
+    """By the accelerations."""
+    rigid_m: float
+    """Both together: a servo that assumes rigid joints."""
+    assumed_m: float | None
+    """With a servo that assumes the study's nominal K; None without."""
+    identified_m: float
+    """With a servo that assumes the identified K: 95 % stay below."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """Joint motion along a path, k samples, n joints."""
+
+    lever: Floats
+    """Tool motion over motor motion J C, shape (k, 3, n), m/rad."""
+    gravity: Floats
+    """Torque at the motors at rest, shape (k, n), N·m."""
+    inertia: Floats
+    """Torque at the motors by the motion, shape (k, n), N·m."""
+
+    def deflection(self, torque: Floats, compliance: Floats) -> Floats:
+        """Tool deflection, shape (..., k, 3), m, of compliances (..., n), rad/(N·m)."""
+        return np.asarray(np.einsum("kdn,kn,...n->...kd", self.lever, torque, compliance))
+
+    def change(self, torque: Floats, compliance: Floats) -> Floats:
+        """Largest distance of the deflection from that at the start, shape (...), m."""
+        moved = self.deflection(torque, compliance)
+        return np.asarray(np.linalg.norm(moved - moved[..., :1, :], axis=-1).max(axis=-1))
+
+
+def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[PathDeflection]:
+    """Deflections of the study's robot along rectangles with these corner zones.
+
+    Raises
+    ------
+    JointIdError
+        When the study has no robot model with a pose, or the robot does not reach the path.
+    """
+    study, fit = analysis.study, analysis.fit
+    if not has_own_path(analysis) or study.robot_model is None:
+        raise JointIdError("The study has no robot model with joint angles: give [robot_model].")
+    robot, q = study.robot_model, next(iter(study.pose_angles_rad.values()))
+    draws = np.random.default_rng(0).multivariate_normal(fit.K, fit.covariance[: fit.n, : fit.n], _DRAWS)
+    if not np.isfinite(draws).all() or np.any(draws <= 0):
+        raise JointIdError("K is too uncertain for a deflection of the tool. Mend the findings first.")
+    found = []
+    for zone in zones_m:
+        path = joint_path(robot, q, rectangle(zone_m=zone, centre_m=(0.0, 0.0)))
+        both, compliance = path.gravity + path.inertia, 1 / fit.K
+        sag = path.deflection(path.gravity, compliance)[0]
+        found.append(
+            PathDeflection(
+                float(np.linalg.norm(sag)),
+                float(path.change(path.gravity, compliance)),
+                float(path.change(path.inertia, compliance)),
+                float(path.change(both, compliance)),
+                _left(path, both, study.nominal, compliance),
+                float(np.quantile(path.change(both, 1 / draws - compliance), 0.95)),
+            )
+        )
+    return found
+
+
+def rows_of(
+    zones_mm: Sequence[float], found: Sequence[PathDeflection]
+) -> tuple[list[str], list[list[str]]]:
+    """Header and cells of the table of deflections."""
+    names = ["corner zone", "taught sag", "gravity", "inertia", "rigid servo", "nominal K"]
+    rows = [
+        [
+            f"{zone:g} mm",
+            *("–" if value is None else millimetres(value) for value in vars(each).values()),
+        ]
+        for zone, each in zip(zones_mm, found, strict=True)
+    ]
+    return [*names, "identified K (95 % stay below)"], rows
+
+
+def has_own_path(analysis: Analysis) -> bool:
+    """Whether the study knows its robot and pose, and the robot is not the planar arm's kind."""
+    study = analysis.study
+    return analysis.fit.n != 2 and study.robot_model is not None and bool(study.pose_angles_rad)
+
+
+def meaning(analysis: Analysis) -> str:
+    """Description of the robot and of its deflections."""
+    pose = next(iter(analysis.study.pose_angles_rad), "")
+    return MEANING.format(pose=f" “{pose}”" if pose else "")
+
+
+def _left(path: JointPath, torque: Floats, assumed: Elasticity | None, true: Floats) -> float | None:
+    return None if assumed is None else float(path.change(torque, true - 1 / assumed.K))
+
+
+def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
+    """Follow a horizontal path about the tool at q, shape (n,), by the shortest joint motion.
+
+    Raises
+    ------
+    JointIdError
+        When the robot does not reach a point of the path.
+    """
+    time = np.arange(0.0, path.end_s + _STEP_S, _STEP_S)
+    target = np.zeros((time.size, 3))
+    target[:, :2] = path.position(time)
+    target += robot.tool_point(q)
+    angles = np.empty((time.size, robot.n))
+    now = np.array(q, float)
+    for k, point in enumerate(target):
+        for _ in range(_ROUNDS):
+            now = now + np.linalg.pinv(robot.tool_jacobian(now), rcond=1e-6) @ (
+                point - robot.tool_point(now)
+            )
+        angles[k] = now
+        if np.linalg.norm(point - robot.tool_point(now)) > _NEAR_M:
+            raise JointIdError("The robot's tool does not reach the rectangle from this pose.")
+    velocity = np.gradient(angles, _STEP_S, axis=0)
+    still, C = np.zeros_like(angles), robot.coupling
+    gravity = robot.torque(angles, still, still)
+    moving = robot.torque(angles, velocity, np.gradient(velocity, _STEP_S, axis=0))
+    lever = np.array([robot.tool_jacobian(each) @ C for each in angles])
+    return JointPath(lever, gravity @ C, (moving - gravity) @ C)
