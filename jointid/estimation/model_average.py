@@ -90,6 +90,8 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     (Kass and Raftery, Journal of the American Statistical Association 90, 1995): the covariance is the
     mean square shift times the part's probability, at even prior odds, unless the evidence against the
     part is "worth more than a bare mention" on their scale, a factor of 3.
+    Records that could not show a part of usual size in any direction say nothing of it: K and D then
+    are those of the joint with this part, as of a gear and a link in series.
 
     Parameters
     ----------
@@ -112,7 +114,7 @@ def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> F
     log_positive, second_moment = positive_moments(mean, covariance)
     log_factor = 0.5 * float(mean @ pull - np.log1p(eigenvalue).sum())
     log_factor += log_positive + std.size * np.log(2)
-    if not log_factor > -np.log(_EVIDENCE):
+    if eigenvalue.max() < 1 or not log_factor > -np.log(_EVIDENCE):
         return np.zeros((score.shift.size,) * 2)
     slope = score.slope * std
     return np.asarray(slope @ second_moment @ slope.T / (1 + np.exp(-log_factor)))
