@@ -39,7 +39,8 @@ LONG = {
     "mutated_logs": "100,000 damaged logs over all readers: only tables and JointIdError",
     "friction": "what friction and an untold delay do to the estimators",
     "app": "the app in a real browser",
-    "sessions": "twenty people at one server",
+    "sessions": "twenty people at one server: latency, memory and descriptors",
+    "kills": "200 kills each of server, batch and convert while they write",
     "batch": "a fleet of studies",
 }
 

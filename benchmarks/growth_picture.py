@@ -59,10 +59,10 @@ def draw(series: Mapping[str, Points]) -> str:
         f"and joints, and memory over the number of samples up to {largest:,.0f}; dashed lines show "
         "linear growth."
     )
-    return _on_white(to_svg(Drawing(WIDTH, HEIGHT, tuple(shapes), description)))
+    return on_white(to_svg(Drawing(WIDTH, HEIGHT, tuple(shapes), description)))
 
 
-def _on_white(svg: str) -> str:
+def on_white(svg: str) -> str:
     """A page may be dark; the ink is not."""
     head, rest = svg.split(">", 1)
     style = 'font-family="Roboto, Helvetica, Arial, sans-serif"'

@@ -3,9 +3,9 @@
     python -m benchmarks.mutation 40 jointid/estimation/linear_fit.py -- tests/test_elasticity.py
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
-Draws so many mutants of the modules (cosmic-ray: one operator, comparison, number or condition changed),
 Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
-that the tests find and the diff of every mutant that survives. Install ``'.[benchmarks]'``.
+and prints the share that the tests find and the diff of every mutant that survives. Needs
+``'.[benchmarks]'``.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ def main(arguments: list[str]) -> None:
         alive = list(survivors(drawn, tests, tree))
     killed = len(drawn) - len(alive)
     print("\n".join(alive))
-    print(f"{killed} of {len(drawn)} mutants found ({killed / len(drawn):.0%}), drawn of {len(every)}")
+    share = killed / len(drawn)
+    error = (share * (1 - share) / len(drawn)) ** 0.5
+    print(f"{killed} of {len(drawn)} mutants found: {share:.0%} ± {error:.0%}, drawn of {len(every)}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Twenty people at one server: how long a rerun takes, and how much memory each of them costs.
+"""Twenty people at one server: how long a rerun takes, memory and descriptors over minutes.
+
+    python -m benchmarks.sessions [people, 20] [minutes, 10] [picture.svg]
 
 The sessions speak the server's own protocol, because twenty browsers weigh more than the server that is
 measured: the time of a rerun is from the act to the end of the script, without the browser's drawing.
@@ -6,6 +8,7 @@ measured: the time of a rerun is from the act to the end of the script, without 
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import sys
@@ -19,79 +22,172 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.growth_picture import BLUE, on_white
 from benchmarks.harness import Table
 from jointid import Study, load_study
 from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace
 from jointid.files.study_files import pack_study
+from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity", "Cut", "Plan", "Report")
+MINUTES = {"minute": "", "reruns": ".0f", "95th percentile": "ms", "longest": "ms",
+           "memory, MB": ".0f", "descriptors": ".0f"}  # fmt: skip
 COLUMNS = {"reruns": "", "count": ".0f", "median": "ms", "95th percentile": "ms", "longest": "ms"}
-ARRIVING_S, THINKING_S = 30.0, (2.0, 6.0)
+LEAVING_S = 90.0
 ZONE, ZONE_MM = "Corner zone (mm)", 10.0
 
 OPENED, SEEN, NEW = "opening a study", "page and setting seen before", "page or setting the first time"
 
 
 def measure(quick: bool) -> Iterator[Table]:
-    """Two tables: every rerun, and the kinds of which it is made."""
+    """Reruns and the server over time, for one study and for studies of their own."""
     for shared in (True, False):
-        yield _crowd(shared, quick)
+        crowd = Crowd(3, 3.0, 0.5, (0.1, 0.3), shared) if quick else Crowd(20, 90.0, shared=shared)
+        yield from crowd.tables()
 
 
-def _crowd(shared: bool, quick: bool) -> Table:
-    """Twenty people with one study, as in a course, or each with a study that nobody else has."""
-    sys.path.insert(0, str(ROOT / "tests"))
-    from browsing import Server
+@dataclass
+class Crowd:
+    """People with one study, as in a course, or each with a study that nobody else has."""
 
-    people, arriving, lasting = (3, 0.5, 3.0) if quick else (20, ARRIVING_S, 90.0)
-    thinking = (0.1, 0.3) if quick else THINKING_S
-    sample = load_study(ROOT / "sample_data" / "paper.zip")
-    with tempfile.TemporaryDirectory() as folder:
-        server = Server(ROOT, Path(folder))
-        try:
-            store = Store(Path(folder))
-            places = [_kept(sample, 0 if shared else k, store) for k in range(people)]
-            _warmed(server.address)
-            crowd = [Person(server.address, *places[k], random.Random(k)) for k in range(people)]
-            if shared:  # what one of them has seen, the server has computed for all
-                for person in crowd:
-                    person.seen = crowd[0].seen
-            begin = time.monotonic()
-            until, before = begin + lasting, _Used.by(server.process.pid)
-            with ThreadPoolExecutor(people) as threads:
-                for person in crowd:
-                    threads.submit(person.live, begin, arriving, until, thinking)
-            passed = time.monotonic() - begin
-            after = _Used.by(server.process.pid)
-        finally:
-            server.kill()
-    problems = [person.problem for person in crowd if person.problem]
-    if problems:
-        raise RuntimeError(f"{len(problems)} of {people} people could not go on: {problems[0]}")
-    took = [one for person in crowd for one in person.took]
-    rows = [_row("every rerun", [s for _, s in took])]
-    rows += [_row(kind, [s for k, s in took if k == kind]) for kind in (SEEN, NEW, OPENED)]
-    whose = "one study" if shared else "a study each"
-    return Table(
-        f"sessions, {whose}",
-        f"{people} people at once, {whose}",
-        COLUMNS,
-        tuple(row for row in rows if row),
-        (
-            f"They arrive within {arriving:g} s at a server that has shown a page before, with "
-            f"{'the same study' if shared else 'studies'} of two joints, and act every "
-            f"{thinking[0]:g} to {thinking[1]:g} s until {lasting:g} s: another page, or on it another "
-            "record, estimator or corner zone of the cut. Opening is the first screen of a study that "
-            "the server keeps. The first time is that of this study with this page, estimator and "
-            "setting, and what the first screen adds by itself once it stands.",
-            f"The server kept {(after.here_s - before.here_s) / passed:.2f} processors busy; its memory "
-            f"grew by {(after.here_MB - before.here_MB) / people:.0f} MB per person. Its "
-            f"{after.others} processes for computations kept "
-            f"{after.others_s / passed:.2f} busy and took {after.others_MB:.0f} MB.",
-        ),
-    )
+    people: int
+    lasting_s: float
+    arriving_s: float = 30.0
+    thinking_s: tuple[float, float] = (2.0, 6.0)
+    shared: bool = False
+    samples: list[Sample] = field(default_factory=list)
+    took: list[Rerun] = field(default_factory=list)
+
+    def run(self) -> str:
+        """Let them live at a new server, and watch it until a minute and a half after they left."""
+        sys.path.insert(0, str(ROOT / "tests"))
+        from browsing import Server
+
+        sample = load_study(ROOT / "sample_data" / "paper.zip")
+        with tempfile.TemporaryDirectory() as folder:
+            server = Server(ROOT, Path(folder))
+            try:
+                store = Store(Path(folder))
+                places = [_kept(sample, 0 if self.shared else k, store) for k in range(self.people)]
+                _warmed(server.address)
+                begin = time.monotonic()
+                crowd = [
+                    Person(server.address, *places[k], random.Random(k), begin)
+                    for k in range(self.people)
+                ]
+                if self.shared:  # what one of them has seen, the server has computed for all
+                    for person in crowd:
+                        person.seen = crowd[0].seen
+                before = _Used.by(server.process.pid)
+                until = begin + self.lasting_s
+                with ThreadPoolExecutor(self.people) as threads:
+                    for person in crowd:
+                        threads.submit(person.live, self.arriving_s, until, self.thinking_s)
+                    while time.monotonic() < until:
+                        self._watch(server.process.pid, begin)
+                after, passed = _Used.by(server.process.pid), time.monotonic() - begin
+                leaving = time.monotonic() + (LEAVING_S if self.lasting_s > LEAVING_S else 0.0)
+                while time.monotonic() < leaving:
+                    self._watch(server.process.pid, begin)
+            finally:
+                server.kill()
+        problems = [person.problem for person in crowd if person.problem]
+        if problems:
+            raise RuntimeError(f"{len(problems)} of {self.people} could not go on: {problems[0]}")
+        self.took = [one for person in crowd for one in person.took]
+        busy_s = after.here_s - before.here_s
+        return (
+            f"A rerun took {1e3 * busy_s / len(self.took):.0f} ms of its processor time. "
+            f"The server kept {busy_s / passed:.2f} processors busy, its "
+            f"{after.others} processes for computations {after.others_s / passed:.2f} in "
+            f"{after.others_MB:.0f} MB. Load of the machine at the end: {os.getloadavg()[0]:.1f}."
+        )
+
+    def _watch(self, server: int, begin: float) -> None:
+        open_files = len(os.listdir(f"/proc/{server}/fd"))
+        self.samples.append(Sample(time.monotonic() - begin, _memory(server), open_files))
+        time.sleep(0.5)
+
+    def tables(self) -> Iterator[Table]:
+        """Run, and return reruns by kind and the server by minute."""
+        note = self.run()
+        rows = [_row("every rerun", [r.took_s for r in self.took])]
+        for kind in (SEEN, NEW, OPENED):
+            rows.append(_row(kind, [r.took_s for r in self.took if r.kind == kind]))
+        whose = "one study" if self.shared else "a study each"
+        yield Table(
+            f"sessions, {whose}",
+            f"{self.people} people at once, {whose}",
+            COLUMNS,
+            tuple(row for row in rows if row),
+            (
+                f"They arrive within {self.arriving_s:g} s with "
+                f"{'the same study' if self.shared else 'studies'} of two joints, and act every "
+                f"{self.thinking_s[0]:g} to {self.thinking_s[1]:g} s until {self.lasting_s:g} s: "
+                "another page, or on it another record, estimator or corner zone of the cut. Opening is "
+                "the first screen of a study that the server keeps. The first time is that of this "
+                "study with this page, estimator and setting, and what the first screen adds by itself.",
+                note,
+            ),
+        )
+        minutes: list[dict[str, Any]] = []
+        for minute in range(math.ceil(self.samples[-1].time_s / 60)):
+            inside = [s for s in self.samples if s.time_s // 60 == minute]
+            reruns = [r.took_s for r in self.took if r.begin_s // 60 == minute]
+            if inside:
+                minutes.append(
+                    {"minute": f"{minute + 1}", "reruns": float(len(reruns))}
+                    | ({"95th percentile": _high(reruns), "longest": max(reruns)} if reruns else {})
+                    | {"memory, MB": inside[-1].memory_MB, "descriptors": float(inside[-1].descriptors)}
+                )
+        title = f"The server, {whose}"
+        yield Table(
+            title.lower(), title, MINUTES, tuple(minutes), ("All have left before the last lines.",)
+        )
+
+    def picture(self) -> str:
+        """SVG of reruns, memory and descriptors over time."""
+        reruns = np.array([[r.begin_s, r.took_s] for r in self.took])
+        watched = np.array([[s.time_s, s.memory_MB, s.descriptors] for s in self.samples])
+        panels = [
+            ("rerun, s", reruns, True),
+            ("memory, MB", watched[:, :2], False),
+            ("descriptors", watched[:, [0, 2]], False),
+        ]
+        shapes: list[Line | Marks | Text] = []
+        for k, (label, points, scattered) in enumerate(panels):
+            top, height, width = 24.0 + 120 * k, 84.0, 640.0
+            high, end = float(points[:, 1].max()) * 1.05, float(watched[-1, 0])
+            place = np.column_stack(
+                [60 + points[:, 0] / end * width, top + height * (1 - points[:, 1] / high)]
+            )
+            frame = np.array([[60, top], [60, top + height], [60 + width, top + height]])
+            shapes += [Line(frame, "#B8B8B8", 0.8), Text(60, top - 6, label, 10, bold=True)]
+            shapes += [Text(54, top + 8, f"{high:.3g}", 9, "end"), Text(54, top + height, "0", 9, "end")]
+            shapes.append(Text(60 + width, top + height + 14, f"{end / 60:.1f} min", 9, "end"))
+            shapes.append(Marks(place, BLUE, size=2) if scattered else Line(place, BLUE, 1.2))
+        about = f"Reruns, memory and descriptors of a server with {self.people} people."
+        return on_white(to_svg(Drawing(720, 372, tuple(shapes), about)))
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The server at a time."""
+
+    time_s: float
+    memory_MB: float
+    descriptors: int
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """What somebody waited for."""
+
+    kind: str
+    begin_s: float
+    took_s: float
 
 
 @dataclass
@@ -102,15 +198,15 @@ class Person:
     place: str
     study: str
     chance: random.Random
-    took: list[tuple[str, float]] = field(default_factory=list)
-    """Kind and seconds of every rerun."""
+    begin: float
+    took: list[Rerun] = field(default_factory=list)
     problem: str = ""
     page: str = ""
     settings: dict[str, str] = field(default_factory=dict)
     zone_mm: float = ZONE_MM
     seen: set[tuple[str, ...]] = field(default_factory=set)
 
-    def live(self, begin: float, arriving: float, until: float, thinking: tuple[float, float]) -> None:
+    def live(self, arriving: float, until: float, thinking: tuple[float, float]) -> None:
         """Arrive, then act until the time is over."""
         from sessions import Session
 
@@ -142,12 +238,15 @@ class Person:
         key = (page, self.settings.get("Estimator", ""), self.settings.get(page, ""))
         begin = time.perf_counter()
         elements = self.session.run(page, query)
-        self.took.append((kind or (SEEN if key in self.seen else NEW), time.perf_counter() - begin))
+        self._note(kind or (SEEN if key in self.seen else NEW), time.perf_counter() - begin)
         self.seen.add(key)
         if any(element.HasField("exception") for element in elements):
             raise RuntimeError(f"page {page or 'Study'} shows an exception")
         if self.session.asked and (took := self.session.settle()):
-            self.took.append((NEW, took))
+            self._note(NEW, took)
+
+    def _note(self, kind: str, took_s: float) -> None:
+        self.took.append(Rerun(kind, time.monotonic() - self.begin - took_s, took_s))
 
 
 def _chosen(person: Person, label: str, kept_as: str) -> bool:
@@ -201,14 +300,17 @@ def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
 def _row(name: str, seconds: list[float]) -> dict[str, Any]:
     if not seconds:
         return {}
-    median, high = np.percentile(seconds, [50, 95])
     return {
         "reruns": name,
         "count": float(len(seconds)),
-        "median": float(median),
-        "95th percentile": float(high),
+        "median": float(np.median(seconds)),
+        "95th percentile": _high(seconds),
         "longest": max(seconds),
     }
+
+
+def _high(seconds: list[float]) -> float:
+    return float(np.percentile(seconds, 95))
 
 
 @dataclass(frozen=True)
@@ -258,3 +360,18 @@ def _cpu_s(process: int) -> float:
     except OSError:
         return float("nan")
     return (int(fields[11]) + int(fields[12])) / float(os.sysconf("SC_CLK_TCK"))
+
+
+def main(arguments: list[str]) -> None:
+    """Print both tables, and draw the picture."""
+    numbers = [float(a) for a in arguments[:2]]
+    people, minutes = [*numbers, *(20.0, 10.0)[len(numbers) :]]
+    crowd = Crowd(int(people), 60 * minutes)
+    for table in crowd.tables():
+        print(table.markdown(), end="\n\n")
+    if arguments[2:]:
+        Path(arguments[2]).write_text(crowd.picture(), "utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -7,7 +7,7 @@ from jointid.ui.shared.page import open_page
 from jointid.ui.study.elasticity_figures import figures
 from jointid.ui.study.estimates import show_estimates, show_fitted_model, show_matrix
 from jointid.ui.study.model_check import show_model_holds, show_poses, show_prediction
-from jointid.ui.study.overview import show_headline, show_tiles
+from jointid.ui.study.overview import show_bands, show_headline, show_tiles
 from jointid.ui.study.uncertainty_panels import (
     show_checks,
     show_ellipses,
@@ -24,6 +24,7 @@ st.write(
 analysis = page.analysis()
 show_headline(analysis)
 show_tiles(analysis)
+show_bands(analysis)
 show_prediction(page, analysis)
 show_tabs("figure", figures(page, analysis))
 

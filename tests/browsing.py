@@ -48,8 +48,7 @@ class Server:
         self.start()
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "streamlit", "run", "app.py", "--server.port", str(self.port)]
-        command += ["--server.fileWatcherType", "none"]
+        command = [sys.executable, "-m", "jointid.ui.server", "app.py", str(self.port)]
         environment = os.environ | {"JOINTID_DATA_DIR": str(self.data)}
         silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.process = subprocess.Popen(command, cwd=self.folder, env=environment, **silent)

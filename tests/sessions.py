@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 from contextlib import ExitStack
 from typing import Any
+from urllib.request import Request, urlopen
 
 from streamlit.proto.BackMsg_pb2 import BackMsg
 from streamlit.proto.ForwardMsg_pb2 import ForwardMsg
@@ -20,8 +22,9 @@ class Session:
 
     def __init__(self, address: str) -> None:
         url = address.replace("http://", "ws://") + "/_stcore/stream"
+        self.address = address
         self._open = ExitStack()
-        way = connect(url, subprotocols=["streamlit"], max_size=None)  # type: ignore[list-item]
+        way = connect(url, subprotocols=["streamlit"], max_size=None, open_timeout=PATIENCE_S)  # type: ignore[list-item]
         self.socket = self._open.enter_context(way)
         self.page = self.query = ""
         self.widgets: dict[str, WidgetState] = {}
@@ -90,6 +93,35 @@ class Session:
         state = WidgetState(id=self.shows("slider", label).id)
         state.double_array_value.data.append(value)
         self.widgets[state.id] = state
+
+    def upload(self, label: str, name: str, data: bytes) -> None:
+        """Give a file to the uploader whose label begins so; the next run reads it."""
+        message = BackMsg()
+        session = self.begun.initialize.session_id
+        message.file_urls_request.session_id = session
+        message.file_urls_request.file_names.append(name)
+        self.socket.send(message.SerializeToString())
+        got = ForwardMsg()
+        while got.WhichOneof("type") != "file_urls_response":
+            got.ParseFromString(self.socket.recv(timeout=PATIENCE_S))  # type: ignore[arg-type]
+        (urls,) = got.file_urls_response.file_urls
+        with urlopen(f"{self.address}/_stcore/health") as answer:
+            (token,) = re.findall("_streamlit_xsrf=([^;]+)", answer.headers["Set-Cookie"])
+        head = f'--b\r\nContent-Disposition: form-data; name="f"; filename="{name}"\r\n\r\n'.encode()
+        headers = {"Content-Type": "multipart/form-data; boundary=b", "X-Xsrftoken": token}
+        headers["Cookie"] = f"_streamlit_xsrf={token}"
+        body = head + data + b"\r\n--b--\r\n"
+        with urlopen(Request(self.address + urls.upload_url, body, headers, method="PUT")):
+            pass
+        box = next(
+            e.file_uploader for e in self.sent
+            if e.HasField("file_uploader") and e.file_uploader.label.startswith(label)
+        )  # fmt: skip
+        state = WidgetState(id=box.id)
+        state.file_uploader_state_value.uploaded_file_info.add(
+            name=name, size=len(data), file_id=urls.file_id, file_urls=urls
+        )
+        self.widgets[box.id] = state
 
     def close(self) -> None:
         self._open.close()

@@ -254,3 +254,29 @@ def test_the_cache_has_a_limit_whatever_is_kept() -> None:
     kept.put("large", np.zeros(1 << 20))
     assert kept.get("large") is not None
     assert kept.get(4) is None
+
+
+def test_a_queue_is_said_when_all_processors_are_busy(monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+
+    class Place:
+        def empty(self) -> None:
+            said.append("gone")
+
+    def info(text: str) -> Place:
+        said.append(text)
+        return Place()
+
+    monkeypatch.setattr(background.st, "info", info)
+    with background.queue_said():
+        assert said == []
+    waiting = [object() for _ in range(background._PROCESSES + 2)]
+    background._asked.update(waiting)
+    try:
+        with background.queue_said():
+            assert run_in_background(sum, [1, 2]) == 3
+            assert said == ["The server is busy: 3 computations in the queue."]
+    finally:
+        background._asked.difference_update(waiting)
+    assert said[1:] == ["gone"]
+    assert background.queue_text() == ""

@@ -572,9 +572,7 @@ def test_the_app_of_the_checkout_is_started(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(subprocess, "run", started)
     ok("app", "--port", 8600)
     ((command, folder),) = called
-    assert command[1:4] == ["-m", "streamlit", "run"]
-    assert Path(command[4]) == ROOT / "app.py"
-    assert command[5] == "--server.port=8600"
+    assert command[1:] == ["-m", "jointid.ui.server", str(ROOT / "app.py"), "8600"]
     assert folder == ROOT
 
 

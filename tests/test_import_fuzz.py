@@ -59,6 +59,12 @@ def test_damaged_logs_of_every_format(
     assert outcome["refused"] > 0
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("labview.tdms", 3342)], ids=["values of 1e300"])
+def test_damage_that_once_was_a_fault(kind: str, seed: int, tmp_path: Path) -> None:
+    (outcome,) = outcomes(kind, KINDS[kind](tmp_path), [seed])
+    assert outcome.said in ("read", "refused")
+
+
 def test_damaged_text_logs(capsys: pytest.CaptureFixture[str]) -> None:
     rng = random.Random(3)
     outcome: Counter[str] = Counter()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -44,6 +45,7 @@ from jointid.files.study_files import pack_study
 from jointid.fleet.row import checked, row_of
 from jointid.importing import find_runs, find_segments, measure_run, study_from_logs
 from jointid.importing.map.mapped_log import MappedLog
+from jointid.motion.spectra import motion_phasors
 from jointid.phasors.distortion import Distortion, distortion
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.report import make_report
@@ -56,6 +58,8 @@ from jointid.uncertainty.motion_plan import (
     sensor_noise,
 )
 from jointid.uncertainty.sensitivity import prior_influence
+from jointid.verdict.motion_findings import share_at_rest
+from jointid.verdict.rules_records import sample_digests
 
 ROOT = Path(__file__).parents[1]
 ROBOT = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
@@ -438,6 +442,8 @@ def test_a_planned_motion_keeps_its_limits_and_its_promise(analyses: dict[str, A
     np.testing.assert_allclose(plan.alone, stated.standard_error / analysis.fit.estimate, rtol=0.5)
     today = analysis.fit.standard_error / analysis.fit.estimate
     assert np.all(plan.together < np.minimum(plan.alone, today) * 1.001)
+    whole = analyse(replace(analysis.study, records=[*analysis.study.records, *record])).fit
+    np.testing.assert_allclose(plan.together, whole.standard_error / whole.estimate, rtol=0.3)
 
 
 @pytest.fixture
@@ -457,5 +463,44 @@ def test_every_page_shows_the_sample_of_motions(app: AppTest) -> None:
         assert not at.exception, page.name
         if page.name.startswith("1_"):
             assert [tab.label for tab in at.tabs][-1] == "Coherence"
+        if page.name.startswith("4_"):
+            assert any("Hz, chosen from its spectrum" in caption.value for caption in at.caption)
         if page.name.startswith("6_"):
             assert any(button.label == "Predict" for button in at.button)
+
+
+def at_rest_for(share: float, samples: int = 4000) -> MotionRecord:
+    """A motion of two joints, the first of which rests for a share of the time."""
+    t = np.arange(samples) / 1000
+    theta = np.stack([np.sin(20 * np.maximum(t % 1 - share, 0)), np.sin(23 * t)], axis=1)
+    return MotionRecord(t, theta, np.cos(theta))
+
+
+def test_the_share_of_the_time_at_rest() -> None:
+    moving, resting = (share_at_rest(at_rest_for(share)) for share in (0.0, 0.6))
+    assert moving.max() < 0.1
+    assert resting[0] == pytest.approx(0.6, abs=0.1)
+    assert resting[1] < 0.1
+
+
+def test_repeated_samples_are_found_by_their_digests() -> None:
+    record = at_rest_for(0.5)
+    turned = replace(record, theta_rad=-record.theta_rad, tau_Nm=-record.tau_Nm)
+    swapped = replace(record, theta_rad=record.theta_rad[:, ::-1])
+    distinct = np.unique(np.hstack([record.theta_rad, record.tau_Nm]), axis=0)
+    assert sample_digests(record).size == len(distinct)
+    for other in (turned, swapped):
+        assert np.intersect1d(sample_digests(record), sample_digests(other)).size < 5
+
+
+def test_memory_is_linear_in_the_samples() -> None:
+    rng, peaks = np.random.default_rng(0), []
+    for samples in (20_000, 80_000):
+        theta, tau = rng.standard_normal((2, samples, 2)).cumsum(axis=1)
+        record = MotionRecord(np.arange(samples) / 1000, theta, tau, band_hz=(2.0, 30.0))
+        tracemalloc.start()
+        motion_phasors([record], np.ones((1, 2)))
+        sample_digests(record)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 4.5 * peaks[0]

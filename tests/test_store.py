@@ -16,9 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from jointid import JointIdError
+from jointid import JointIdError, load_study, save_study
 from jointid.files import store
-from jointid.files.atomic_write import write_file
+from jointid.files.atomic_write import locked, write_file
+from jointid.files.digest import study_digest
 from jointid.files.store import Store, new_workspace
 
 ROOT = Path(__file__).parents[1]
@@ -382,10 +383,28 @@ def test_the_folder_of_a_user_without_a_home_is_absolute(
 
 
 def test_what_a_killed_write_left_is_removed_by_a_later_one(tmp_path: Path) -> None:
-    left, fresh, own = (tmp_path / f".{c * 16}.new" for c in "abx")
-    for file in (left, fresh, own):
+    left, fresh, own, held = (tmp_path / f".{c * 16}.new" for c in "abxc")
+    for file in (left, fresh, own, held):
         file.write_bytes(b"half")
-    aged(left, 7200)
-    aged(own, 7200)  # no name that a write gives
+    folder = tmp_path / f".{'d' * 16}.new"
+    (folder / "records").mkdir(parents=True)
+    for file in (left, own, held, folder):
+        aged(file, 60)
+    with held.open("rb") as writing:  # by a process that lives
+        locked(writing)
+        write_file(tmp_path / "table.csv", b"1,2")
+        assert sorted(tmp_path.iterdir()) == sorted([fresh, own, held, tmp_path / "table.csv"])
     write_file(tmp_path / "table.csv", b"1,2")
-    assert sorted(tmp_path.iterdir()) == sorted([fresh, own, tmp_path / "table.csv"])
+    assert not held.exists()
+
+
+def test_a_study_that_a_killed_write_moved_away_comes_back(tmp_path: Path) -> None:
+    target, old = tmp_path / "cell", tmp_path / f".cell.{'0' * 16}.old"
+    study = load_study(ROOT / "sample_data" / "paper.zip")
+    save_study(study, target)
+    target.rename(old)
+    with pytest.raises(JointIdError, match="exists"):
+        save_study(study, target)
+    assert study_digest(load_study(target)) == study_digest(study)
+    save_study(study, target, overwrite=True)
+    assert list(tmp_path.iterdir()) == [target]

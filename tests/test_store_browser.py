@@ -148,7 +148,7 @@ def test_who_lacks_the_address_sees_nothing(
     ):
         with closing(Session(server.address)) as stranger:  # not even what is sent names the study
             said = str(stranger.run("Import_a_log", query))
-        assert "is not in this workspace" in said
+        assert "is not, or no longer, in this workspace" in said
         assert "mine.zip" not in said
     page = visit(mine.url.replace("/Import_a_log", "/Records"), "Records")
     chosen(page, "mine.zip")

@@ -57,6 +57,15 @@ def test_records_of_broken_periods_give_the_response(n: int) -> None:
     assert np.allclose(found.H, motor_response(found.omega, inertia, elasticity), rtol=1e-6)
 
 
+def test_the_condition_is_that_of_the_torques() -> None:
+    phasors = two_joints()
+    found = estimate_transfer_matrix(phasors)
+    torques = phasors.tau.reshape(BAND_HZ.size, 2, 2) if phasors.omega[0] == phasors.omega[1] else None
+    if torques is None:  # the campaign lists all frequencies of one experiment first
+        torques = phasors.tau.reshape(2, BAND_HZ.size, 2).swapaxes(0, 1)
+    np.testing.assert_allclose(found.condition, np.linalg.cond(torques), rtol=1e-9)
+
+
 def test_order_of_the_records_does_not_matter() -> None:
     phasors = two_joints(3)
     mixed = phasors.select(np.random.default_rng(1).permutation(phasors.omega.size))

@@ -23,10 +23,10 @@ def start_app(
         remedy = "Give --path an existing app.py, or leave it out." if path else "Install jointid again."
         raise JointIdError(f"{script} does not exist. {remedy}")
     # Streamlit reads .streamlit/config.toml beside the script as well as in the current folder.
-    command = [sys.executable, "-m", "streamlit", "run", str(script), f"--server.port={port}"]
+    command = [sys.executable, "-m", "jointid.ui.server", str(script), str(port)]
     try:
         code = subprocess.run(command, cwd=script.parent, check=False).returncode
     except KeyboardInterrupt:
         return
     if code:
-        raise JointIdError(f"The app ended with code {code}; see the message of streamlit above.")
+        raise JointIdError(f"The app ended with code {code}; see the message of the server above.")

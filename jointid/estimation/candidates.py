@@ -15,10 +15,10 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood
+from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood, one_step
 from jointid.estimation.noise import Noise
 from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.residual import make_problem, with_law_noise
+from jointid.estimation.residual import fitted_layout, make_problem, with_law_noise
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
@@ -171,6 +171,22 @@ def evaluated(
     problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
     problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
     return WhitenedResidual.of(problem, estimate.p, scale)
+
+
+def stepped(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> tuple[Floats, float]:
+    """Parameters and misfit of a model one step from the estimate of a similar one."""
+    waveforms = waveforms or model_waveforms(phasors, model)
+    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
+    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
+    p = problem.start(estimate.named)
+    return one_step(with_law_noise(problem, p), p)
 
 
 @dataclass

@@ -9,7 +9,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, evaluated, fit_model
+from jointid.estimation.candidates import Model, evaluated, fit_model, stepped
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.inertia_prior import InertiaPrior
@@ -30,8 +30,9 @@ _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
-_LEAST_LEFT = 0.02
-"""Least share of a joint's equations that free friction leaves."""
+_LEAST_LEFT, _CLEAREST = 0.02, 0.3
+"""Least share of a joint's equations in a segment that free friction leaves, and the share from which
+the segment shows the noise; without such segments those with the largest share do."""
 _DEGREE = 5
 """Of the polynomial of the ends in equation (8)."""
 
@@ -111,9 +112,8 @@ def _identified(
     choice = search(phasors, prior, start, noise=_noise(phasors, prior))
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
-        phasors, found = again, choice.estimate
-        start = found.named if "coulomb" in found.layout else found.elasticity
-        choice = search(phasors, prior, start, noise=_noise(phasors, prior))
+        phasors = again
+        choice = search(phasors, prior, _near(choice.estimate), noise=_noise(phasors, prior))
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -139,22 +139,30 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
+    noise = _noise(phasors, prior)
     for reversal in (None, 0.0, 0.03, 0.1):
         model = Model(reversal, delay=False)
-        near = fits[-1][1].named if reversal and fits else start
+        best = fits[-1][1] if fits else None
         with contextlib.suppress(JointIdError):
-            found = fit_model(phasors, prior, near, _noise(phasors, prior), model)
-            if fits and found.misfit > _BETTER * fits[-1][1].misfit:
+            if best and stepped(phasors, prior, best, noise, model)[1] > _BETTER * best.misfit:
+                break
+            found = fit_model(phasors, prior, best.named if best and reversal else start, noise, model)
+            if best and found.misfit > _BETTER * best.misfit:
                 break
             fits.append((model, found))
     if not fits:
         return phasors, start
     model, found = fits[-1]
     phasors = _with_noise(phasors, prior, model, found)
-    with contextlib.suppress(JointIdError):
-        found = fit_model(phasors, prior, found.named, _noise(phasors, prior), model)
+    with contextlib.suppress(JointIdError):  # of the first fit, the weights were far off
+        found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
         phasors = _with_noise(phasors, prior, model, found)
-    return phasors, found.named if "coulomb" in found.layout else found.elasticity
+    return phasors, _near(found)
+
+
+def _near(found: LikelihoodEstimate) -> Floats | Parameters:
+    """Start values near an estimate."""
+    return found.named if "coulomb" in found.layout else found.elasticity
 
 
 def _with_noise(
@@ -167,15 +175,17 @@ def _with_noise(
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise, unweighted)
     left = residual.at.r - residual.free_friction()
-    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum()
-    freed = 1 - residual.projection.rank_by_joint(phasors.n) / rows
+    rows = 2 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
+    share = np.where(
+        residual.at.problem.used, 1 - residual.projection.rank_by_joint(phasors.n) / rows, 0
+    )
+    clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
+    share = np.where(clear, share, np.nan)
     motions = [segment for segment in phasors.segments if segment is not None]
     angles = np.mean([segment.angle_variance for segment in motions], axis=0)
     most = np.mean([segment.most_torque_variance for segment in motions], axis=0)
     least = np.mean([segment.least_torque_variance for segment in motions], axis=0)
-    torques = sensor_noise(
-        phasors, left / np.sqrt(np.maximum(freed, _LEAST_LEFT)), residual.at.E, angles
-    )
+    torques = sensor_noise(phasors, left * (share**-0.5)[:, None], residual.at.E, angles)
     torques = np.clip(torques, least, np.maximum(most, least))
     covariance = phasors.harmonic_covariance.copy()
     for row, segment in enumerate(phasors.segments):

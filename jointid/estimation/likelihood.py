@@ -315,6 +315,17 @@ def _further_step(
     return step, float(pull @ step), through, left
 
 
+def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
+    """Parameters after a step towards the optimum, and the misfit there to second order."""
+    residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
+    cost, gradient, normal = _quadratic_at(residual, p)
+    size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    unit = normal / np.outer(size, size) + _RIDGE * np.eye(p.size)
+    step = -np.linalg.solve(unit, gradient / size) / size
+    expected = max((problem.rows - residual.projection.rank() - p.size) / 2, 1.0)
+    return p + step, float(cost + gradient @ step) / expected
+
+
 def _require_rows(problem: Problem, p: Floats) -> None:
     if problem.rows == 0:
         raise JointIdError(

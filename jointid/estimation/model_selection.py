@@ -23,6 +23,7 @@ from jointid.estimation.candidates import (
     Model,
     fit_model,
     model_waveforms,
+    stepped,
 )
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.likelihood import LikelihoodEstimate, Score, scores
@@ -58,6 +59,9 @@ _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
 _CHANCE = 1e-3
 """Probability that the score of any part leads to a fit on an ideal robot."""
+_EXPLAINED_MOTIONS = 1.3
+"""Misfit of motions below which richer friction and laws are not tried: their noise is that of the
+residual, and wide reversals leave few equations."""
 _ALIKE = 1.2
 """Ratio of misfits up to which another width of the reversals explains motions as well."""
 _OTHER_REVERSALS = {0.0: (0.03,), 0.03: (0.0, 0.1), 0.1: (0.03,)}
@@ -228,7 +232,7 @@ class _Search:
             self.fit(rubbing, self.start)
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
-            if isinstance(found, LikelihoodEstimate) and found.misfit > EXPLAINED and clear:
+            if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
                 self.fit(replace(self.base, reversal=0.03), found.named)
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
@@ -248,6 +252,10 @@ class _Search:
             if self._is_lost() and law in fits.optional:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
+    def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
+        """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
+        return found.misfit > (_EXPLAINED_MOTIONS if self.phasors.motion.any() else EXPLAINED)
+
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
 
@@ -260,8 +268,11 @@ class _Search:
             if isinstance(found, JointIdError):
                 break
             falls = False
-            for part in sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]:
-                wider = model.with_part(part)
+            parts = sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]
+            further = [model.with_part(part) for part in parts]
+            for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
+                further += [model.without(law).with_part(part) for part in parts[:1]]
+            for wider in further:
                 self.slow_fits -= wider.is_slow  # not one of those that compare
                 self.fit(wider, found.named)
                 falls = fits.misfit(wider) < _CLIMB * found.misfit
@@ -393,7 +404,7 @@ class _Search:
             bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
             instead = (part for part in clear if scored[part].gain > _NEARLY_ALL * found.cost)
             wider += [bare.with_part(part) for part in instead if part not in LAWS]
-        if model.reversal is not None and found.misfit > EXPLAINED:
+        if model.reversal is not None and self._may_be_richer(found):
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
@@ -428,6 +439,8 @@ class _Search:
         found = self.fits.tried[model]
         if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
             return True
+        if self.phasors.motion.any() and not self._may_be_richer(found):
+            return False  # it takes a minute
         if part != "friction" and found.misfit > EXPLAINED:
             needed = WORTH * (found.misfit - 1) * found.expected_cost
             return score.gain > _HALFWAY * needed
@@ -498,10 +511,9 @@ class _Search:
             return np.zeros((2 * self.phasors.n,) * 2)
         for reversal in _OTHER_REVERSALS[best.reversal]:
             other = replace(best, reversal=reversal)
-            if other not in self.fits.tried:
-                self.fit(other, found.named)
-            estimate = self.fits.tried[other]
-            if isinstance(estimate, LikelihoodEstimate) and estimate.misfit < _ALIKE * found.misfit:
-                shifts.append(estimate.elasticity - found.elasticity)
+            waveforms = self._waveforms(other)
+            near, misfit = stepped(self.phasors, self.prior, found, self.noise, other, waveforms)
+            if misfit < _ALIKE * found.misfit:
+                shifts.append(near[: 2 * self.phasors.n] - found.elasticity)
         squares = [np.outer(shift, shift) for shift in shifts[1:] or shifts]
         return np.asarray(np.mean(squares, axis=0))

@@ -115,7 +115,7 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
     Parameters
     ----------
     left : ndarray, shape (r, H, n)
-        Residual of a fitted model.
+        Residual of a fitted model; NaN where free friction hides the noise.
     E : ndarray, shape (r, H, n, 2n)
         Its derivative by the signals.
     angles : ndarray, shape (n,)
@@ -151,8 +151,10 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes, angles: Floats
 
 def _further_variance(power: Floats, gain: Floats, channel: int, known: Floats) -> float:
     """Variance of one channel where the others' are known, by maximum likelihood, from power (m,)."""
-    others = gain[:, : known.size] @ known
-    own = gain[:, channel]
+    seen = np.isfinite(power)
+    power, own, others = power[seen], gain[seen, channel], gain[seen, : known.size] @ known
+    if not power.size:
+        return 0.0
     low = 1e-6 * float(np.median(power / own))
     found = max(float(np.median((power - others) / own)), low)
     for _ in range(_REWEIGHTED):  # the score of exponential powers, reweighted

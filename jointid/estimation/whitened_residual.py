@@ -18,8 +18,8 @@ _RESOLVED = 1.0
 """Dynamic stiffness of the arm over K from which a motion's torsion curve has a line of its spectrum."""
 _CLEAR = 4.0
 """Standard deviations from which a harmonic counts as a signal."""
-_CHANCE = 1e-4
-"""Probability that the scatter widens the errors of a right model."""
+_CHANCE, _CHANCE_OF_MOTIONS = 1e-4, 0.05
+"""Probability that the scatter widens the errors of a right model; motions have many segments."""
 _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
 _LEAST_RECORDS = 4
@@ -180,7 +180,8 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     pulls, share = shift[:, :own] @ W.T, W @ expected[:, :own, :own] @ W.T
     degrees_of_freedom = own**2 / (share**2).sum()
     found = (pulls**2).sum() / own
-    if found * degrees_of_freedom < chdtri(degrees_of_freedom, _CHANCE):
+    chance = _CHANCE if residual.at.problem.ends is None else _CHANCE_OF_MOTIONS
+    if found * degrees_of_freedom < chdtri(degrees_of_freedom, chance):
         return covariance
     size = np.diag(noise)
     ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)

@@ -3,6 +3,7 @@
 import os
 import re
 import secrets
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,7 +13,10 @@ from typing import BinaryIO
 from jointid.errors import JointIdError
 
 _FRESH = re.compile(r"\.[0-9a-f]{16}\.new")
+_UNLOCKED_S = 10.0
+"""A file is locked long before this age."""
 _LEFT_OVER_S = 3600.0
+"""No write takes so long: for systems without locks."""
 
 
 @contextmanager
@@ -23,12 +27,13 @@ def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
     content or the new one. A ``private`` file is readable by this user only. Raises OSError when it
     cannot be written; the file of before is unchanged.
     """
-    _remove_left_over(path.parent)
+    remove_left_over(path.parent)
     fresh = path.with_name(f".{secrets.token_hex(8)}.new")
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     handle = os.open(fresh, flags, 0o600 if private else 0o666)
     try:
         with os.fdopen(handle, "wb") as file:
+            locked(file)
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -60,12 +65,33 @@ def write_error(path: Path, error: OSError) -> JointIdError:
     )
 
 
-def _remove_left_over(folder: Path) -> None:
-    """Remove files of writes that were killed: no write takes an hour."""
-    with suppress(OSError):
-        for file in folder.glob(".*.new"):
-            if _FRESH.fullmatch(file.name) and time.time() - file.stat().st_mtime > _LEFT_OVER_S:
-                file.unlink()
+def locked(file: int | BinaryIO) -> bool | None:
+    """Lock an open file until its process ends or closes it; None where the system has no locks."""
+    try:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except (ImportError, OSError):  # Windows, some network drives
+        return None
+    return True
+
+
+def remove_left_over(folder: Path) -> None:
+    """Remove what killed writes left: nobody holds its lock."""
+    for left in folder.glob(".*.new"):
+        with suppress(OSError):
+            age = time.time() - left.stat().st_mtime
+            if not _FRESH.fullmatch(left.name) or age < _UNLOCKED_S:
+                continue
+            handle = os.open(left, os.O_RDONLY)
+            try:
+                free = locked(handle)
+            finally:
+                os.close(handle)
+            if free or (free is None and age > _LEFT_OVER_S):
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -1,10 +1,12 @@
 """Writing a study: atomically, exact to the last bit, equal bytes for equal studies."""
 
+import glob
 import os
 import secrets
 import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO, Literal
@@ -13,7 +15,7 @@ import numpy as np
 import tomli_w
 
 from jointid.errors import JointIdError
-from jointid.files.atomic_write import new_file, write_error
+from jointid.files.atomic_write import locked, new_file, remove_left_over, write_error
 from jointid.files.container_limits import MAX_TOTAL_BYTES, mebibytes
 from jointid.files.record_tables import write_record_table
 from jointid.files.study_keys import PARTS
@@ -200,15 +202,17 @@ def _timing(record: JointRecord) -> dict[str, Any]:
 
 
 def _write_folder(study: Study, target: Path, record_format: str) -> None:
+    remove_left_over(target.parent)
     token = secrets.token_hex(8)
-    fresh, old = target.with_name(f".{token}.new"), target.with_name(f".{token}.old")
+    fresh, old = target.with_name(f".{token}.new"), target.with_name(f".{target.name}.{token}.old")
     try:
         (fresh / "records").mkdir(parents=True)
-        for name, data in _files(study, record_format):
-            (fresh / name).write_bytes(data)
-        if target.exists():
-            target.rename(old)  # a folder cannot replace a folder that holds files
-        fresh.replace(target)
+        with _held(fresh):
+            for name, data in _files(study, record_format):
+                (fresh / name).write_bytes(data)
+            if target.exists():
+                target.rename(old)  # a folder cannot replace a folder that holds files
+            fresh.replace(target)
     except OSError:
         if old.exists():
             old.rename(target)
@@ -216,6 +220,26 @@ def _write_folder(study: Study, target: Path, record_format: str) -> None:
     finally:
         for rest in (fresh, old):
             shutil.rmtree(rest, ignore_errors=True)
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Lock a folder, where the system can."""
+    handle = os.open(folder, os.O_RDONLY) if os.name == "posix" else None
+    try:
+        if handle is not None:
+            locked(handle)
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _recover(target: Path) -> None:
+    """Put back what a killed write moved away; remove it where the write had succeeded."""
+    for old in target.parent.glob(f".{glob.escape(target.name)}.*.old"):
+        with suppress(OSError):
+            shutil.rmtree(old) if target.exists() else old.rename(target)
 
 
 def _write_zip(study: Study, file: BinaryIO, record_format: str) -> None:
@@ -246,6 +270,7 @@ def _checked_target(path: str | os.PathLike[str], overwrite: bool) -> Path:
             raise JointIdError(
                 f"{target.parent} is not a folder: make it first, or choose another path."
             )
+        _recover(target)
         if target.exists():
             _require_replaceable(target, overwrite)
     except JointIdError:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from jointid.errors import JointIdError
-from jointid.files.atomic_write import write_error
+from jointid.files.atomic_write import locked, write_error
 from jointid.fleet.row import Row, checked, from_plain, to_plain
 
 _HEAD = b'{"jointid fleet journal": 1}\n'
@@ -74,7 +74,7 @@ class Journal:
         try:
             while True:
                 file = self.path.open("ab+")
-                if not _lock(file):
+                if locked(file) is False:
                     file.close()
                     raise JointIdError(
                         f"{self.path} is being written by another batch: wait for it, or choose another "
@@ -108,18 +108,3 @@ class Journal:
             # The study of a damaged line is analysed again. Deep nesting raises a RecursionError.
             with suppress(ValueError, TypeError, RecursionError):
                 yield checked(from_plain(json.loads(line.decode("utf-8", "surrogatepass"))))
-
-
-def _lock(file: object) -> bool:
-    """Lock a file; True also where the system has no locks."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return True
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[arg-type]
-    except BlockingIOError:
-        return False
-    except OSError:  # some network drives know no locks
-        return True
-    return True

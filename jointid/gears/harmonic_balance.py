@@ -16,6 +16,8 @@ _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
+_MANY = 48
+"""Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
 _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 24, 1e-6
@@ -273,12 +275,12 @@ def _waves(H: int, points: int) -> tuple[Floats, Floats]:
 
 def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
     """As ``_spread``, for the torque of the hysteresis, which depends on all moves before."""
-    waves, parts = _waves(H, delta.shape[-1])
+    waves, _ = _waves(H, delta.shape[-1])
     move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
     decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
     gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
     changes = _periodic(decay[..., None], gain[..., None] * _moves(waves[_inner(m, H)])[:, None, None])
-    return np.asarray(laws.level[..., None] * (np.moveaxis(changes, 0, -1) @ parts))
+    return np.asarray(laws.level[..., None] * _coefficients(np.moveaxis(changes, 0, -1), H))
 
 
 def _spread(slope: Floats, m: int, H: int) -> Floats:
@@ -302,6 +304,14 @@ def _spread(slope: Floats, m: int, H: int) -> Floats:
     near, far = sign * im[..., apart], im[..., together]
     found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
     return found
+
+
+def _coefficients(samples: Floats, H: int) -> Floats:
+    """Mean and H coefficients each of sines and cosines of samples (..., t)."""
+    if H < _MANY:
+        return np.asarray(samples @ _waves(H, samples.shape[-1])[1])
+    found = np.fft.rfft(samples, axis=-1)[..., : H + 1] * (2 / samples.shape[-1])
+    return np.concatenate([0.5 * found[..., :1].real, -found[..., 1:].imag, found[..., 1:].real], -1)
 
 
 def _parts(z: Complexes) -> Floats:

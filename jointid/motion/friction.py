@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.free_friction import FreeFriction
+from jointid.motion.free_friction import FreeFriction, Waveforms
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
@@ -102,20 +102,18 @@ def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWave
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
     stationary = np.zeros((r, n), bool)
-    shapes = [np.zeros((H, n, 0), complex)] * r
+    free = [Waveforms(np.zeros((H, n, 0), complex))] * r
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
-        for members, columns in own.free.groups:
-            for record, column in zip(members.tolist(), columns, strict=True):
-                shapes[sines[record]] = column
+        for members, waveforms in own.free.groups:
+            for record, shapes in zip(members.tolist(), waveforms.shapes, strict=True):
+                free[sines[record]] = Waveforms(shapes)
     for row, segment in segments.items():
         found = segment_friction(segment, window, widths)
         coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
-        stationary[row] = found.stationary
-        shapes[row] = np.zeros((H, n, found.free.shape[2]), complex)
-        shapes[row][: segment.highest] = found.free
-    return FrictionWaveforms(coulomb, fading, FreeFriction.of(shapes), stationary)
+        stationary[row], free[row] = found.stationary, found.free
+    return FrictionWaveforms(coulomb, fading, FreeFriction.of(free, H), stationary)
 
 
 def _freed(
@@ -126,7 +124,7 @@ def _freed(
     Moves the step of ``signs`` to the middle of the reversal, in place.
     """
     r, n, _ = velocity.shape
-    shapes_of = []
+    free = []
     for record in range(r):
         columns = [np.zeros((H, n, 0), complex)]
         for joint in range(n):
@@ -139,8 +137,8 @@ def _freed(
                 column = np.zeros((H, n, pieces + 1), complex)
                 column[:, joint] = _hats(length, pieces, H) * late[:, None]
                 columns.append(column)
-        shapes_of.append(np.concatenate(columns, axis=2))
-    return FreeFriction.of(shapes_of)
+        free.append(Waveforms(np.concatenate(columns, axis=2)))
+    return FreeFriction.of(free, H)
 
 
 def _reversals(velocity: Floats, threshold: float) -> list[tuple[int, int, float]]:

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import spherical_jn
 
 from jointid.arrays import Complexes, Floats
+from jointid.motion.free_friction import Waveforms
 from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
@@ -24,10 +25,10 @@ class SegmentFriction:
     """Of sign θ̇, shape (H, n)."""
     curve: Complexes
     """Of sign θ̇ · exp(−|θ̇|/w) for each width w, shape (H, n, c)."""
-    free: Complexes
-    """Polynomials over the stretches with unknown friction, shape (H, n, k)."""
+    free: Waveforms
+    """Polynomials over the stretches with unknown friction."""
     stationary: np.ndarray
-    """Whether a joint's motion is within its noise, shape (n,)."""
+    """Whether a joint's motion is within its noise, or its friction is free throughout, shape (n,)."""
 
 
 def segment_friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
@@ -42,6 +43,14 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
     widths : ndarray, shape (n, c)
         Decay velocities of a friction curve, rad/s.
     """
+    key = window, widths.tobytes()
+    if key not in segment.known:
+        segment.known[key] = _friction(segment, window, widths)
+    found: SegmentFriction = segment.known[key]
+    return found
+
+
+def _friction(segment: Segment, window: float, widths: Floats) -> SegmentFriction:
     v, H = segment.velocity, segment.highest
     n, N = v.shape
     blur = _MARGIN * segment.velocity_noise
@@ -50,17 +59,24 @@ def segment_friction(segment: Segment, window: float, widths: Floats) -> Segment
     coulomb, curve = np.zeros((H, n), complex), np.zeros((H, n, widths.shape[1]), complex)
     columns = [np.zeros((H, n, 0), complex)]
     for j in np.flatnonzero(~stationary).tolist():
-        unknown = _polynomials(_stretches(v[j], max(window * largest[j], blur[j]), blur[j]), N, H)
+        stretches = _stretches(v[j], max(window * largest[j], blur[j]), blur[j])
+        if len(stretches) > 2 * (H - segment.lowest + 1):
+            stationary[j] = True  # they fill its equations
+            continue
+        unknown = _polynomials(stretches, N, H)
         columns.append(unknown[:, None] * np.eye(n)[j, :, None])
         turns, signs = _steps(v[j], blur[j])
         coulomb[:, j] = _of_steps(turns, signs, N, H)
         fades = np.expm1(-np.abs(v[j]) / widths[j][:, None]) * _square_wave(turns, signs, N)
         curve[:, j] = coulomb[:, j, None] + bins_of(fades, H).T
     inside = np.arange(1, H + 1) >= segment.lowest
+    free = Waveforms.fewest(np.concatenate(columns, axis=2) * inside[:, None, None])
+    if free.kept:
+        stationary |= ~np.any(free.shapes != 0, axis=(0, 2))
     return SegmentFriction(
         coulomb=coulomb * inside[:, None],
         curve=curve * inside[:, None, None],
-        free=np.concatenate(columns, axis=2) * inside[:, None, None],
+        free=free,
         stationary=stationary,
     )
 

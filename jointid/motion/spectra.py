@@ -95,6 +95,7 @@ def _segments(
 ) -> list[tuple[Segment, Floats]]:
     """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
     n, N = part.theta.shape
+    samples = np.concatenate([part.theta, part.tau])
     velocity, noise = smooth_velocity(part.theta, part.interval_s, variance[:n])
     whole = N * part.interval_s
     length = max(_SEGMENT_S, _PERIODS / band[1])
@@ -122,7 +123,7 @@ def _segments(
             lowest=lowest,
             highest=highest,
         )
-        found.append((segment, np.concatenate([part.theta, part.tau])[:, begin:end]))
+        found.append((segment, samples[:, begin:end]))
     return found
 
 

@@ -1,6 +1,7 @@
 """A stretch of any motion, whose Fourier bins are phasors at the harmonics of its length."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,8 @@ class Segment:
     """First bin of its band."""
     highest: int
     """Last bin of its band."""
+    known: dict[tuple[object, ...], Any] = field(default_factory=dict, repr=False)
+    """Friction waveforms that were found already: of all fits they are the same."""
 
     @property
     def samples(self) -> int:

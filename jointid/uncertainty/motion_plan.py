@@ -16,9 +16,12 @@ from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.closed_loop import simulate_motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import Motion
+from jointid.small_matrices import determined_covariance
 
 _ROUNDS = 4
 """Of fitting the amplitude to the limit of the torque, which friction and resonances bend."""
+_SHARED = "K", "D", "M", "M2", "torque_scale"
+"""Parameters that records of the same robot and pose have in common."""
 _BANDWIDTHS_HZ = (10.0, 4.0, 1.5)
 """Of the controllers that are tried for the simulated motion; only the motion counts."""
 
@@ -91,8 +94,8 @@ def plan_motion(
     """Predict the errors of K and D from a motion within limits.
 
     The identified robot is simulated with this motion, with the sensor noise of the fit, and the
-    estimator states its errors; inertias and torque scale are fitted as in the study. Errors together
-    with the records so far combine both answers as independent ones.
+    estimator states its errors; inertias and torque scale are fitted as in the study, and errors
+    together with the records so far are those of springs and inertias that are the same in both.
 
     Parameters
     ----------
@@ -135,13 +138,38 @@ def plan_motion(
         made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear="linear"
     )
     size = np.abs(fit.estimate)
-    whole = np.linalg.pinv(_information(fit.covariance) + _information(found.covariance))
     known = np.isfinite(fit.standard_error) | np.isfinite(found.standard_error)
-    together = np.where(known, np.sqrt(np.maximum(np.diag(whole), 0.0)), np.inf)
+    together = np.where(known, _together(fit, found), np.inf)
     with np.errstate(divide="ignore"):
         return PlannedMotion(
             chosen, made, elasticity_labels(n), found.standard_error / size, together / size
         )
+
+
+def _together(fit: ElasticityFit, found: ElasticityFit) -> Floats:
+    """Standard errors of K and D from both fits, (2n,): of the same springs, inertias and torque scales.
+
+    The prior of these is in both fits, and counts once.
+    """
+    shapes = [{b.name: b.shape for b in each.parameters.layout.blocks} for each in (fit, found)]
+    names = [name for name in _SHARED if name in shapes[0] and shapes[0][name] == shapes[1].get(name)]
+    one, other = (_information(_covariance(each, names)) for each in (fit, found))
+    information, first = one + other, 2 * fit.n
+    for name in names[2:]:
+        prior = found.prior.information(name)
+        own = slice(first, first + len(prior))
+        information[own, own] -= prior
+        first = own.stop
+    return np.asarray(np.sqrt(np.diag(determined_covariance(information))[: 2 * fit.n]))
+
+
+def _covariance(fit: ElasticityFit, names: Sequence[str]) -> Floats:
+    """Covariance of some parameters, K and D first, whose own is the whole one."""
+    layout, own = fit.parameters.layout, slice(2 * fit.n)
+    place = np.concatenate([np.arange(layout.size)[layout[name]] for name in names])
+    found = np.array(fit.parameter_covariance[np.ix_(place, place)])
+    found[own, own] = fit.covariance
+    return found
 
 
 def _information(covariance: Floats) -> Floats:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.identify_motion import identify_motion
@@ -11,7 +12,7 @@ from jointid.joints import Inertia
 from jointid.phasors.coherence import coherence
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.verdict.evidence import Change, Evidence, Finding, note, number, percent, warning
+from jointid.verdict.evidence import Change, Evidence, Finding, note, number, percent, some, warning
 from jointid.verdict.findings import all_well, of_records
 from jointid.verdict.rules_causes import half_a_sample, hold_change, lag_size
 from jointid.verdict.rules_effects import effects_found
@@ -23,6 +24,10 @@ _EXPLAINED = 3.0
 """Misfit up to which the given inertias explain the data."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
+_RESTS, _LOOSELY = 0.35, 0.01
+"""Share of the time at rest, and relative standard error of K, from which a joint is reported."""
+_SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
+"""Time in which a motor moves, s; the quantile of its moves that counts as fast; a rest over it."""
 _COHERENT = 0.5
 """Median coherence within the band, below which torque and motion hardly belong together."""
 
@@ -58,8 +63,9 @@ def motion_findings(
     causes = list(_wrong_inertias(evidence))
     found += [*causes, *effects_found(evidence), *_torque_lags(evidence)]
     if not causes:
-        for rule in (model_limits, hardly_tested, hardly_known):
-            found += rule(evidence)
+        resting = list(_resting(of_motions))
+        rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
+        found += [*resting, *(each for rule in rules for each in rule(evidence))]
     if not any(finding.level in ("problem", "warning") for finding in found):
         found.append(all_well(fit))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
@@ -90,6 +96,38 @@ def _incoherent(evidence: Evidence) -> Iterator[Finding]:
                 "a clock.",
                 0.3,
             )
+
+
+def _resting(evidence: Evidence) -> Iterator[Finding]:
+    """Joints that friction holds so long that their own torques hardly show the spring."""
+    fit = evidence.fit
+    records = [record for record in evidence.records if isinstance(record, MotionRecord)]
+    if fit.friction is None or not records:
+        return
+    shares = np.mean([share_at_rest(record) for record in records], axis=0)
+    known = fit.standard_error[: fit.n] / np.abs(fit.K)
+    joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
+    if joints.size:
+        j = int(joints[np.argmax(known[joints])])
+        size = percent(known[j]) if np.isfinite(known[j]) else "not determined"
+        yield warning(
+            f"{some([f'Joint {k + 1}' for k in joints])} rested for much of the motion",
+            f"Motor {j + 1} hardly moved during {percent(shares[j])} of the time. While friction holds "
+            f"it, its torque does not show the spring, and K{j + 1} follows from the other joints and "
+            f"the short moves: one standard error is {size}.",
+            f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "
+            "reverses without a rest.",
+            float(min(known[j], 1.0)),
+        )
+
+
+def share_at_rest(record: MotionRecord) -> Floats:
+    """Share of the time in which each motor hardly moves, shape (n,)."""
+    theta = record.theta_rad[record.start :]
+    span = max(1, round(_SPAN_S / record.interval_s))
+    moves = np.abs(theta[span:] - theta[:-span])
+    fast = np.quantile(moves, _FAST, axis=0)
+    return np.asarray(np.where(fast > 0, np.mean(moves <= _SLOW * fast, axis=0), 1.0))
 
 
 def _wrong_inertias(evidence: Evidence) -> Iterator[Finding]:

@@ -31,6 +31,8 @@ _STARTS = 3
 """Records for which a later start is searched, worst first."""
 _EXAMINED = 4096
 """Samples in which the encoder step is searched."""
+_ODD = np.uint64(0x9E3779B97F4A7C15)
+"""Odd multiplier of the digest of a sample: 2⁶⁴ over the golden ratio."""
 _SHARED = 0.5
 """Share of the samples of a motion that another one has as well, from which it is counted twice."""
 
@@ -139,9 +141,11 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
                     pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
                     second.add(int(k))
-    rows = [(record, _rows(record)) for record in evidence.records if isinstance(record, MotionRecord)]
+    motions = [record for record in evidence.records if isinstance(record, MotionRecord)]
+    rows = [(record, sample_digests(record)) for record in motions]
     for (one, these), (other, those) in itertools.combinations(rows, 2):
-        if len(these & those) > _SHARED * min(len(these), len(those)):
+        same = np.intersect1d(these, those, assume_unique=True).size
+        if same > _SHARED * min(these.size, those.size):
             pairs.append(f"{one.label or 'A record'} and {other.label or 'another one'}")
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
@@ -156,9 +160,15 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _rows(record: MotionRecord) -> set[bytes]:
-    """Distinct samples of all angles and torques."""
-    return {row.tobytes() for row in np.hstack([record.theta_rad, record.tau_Nm])[record.start :]}
+def sample_digests(record: MotionRecord) -> np.ndarray:
+    """Digests, 8 bytes each, of the distinct samples of all angles and torques."""
+    digest = np.zeros(record.time_s.size - record.start, np.uint64)
+    for column in (*record.theta_rad.T, *record.tau_Nm.T):
+        digest = digest * _ODD + np.ascontiguousarray(column[record.start :]).view(np.uint64)
+        digest ^= digest >> np.uint64(32)
+        digest *= _ODD
+        digest ^= digest >> np.uint64(29)
+    return np.unique(digest)
 
 
 def same_experiment(evidence: Evidence) -> Iterator[Finding]:

@@ -1,6 +1,7 @@
 """Increasing times from logged ones, and one clock for signals with times of their own."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -224,5 +225,8 @@ def _values_at(at: Floats, time: Floats, values: Floats, held: bool) -> Floats:
         if held:
             found[target] = values_own[np.searchsorted(own, at[target], side="right") - 1]
         elif run.size >= 4:
-            found[target] = CubicSpline(own, values_own)(at[target])
+            # Damaged values of 1e300 have no slopes.
+            with np.errstate(over="ignore", invalid="ignore"), suppress(ValueError):
+                found[target] = CubicSpline(own, values_own)(at[target])
+    found[~np.isfinite(found)] = np.nan
     return found

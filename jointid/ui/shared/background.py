@@ -6,21 +6,23 @@ session needs no worker processes; the second one starts them.
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from threading import Semaphore
+from time import monotonic
 from typing import Any, ParamSpec, TypeVar
 
 import streamlit as st
 from streamlit.runtime.scriptrunner import get_script_run_ctx
 
 from jointid.background.pool import NoWorkerError, Pool
+from jointid.wording import counted
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
-_MOST_PROCESSES = 4
+_PROCESSES = min(4, os.cpu_count() or 1)
 _PRELOADED = (
     "jointid.study",
     "jointid.cut.outcome",
@@ -37,13 +39,19 @@ _at_work = ""
 # A tenth of the default: short reruns wait less for the thread that computes.
 sys.setswitchinterval(5e-4)
 
+_asked: set[object] = set()
+"""Computations of all sessions that have no result yet."""
+
+last_seen: dict[str, float] = {}
+"""Time of the last page of each session: the server closes sessions whose tab has closed, s."""
+
 _threads = ThreadPoolExecutor(16, thread_name_prefix="background")
 """They wait for worker processes; computations in this process take turns."""
 
 
 @cache
 def _pool() -> Pool:
-    return Pool(min(_MOST_PROCESSES, os.cpu_count() or 1), _PRELOADED)
+    return Pool(_PROCESSES, _PRELOADED)
 
 
 def run_in_background(
@@ -68,12 +76,28 @@ def run_in_background(
     return _computed(_session(), compute, *given, **named)
 
 
+def note_session() -> None:
+    """Note when the session of this run was last seen."""
+    last_seen[_session()] = monotonic()
+
+
 def _session() -> str:
     context = get_script_run_ctx(suppress_warning=True)
     return "" if context is None else context.session_id
 
 
 def _computed(
+    session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
+) -> Found:
+    mine = object()
+    _asked.add(mine)
+    try:
+        return _in_turn(session, compute, *given, **named)
+    finally:
+        _asked.discard(mine)
+
+
+def _in_turn(
     session: str, compute: Callable[Given, Found], *given: Given.args, **named: Given.kwargs
 ) -> Found:
     global _at_work
@@ -99,8 +123,24 @@ def submit(compute: Callable[Given, Found], *given: Given.args, **named: Given.k
     return _threads.submit(partial(_computed, _session(), compute, *given, **named))
 
 
+def queue_text() -> str:
+    """Say how many computations of other sessions come first; empty while a processor is free."""
+    ahead = len(_asked) + 1 - _PROCESSES
+    return "" if ahead <= 0 else f"The server is busy: {counted(ahead, 'computation')} in the queue."
+
+
+@contextmanager
+def queue_said() -> Iterator[None]:
+    """Show the queue above a computation that has to wait for others."""
+    text = queue_text()
+    place = st.info(text) if text else None
+    yield
+    if place is not None:
+        place.empty()
+
+
 def awaited(what: str, *begun: Future[Any]) -> None:
-    """Wait for computations; meanwhile the page shows ``what``."""
+    """Wait for computations; meanwhile the page shows ``what`` and a queue."""
     if not all(future.done() for future in begun):
-        with st.spinner(what):
+        with st.spinner(f"{what}. {queue_text()}" if queue_text() else what):
             wait(begun)

@@ -11,6 +11,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError, Phasors, Study
 from jointid.figures.style import colours
 from jointid.ui.shared import cached
+from jointid.ui.shared.background import note_session, queue_said
 from jointid.ui.shared.charts import choose_segment, is_dark, plot, side_by_side
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import IMPORT, RECORDS, SIMULATE
@@ -61,7 +62,8 @@ class Page:
     def analysis(self) -> Analysis:
         """Return the result of the whole method; without one, show the reason and end the page."""
         try:
-            found = cached.analysis(self.digest, self.method, self.study)
+            with queue_said():
+                found = cached.analysis(self.digest, self.method, self.study)
         except JointIdError as error:
             _show_problem(error)
             st.stop()
@@ -145,6 +147,7 @@ def start(title: str) -> None:
 
 
 def _set_up(title: str) -> None:
+    note_session()
     st.set_page_config(page_title=f"{title} · jointid", page_icon=str(_ICON), layout="wide")
     dark = is_dark()
     style = _STYLE % colours(dark).identified + (_ON_PRIMARY if dark else "")

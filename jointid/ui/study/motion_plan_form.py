@@ -79,7 +79,7 @@ def show_motion_plan(page: Page, analysis: Analysis) -> None:
         return
     show_text_table(plan_table(plans))
     st.caption(
-        "Relative standard errors. Together: with the records so far, as independent answers. The peaks "
+        "Relative standard errors. Together: with the records so far, with shared inertias. The peaks "
         "are those of the simulated motors and contain friction."
     )
     for plan in plans:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
 from jointid.answer import ERROR_BARS, Quantity, change_from, without
 from jointid.files.study_files import pack_study
-from jointid.rounding import plain
+from jointid.rounding import plain, significant
 from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -69,6 +70,22 @@ def show_tiles(analysis: Analysis) -> None:
         with row, st.container(horizontal=True, width=2 * _TILE_WIDTH + _TILE_GAP):
             for k in (j, n + j):
                 _tile(analysis, found[k], k)
+
+
+def show_bands(analysis: Analysis) -> None:
+    """The frequencies of every motion that the answer uses."""
+    lines = analysis.fit.phasors
+    labels, hz = np.array(lines.labels), lines.omega / (2 * np.pi)
+    bands = []
+    for index, record in enumerate(analysis.study.motion_records, start=1):
+        name = record.label or f"motion record {index}"
+        own = hz[labels == name]
+        if own.size:
+            origin = "chosen from its spectrum" if record.band_hz is None else "as stated"
+            low, high = significant(own.min(), 3), significant(own.max(), 3)
+            bands.append(f"{markdown_escape(name)} {low}–{high} Hz, {origin}")
+    if bands:
+        st.caption("Band of the motions: " + "; ".join(bands) + ". Set band_hz to change it.")
 
 
 def _values_table(analysis: Analysis, found: Sequence[Quantity]) -> dict[str, list[str]]:

@@ -1,0 +1,217 @@
+"""Kill -9 of server, batch and convert while they write: nothing lost, half written or left over.
+
+    python -m benchmarks.kills [count of each] [server] [batch] [convert]
+
+A victim is killed at a random time, and every second time as soon as a file is being written. What
+it had acknowledged must be there, bit for bit; the next run goes on and leaves no ``.new`` or ``.old``.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+
+from benchmarks.harness import Table
+from jointid import load_study
+from jointid.files.atomic_write import write_file
+from jointid.files.digest import study_digest
+from jointid.files.store import Store, new_workspace
+from jointid.files.study_files import pack_study
+from jointid.fleet.run import journal_path
+from jointid.fleet.table import read_fleet
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+COLUMNS = {
+    "victim": "",
+    **dict.fromkeys(("kills", "during a write", "acknowledged"), ".0f"),
+    **dict.fromkeys(("lost", "half written", "left over"), ".0f"),
+}
+PARTS = ("server", "batch", "convert")
+
+
+def writing(folder: Path) -> list[Path]:
+    """What is being written anywhere in a folder, or was left over."""
+    return [*folder.rglob(".*.new"), *folder.rglob(".*.old")]
+
+
+def killed(process: subprocess.Popen[bytes], folder: Path, until_s: float, at_write: bool) -> bool:
+    """Kill a process at a random time or at a write; True when it was writing. False if it had ended."""
+    begin = time.monotonic()
+    some, end = begin + random.uniform(0.1, 1.1) * until_s, begin + 3 * until_s
+    while time.monotonic() < (end if at_write else some) and process.poll() is None:
+        if at_write and time.monotonic() > some and writing(folder):
+            break
+        time.sleep(0.0005)
+    process.kill()
+    process.wait()
+    return bool(writing(folder))
+
+
+def swept(folder: Path, write: Callable[[], object]) -> int:
+    """How many files are left after the next write."""
+    for left in writing(folder):
+        os.utime(left, (time.time() - 60,) * 2)  # a write takes left-overs of some age
+    write()
+    return len(writing(folder))
+
+
+def jointid(*arguments: object) -> subprocess.Popen[bytes]:
+    """Start the command line; a victim has a group of its own, which its workers leave by themselves."""
+    command = [sys.executable, "-m", "jointid.cli", *map(str, arguments)]
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen(command, cwd=ROOT, **silent)
+
+
+def batch(count: int, folder: Path) -> Counter[str]:
+    """Kill batches that go on from each other; a complete one must have every row."""
+    from fleet_studies import write_studies
+
+    paths = write_studies(folder, 12)
+    out, found = folder / "rows.parquet", Counter[str]()
+    acknowledged, begin = 0, time.monotonic()
+    jointid("batch", *paths, "--out", out, "--workers", 1).wait()
+    lasting = time.monotonic() - begin
+    truth = {row.study: (row.K, row.D) for row in read_fleet(out)}
+    out.unlink()
+    while found["kills"] < count:
+        process = jointid("batch", *paths, "--out", out, "--workers", 1)
+        found["during a write"] += killed(process, folder, lasting, found["kills"] % 2 == 1)
+        found["kills"] += process.returncode != 0
+        journal = journal_path(out)
+        lines = journal.read_bytes().count(b"\n") if journal.exists() else 0
+        if out.exists():
+            rows = {row.study: (row.K, row.D) for row in read_fleet(out)}
+            found["half written"] += rows != truth
+            out.unlink()
+            journal.unlink(missing_ok=True)
+            lines = 0
+        else:
+            found["lost"] += lines < acknowledged
+            found["acknowledged"] += max(0, lines - max(acknowledged, 1))
+        acknowledged = lines
+    end = jointid("batch", *paths, "--out", out, "--workers", 1)
+    end.wait()
+    found["lost"] += len(read_fleet(out)) != len(paths)
+    found["left over"] += swept(folder, lambda: write_file(folder / "x", b"")) + journal.exists()
+    return found
+
+
+def convert(count: int, folder: Path) -> Counter[str]:
+    """Kill conversions into a zip and a folder that replace an earlier study."""
+    log = write_log(folder)
+    jointid("convert", log, "--guess", folder / "map.json").wait()
+    found = Counter[str]()
+    for target in (folder / "study.zip", folder / "study"):
+        given = ["convert", log, "--mapping", folder / "map.json", "--inertia", folder / "robot.toml"]
+        given += ["-o", target, "--overwrite"]
+        begin = time.monotonic()
+        jointid(*given).wait()
+        lasting = time.monotonic() - begin
+        truth = study_digest(load_study(target))
+        for k in range((count + 1) // 2):
+            process = jointid(*given)
+            found["during a write"] += killed(process, folder, lasting, k % 2 == 1)
+            found["kills"] += process.returncode != 0
+            found["acknowledged"] += process.returncode == 0
+            if not target.exists():  # moved away a moment ago; the next run puts it back
+                found["left over"] += swept(folder, jointid(*given).wait)
+            found["lost"] += not target.exists()
+            found["half written"] += target.exists() and study_digest(load_study(target)) != truth
+        found["left over"] += swept(folder, jointid(*given).wait)
+    return found
+
+
+def write_log(folder: Path) -> Path:
+    """Write four sines of a small robot as a log with rests, and its inertias."""
+    from fleet_studies import small_study
+
+    study, start = small_study(0), 0.0
+    lines = ["time [s];motor position joint 1 [rad];motor torque 1 [Nm]"]
+    for record in study.records:
+        rest = np.zeros((record.time_s.size // 2, 2))
+        motion = np.hstack([record.theta_rad[:, :1], record.tau_Nm[:, :1]])
+        for row in (*np.tile(motion, (8, 1)), *rest):
+            lines.append(f"{start:.4f};{row[0]:.12f};{row[1]:.9f}")
+            start += record.interval_s
+    (folder / "log.csv").write_text("\n".join(lines))
+    inertia = study.inertia
+    (folder / "robot.toml").write_text(
+        f"[inertia]\nM = {inertia.M.tolist()}\nM2 = {inertia.M2.tolist()}\n"
+    )
+    return folder / "log.csv"
+
+
+def server(count: int, folder: Path) -> Counter[str]:
+    """Kill servers while a visitor opens one study after the other."""
+    from browsing import Server
+    from fleet_studies import small_study
+    from sessions import Session
+
+    store, place, found = Store(folder), new_workspace(), Counter[str]()
+    kept: dict[str, str] = {}
+    victim = Server(ROOT, folder)
+
+    def visit(first: int) -> None:
+        """Open studies until the server dies; one on the page is acknowledged."""
+        with suppress(Exception):
+            session = Session(victim.address)
+            session.run("", f"w={place}")
+            for k in range(first, first + 1000):
+                study = small_study(k)
+                session.upload("A study folder", f"{k}.zip", pack_study(study))
+                session.run("")
+                acknowledged = {e.id: e.digest for e in store.entries(place) if e.name == f"{k}.zip"}
+                kept.update(acknowledged)
+
+    first = small_study(0)
+    entry = store.put(place, "0.zip", study_digest(first), pack_study(first))
+    kept[entry.id] = entry.digest
+    while found["kills"] < count:
+        visitor = Thread(target=visit, args=(1 + 1000 * found["kills"],))
+        visitor.start()
+        found["during a write"] += killed(victim.process, folder, 8.0, found["kills"] % 2 == 1)
+        found["kills"] += 1
+        visitor.join()
+        there = {e.id: e.digest for e in store.entries(place)}
+        found["lost"] += len(kept.keys() - there.keys()) + len(store.notes(place))
+        found["acknowledged"] = max(found["acknowledged"], len(kept))
+        for entry_id, digest in there.items():
+            found["half written"] += study_digest(load_study(store.read(place, entry_id))) != digest
+        victim.start()
+    victim.kill()
+    found["left over"] += swept(folder, lambda: store.put(place, "0.zip", "x", b"last"))
+    return found
+
+
+def measure(quick: bool) -> Iterator[Table]:
+    """Kill each victim 200 times."""
+    yield table(2 if quick else 200, PARTS)
+
+
+def table(count: int, parts: Sequence[str]) -> Table:
+    """Kill each of the victims so many times."""
+    victims = {"server": server, "batch": batch, "convert": convert}
+    rows = []
+    for part in parts:
+        with tempfile.TemporaryDirectory() as folder:
+            found = victims[part](count, Path(folder))
+        rows.append({"victim": part} | {column: found[column] for column in list(COLUMNS)[1:]})
+    return Table("kills", "Killed while writing", COLUMNS, tuple(rows))
+
+
+if __name__ == "__main__":
+    named = [a for a in sys.argv[1:] if not a.isdigit()]
+    counts = [int(a) for a in sys.argv[1:] if a.isdigit()]
+    print(table(counts[0] if counts else 200, named or PARTS).markdown())

@@ -1,0 +1,116 @@
+"""The app's server: streamlit behind connections that end when a client stalls.
+
+Uvicorn ends idle connections and websockets without pongs, but neither a request whose bytes trickle in
+nor a client that takes no response. Streamlit keeps a session after its tab has closed, with an event
+loop and three descriptors, until another tab closes.
+"""
+
+import asyncio
+import os
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from time import monotonic
+from typing import Any
+
+import streamlit as st
+import uvicorn
+from streamlit import config, runtime
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from jointid.ui.shared.background import last_seen
+
+PATIENCE_S = float(os.environ.get("JOINTID_PATIENCE_S", 20.0))
+LEAST_BYTES = 20_000
+"""What a client sends or takes at least in ``PATIENCE_S``: more than the longest head of a request."""
+_MOST_CONNECTIONS = 500
+"""Fifty tabs with seven connections each; with their sessions below the usual 1024 descriptors."""
+KEPT_S = 3 * PATIENCE_S
+"""Time for a tab to connect again, for instance after its network failed, s."""
+
+
+class PatientConnection(H11Protocol):
+    """An HTTP connection that ends when its client stalls."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to watch a connection; end it where too many are open."""
+        super().connection_made(transport)
+        if len(self.connections) > _MOST_CONNECTIONS:
+            transport.close()
+        self._begin_period()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Stop watching."""
+        self._timer.cancel()
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Count what the client sends."""
+        self._received += len(data)
+        super().data_received(data)
+
+    def resume_writing(self) -> None:
+        """Note that the client has taken most of what waited for it."""
+        self._takes = True
+        super().resume_writing()
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        """Leave the connection to the pings of the websocket."""
+        self._timer.cancel()
+        super().handle_websocket_upgrade(event)
+
+    def _begin_period(self) -> None:
+        self._request, self._received, self._takes = self.cycle, 0, False
+        self._timer = self.loop.call_later(PATIENCE_S, self._judge)
+
+    def _judge(self) -> None:
+        request = self.cycle
+        awaited = request is None or request.response_complete or request.more_body
+        begun = request is not self._request or self._received >= LEAST_BYTES
+        sends = not awaited or begun or self.flow.read_paused
+        if sends and (self._takes or not self.flow.write_paused):
+            self._begin_period()
+        else:
+            self.transport.abort()
+
+
+@asynccontextmanager
+async def _closing_sessions(_app: object) -> AsyncIterator[dict[str, Any]]:
+    """Close sessions whose tab has closed; streamlit's own limit counts further departures only."""
+    closing = asyncio.create_task(_close_sessions())
+    yield {}
+    closing.cancel()
+
+
+async def _close_sessions() -> None:
+    server = runtime.get_instance()
+    while True:
+        await asyncio.sleep(PATIENCE_S)
+        now = monotonic()
+        for session, last in list(last_seen.items()):
+            if server.is_active_session(session):
+                last_seen[session] = now
+            elif now - last > KEPT_S:
+                del last_seen[session]
+                server.close_session(session)
+
+
+def serve(script: str, port: int) -> None:
+    """Serve the app until a signal ends it; ``.streamlit/config.toml`` beside it holds the address."""
+    app = st.App(script, lifespan=_closing_sessions)
+    config.set_option("server.port", port)
+    address = config.get_option("server.address") or "127.0.0.1"
+    # Streamlit lowers the level of uvicorn's loggers.
+    sys.stderr.write(f"The app is at http://{address}:{port} until Ctrl-C.\n")
+    uvicorn.run(
+        app,
+        host=address,
+        port=port,
+        http=PatientConnection,
+        ws="websockets-sansio",  # streamlit's choice
+        ws_ping_interval=PATIENCE_S,
+        ws_ping_timeout=PATIENCE_S,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=3,
+        access_log=False,
+    )

@@ -1,0 +1,153 @@
+"""H of any motion by local polynomials: known answers of multisines whose response is exact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import ROBOTS
+
+from jointid import JointIdError, MotionRecord, motor_response
+from jointid.arrays import Floats
+from jointid.transfer_matrix import TransferMatrix, motion_transfer_matrix
+
+RATE_HZ, DURATION_S = 500.0, 20.0
+BAND_HZ = (3.0, 60.0)
+N = int(RATE_HZ * DURATION_S)
+FREQUENCIES_HZ = np.fft.rfftfreq(N, 1 / RATE_HZ)
+
+
+def response(n: int) -> np.ndarray:
+    """H at all lines; zero outside of the band and some more."""
+    inertia, elasticity = ROBOTS[n]
+    H = np.zeros((FREQUENCIES_HZ.size, n, n), complex)
+    inside = (FREQUENCIES_HZ > 0.5) & (FREQUENCIES_HZ < 90)
+    H[inside] = motor_response(2 * np.pi * FREQUENCIES_HZ[inside], inertia, elasticity)
+    return H
+
+
+def record(
+    n: int,
+    seed: int,
+    *,
+    delay_s: float = 0.0,
+    stated_delay_s: float = 0.0,
+    held: bool = False,
+    coulomb_Nm: float = 0.0,
+    viscous: float = 0.0,
+    alike: bool = False,
+    still: int | None = None,
+) -> MotionRecord:
+    """One period of a multisine: angles follow from torques exactly."""
+    rng = np.random.default_rng(seed)
+    H = response(n)
+    lines = np.any(H != 0, axis=(1, 2))
+    tau = np.zeros((lines.size, n), complex)
+    tau[lines] = np.exp(2j * np.pi * rng.random((lines.sum(), n)))
+    if alike:
+        tau[:, 1] = tau[:, 0]
+    if still is not None:
+        tau[:, still] = 0
+    omega = 2 * np.pi * FREQUENCIES_HZ[:, None]
+    q = np.einsum("fij,fj->fi", H, tau)
+    q = np.divide(-q, omega**2, out=np.zeros_like(q), where=omega > 0)
+    angle, velocity = (np.fft.irfft(x * N, N, axis=0) for x in (q, 1j * omega * q))
+    if held:  # logged is what is held: the arm feels its average over a sample
+        s = np.where(omega > 0, 1j * omega / RATE_HZ, 1)
+        tau = tau * np.where(omega > 0, s / -np.expm1(-s), 1)
+    torque = np.fft.irfft(tau * N * np.exp(1j * omega * delay_s), N, axis=0)
+    torque += coulomb_Nm * np.sign(velocity) + viscous * velocity
+    time = np.arange(N) / RATE_HZ
+    return MotionRecord(
+        time, angle, torque, torque_hold=held, torque_delay_s=stated_delay_s, band_hz=BAND_HZ
+    )
+
+
+def error_of(found: TransferMatrix, n: int) -> Floats:
+    """Error relative to the largest element at each frequency."""
+    true = motor_response(found.omega, *ROBOTS[n])
+    size = np.abs(true).max(axis=(1, 2), keepdims=True)
+    return np.asarray((np.abs(found.H - true) / size).max(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_multisine_gives_the_response_at_every_band(n: int) -> None:
+    found = motion_transfer_matrix([record(n, seed) for seed in range(n + 1)])
+    f = found.omega / (2 * np.pi)
+    # Bands of 8 lines of the longest record to both sides, at least 0.6 Hz, side by side.
+    np.testing.assert_allclose(np.diff(f), 1.2, rtol=1e-9)
+    assert BAND_HZ[0] + 0.6 == pytest.approx(f[0])
+    assert BAND_HZ[1] - 2 * 1.2 < f[-1] < BAND_HZ[1] - 0.6
+    assert np.median(error_of(found, n)) < 1e-5
+    assert found.rejected == ()
+    assert np.all(found.condition >= 1)
+    assert found.condition.max() < 5
+    assert n > 1 or np.all(found.condition == 1)
+    assert found.reciprocity_error.max() < 0.1
+
+
+def test_short_records_have_wider_bands() -> None:
+    whole = record(1, 1)
+    part = MotionRecord(
+        whole.time_s[:2000],
+        whole.theta_rad[:2000],
+        whole.tau_Nm[:2000],
+        torque_hold=False,
+        band_hz=BAND_HZ,
+    )
+    found = motion_transfer_matrix([part])  # 4 s: 8 lines are 2 Hz
+    np.testing.assert_allclose(np.diff(found.omega) / (2 * np.pi), 4.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_scatter_is_the_covariance(n: int) -> None:
+    records = [record(n, seed) for seed in range(3)]
+    exact = motion_transfer_matrix(records)
+    rng = np.random.default_rng(8)
+    squares = []
+    for _ in range(6):
+        noisy = [
+            replace(r, theta_rad=r.theta_rad + 1e-4 * rng.standard_normal(r.theta_rad.shape))
+            for r in records
+        ]
+        found = motion_transfer_matrix(noisy)
+        own = np.einsum("faa->fa", found.covariance).real.reshape(found.H.shape)
+        squares.append(np.mean(np.abs(found.H - exact.H) ** 2 / own))
+    assert 0.75 < np.mean(squares) < 1.25
+
+
+def test_delay_and_friction_are_subtracted() -> None:
+    plain = error_of(motion_transfer_matrix([record(1, 1)]), 1).max()
+    held = motion_transfer_matrix([record(1, 1, held=True)])
+    assert error_of(held, 1).max() < 2 * plain + 1e-6
+    late = record(1, 1, delay_s=0.003)
+    assert error_of(motion_transfer_matrix([late]), 1).max() > 0.1
+    assert error_of(motion_transfer_matrix([late], delay=0.003), 1).max() < 2 * plain + 1e-6
+    stated = record(1, 1, delay_s=0.003, stated_delay_s=0.002)
+    assert error_of(motion_transfer_matrix([stated], delay=0.001), 1).max() < 2 * plain + 1e-6
+    rubbing = record(1, 1, viscous=0.02, coulomb_Nm=2.0)
+    kept = np.median(error_of(motion_transfer_matrix([rubbing]), 1))
+    freed = motion_transfer_matrix([rubbing], viscous=0.02, coulomb=2.0)
+    assert np.median(error_of(freed, 1)) < kept / 5
+
+
+@pytest.mark.parametrize(
+    ("records", "reason"),
+    [
+        ([record(2, 1, alike=True), record(2, 2, alike=True)], "are not independent"),
+        ([record(2, 1, still=1), record(2, 2, still=1)], "torque of a joint is zero"),
+    ],
+    ids=["alike", "zero"],
+)
+def test_motions_without_an_answer_are_refused(records: list[MotionRecord], reason: str) -> None:
+    with pytest.raises(JointIdError, match=reason):
+        motion_transfer_matrix(records)
+
+
+def test_bands_of_noise_are_rejected() -> None:
+    silent = record(1, 1)
+    angle = np.random.default_rng(3).standard_normal((N, 1))
+    found = motion_transfer_matrix([MotionRecord(silent.time_s, angle, silent.tau_Nm, band_hz=BAND_HZ)])
+    assert len(found.rejected) > 0.3 * (len(found.rejected) + found.omega.size)
+    assert "noise" in found.rejected[0]
