@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.parameters import elasticity_labels
+from jointid.estimation.parameters import EFFECTS, elasticity_labels
 from jointid.joints import Elasticity
 from jointid.rounding import decimal_place, significant, with_error
 from jointid.wording import capitalised, enumerated, listed

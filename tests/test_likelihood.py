@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants import PAPER, PARALLELOGRAM, SERIAL
+from scipy.special import log_ndtr
 
 from jointid import (
     Controller,
@@ -25,8 +26,6 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.estimation.effects import EFFECTS
-from jointid.estimation.effects import LAWS as NONLINEAR
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import (
@@ -36,8 +35,10 @@ from jointid.estimation.likelihood import (
     scores,
 )
 from jointid.estimation.linear_fit import weighted
+from jointid.estimation.model_average import positive_moments
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.parameters import EFFECTS, ParameterLayout
+from jointid.estimation.parameters import LAWS as NONLINEAR
 from jointid.estimation.residual import Residual, fitted_layout, make_problem
 from jointid.motion.friction import friction_waveforms
 
@@ -337,3 +338,15 @@ def test_the_gradient_is_that_of_the_cost(
         step = 1e-5 * p[k] * np.eye(p.size)[k]
         ahead, behind = (quadratic(problem, p + sign * step, scale)[0] for sign in (1, -1))
         assert (ahead - behind) / (4e-5 * p[k]) == pytest.approx(gradient[k], rel=1e-4), layout.labels[k]
+
+
+@pytest.mark.parametrize("correlation", [-0.99, -0.5, 0.0, 0.9])
+def test_probability_of_positive_values(correlation: float) -> None:
+    """The quadrant probability by Sheppard's formula, and moments of a truncated normal variable."""
+    covariance = np.array([[1.0, correlation], [correlation, 1.0]])
+    log_positive, _ = positive_moments(np.zeros(2), covariance)
+    assert np.exp(log_positive) == pytest.approx(0.25 + np.arcsin(correlation) / (2 * np.pi), rel=0.03)
+    log_positive, moments = positive_moments(np.array([-1.0]), np.eye(1))
+    hazard = np.exp(-0.5) / np.sqrt(2 * np.pi) / np.exp(log_ndtr(-1.0))
+    assert log_positive == pytest.approx(log_ndtr(-1.0))
+    assert moments[0, 0] == pytest.approx(2 - hazard, rel=0.02)

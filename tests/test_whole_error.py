@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from examples import tries
 
-from benchmarks.independent_robot import simulate
-from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case
+from benchmarks.independent_robot import Robot, simulate
+from benchmarks.real_robots import OTHERS, PERFECT, STICKING, THIRTEEN, Campaign, Case, Loads
 from benchmarks.whole_error import (
     CASES,
     INERTIA_COLUMNS,
@@ -91,6 +91,33 @@ def test_links_far_above_the_band_widen_the_errors() -> None:
     found = outcomes(campaigns)
     assert max(np.abs(each.z).max() for each in found) < 3, told(found)
     assert max(each.standard_error.max() for each in found) < 0.03, told(found)
+
+
+def test_few_frequencies_show_links_as_well() -> None:
+    """Seven frequencies from 0.7 of the resonance on: K was up to 6 standard errors off, silently."""
+    kinds = {"links": THIRTEEN["10"], "rigid": Case()}
+    seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
+    campaigns = {name: [case.campaign(run) for run in range(3)] for name, case in seven.items()}
+    links, rigid = (outcomes(campaigns[name]) for name in kinds)
+    assert max(np.abs(each.z).max() for each in links) < 4, told(links)
+    assert max(each.standard_error.max() for each in links) < 0.03, told(links)
+    bounds = np.array([least(campaign) for campaign in campaigns["rigid"]])
+    assert np.median([each.standard_error for each in rigid] / bounds) < 1.1 * 1.2
+
+
+@pytest.mark.parametrize(("share", "run"), [(0.02, 0), (0.1, 2)])
+def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
+    """A search that takes the laws one by one ended 68 standard errors off."""
+
+    def change(_: Robot, loads: Loads) -> dict[str, Any]:
+        dahl = {"hysteresis_Nm": share * loads.torque, "hysteresis_rad": share * loads.deflection}
+        return dahl | {"backlash_rad": 0.06 * loads.deflection}
+
+    found = outcomes([Case(change=change, band=(0.5, 3.0, 8)).campaign(run, noise=0.01)])
+    assert np.abs(found[0].z).max() < 5, told(found)
+    assert np.abs(found[0].error).max() < 0.01, told(found)
+    assert found[0].analysis is not None
+    assert all(set(gear.laws) == {"backlash", "hysteresis"} for gear in found[0].analysis.fit.gears)
 
 
 @pytest.mark.parametrize("name", KINDS["others"])

@@ -6,16 +6,23 @@ misfitting model does not buy spurious parts; a part must also be significant an
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import chdtrc, chdtri, log_ndtr
+from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS
-from jointid.estimation.likelihood import LikelihoodEstimate, Score
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood, one_step
+from jointid.estimation.noise import Noise
+from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, Parameters
+from jointid.estimation.residual import fitted_layout, make_problem, with_law_noise
+from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.motion.end_terms import motor_motion
+from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.phasors.extract import Phasors
 
 EXPLAINED = 1.1
 """Misfit below which richer friction cannot improve the fit noticeably."""
@@ -28,15 +35,6 @@ _FREE_PENALTY = 2.0
 WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
-_DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
-"""Probability that the score of any part widens the error bars on an ideal robot, and the same if it
-moves K or D far, which few parts do."""
-_FAR_OFF = 4.0
-"""Standard errors that are far."""
-_OCCAM = 1 / 20
-"""Weight of a model, over the best, from which it explains the data as well."""
-_STRONG_EVIDENCE = 10.0
-"""Least Bayes factor that counts for a part."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
@@ -131,6 +129,64 @@ class Choice:
     """Best first."""
     spread: Floats
     """Covariance of K1 ... Kn, D1 ... Dn by the choice between models, shape (2n, 2n)."""
+
+
+def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
+    """Friction waveforms of a model; None without friction."""
+    if model.reversal is None:
+        return None
+    return friction_waveforms(phasors, model.reversal, curve=model.curve)
+
+
+def fit_model(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    start: Floats | Parameters,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> LikelihoodEstimate:
+    """Fit one model; its friction waveforms may be given."""
+    return maximum_likelihood(
+        phasors,
+        prior,
+        start,
+        friction=waveforms or model_waveforms(phasors, model),
+        delay=model.delay,
+        effects=model.effects,
+        noise=noise,
+    )
+
+
+def evaluated(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    model: Model,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    scale: Floats,
+) -> WhitenedResidual:
+    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
+    waveforms = model_waveforms(phasors, model)
+    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
+    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
+    return WhitenedResidual.of(problem, estimate.p, scale)
+
+
+def stepped(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    model: Model,
+    waveforms: FrictionWaveforms | None = None,
+) -> tuple[Floats, float]:
+    """Parameters and misfit of a model one step from the estimate of a similar one."""
+    waveforms = waveforms or model_waveforms(phasors, model)
+    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
+    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
+    p = problem.start(estimate.named)
+    return one_step(with_law_noise(problem, p), p)
 
 
 @dataclass
@@ -251,74 +307,3 @@ class Fits:
             chosen=chosen and fitted is not None,
             parts=model.parts,
         )
-
-    def spread(self, best: Model, scores: Mapping[str, Score]) -> Floats:
-        """Covariance of K and D by the choice between models, shape (2n, 2n).
-
-        The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
-        out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
-        1994). A part that was not fitted counts in full where its score is nearly significant, sooner
-        where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
-        """
-        found = self.tried[best]
-        size = 2 * self.joints
-        if isinstance(found, JointIdError):
-            return np.zeros((size, size))
-        criterion, shifts, misfit = self.criterion(), [], max(1.0, found.misfit)
-        sigma = np.sqrt(np.diag(found.elasticity_covariance))
-
-        def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
-            doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
-            return bool(2 * gain > chdtri(count, doubt / max(len(self.optional), 1)))
-
-        for model, estimate in self.tried.items():
-            if model == best or not isinstance(estimate, LikelihoodEstimate):
-                continue
-            weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
-            added = set(model.parts).difference(best.parts)
-            if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
-                gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
-                shift = estimate.elasticity - found.elasticity
-                weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
-            shifts.append((weight, estimate.elasticity - found.elasticity))
-        for part, score in scores.items():
-            gain, shift = score.possible
-            if best.with_part(part) not in self.tried and is_doubtful(gain / misfit, score.count, shift):
-                shifts.append((1.0, shift))
-        equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
-        total = 1 + sum(weight for weight, _ in equals)
-        spread = np.zeros((size, size))
-        for weight, shift in equals:
-            spread += weight / total * np.outer(shift, shift)
-        return spread
-
-
-def spread_by_prior(score: Score, std: Floats, misfit: float) -> Floats:
-    """Covariance of K and D by an absent positive part of roughly known size, shape (2n, 2n).
-
-    A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
-    test of significance sees it. The Bayes factor with a half-normal prior of its size decides instead
-    (Kass and Raftery, Journal of the American Statistical Association 90, 1995), with the probability
-    of positive values as if these were independent; nothing is added without strong evidence.
-
-    Parameters
-    ----------
-    score : Score
-        Of the part, at the estimate without it.
-    std : ndarray, shape (count,)
-        Standard deviations of the normal prior before its negative half is cut.
-    misfit : float
-        Factor on the variances of the data.
-    """
-    information = score.information / misfit
-    covariance = np.linalg.inv(information + np.diag(std**-2.0))
-    pull = information @ score.value
-    mean = covariance @ pull
-    evidence = np.linalg.slogdet(np.eye(std.size) + std[:, np.newaxis] * information * std)[1]
-    positive = np.log(2) + log_ndtr(mean / np.sqrt(np.diag(covariance)))
-    log_factor = 0.5 * float(mean @ pull - evidence) + float(positive.sum())
-    if not log_factor > np.log(_STRONG_EVIDENCE):
-        return np.zeros((score.shift.size,) * 2)
-    weight = 1 / (1 + np.exp(-log_factor))
-    second_moment = covariance + np.outer(mean, mean)
-    return np.asarray(weight * score.slope @ second_moment @ score.slope.T)

@@ -9,13 +9,13 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model
+from jointid.estimation.candidates import Model, evaluated, fit_model, stepped
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.identify_elasticity import require_gear
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.model_selection import choose_model, evaluated, fit_model, stepped
+from jointid.estimation.model_selection import choose_model
 from jointid.estimation.noise import Noise, floored, sensor_noise
 from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia

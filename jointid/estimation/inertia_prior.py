@@ -26,6 +26,9 @@ _EXACT, _UNKNOWN = 1e-12, 1e6
 _MODEL_STD = 1e-4
 """Least relative standard deviation of M2 beside that of a common unknown."""
 
+_LINK_SHARE, _LEAST_LINK_SHARE = 0.2, 1e-3
+"""Share of a usual arm that bends with its link, and of one whose M2 is nearly singular."""
+
 _ROUNDING = 1e-9
 """Difference between inertias, over the largest element, that counts as rounding."""
 
@@ -181,6 +184,19 @@ class InertiaPrior:
         """Standard deviation of each element of M2 beside the common unknown's, shape (u, t), kg·m²."""
         least = _MODEL_STD if self.shared.any() else 0.0
         return np.asarray(max(self.inertia_std, least) * self.units["M2"])
+
+    def link_std(self, K: Floats, times: float) -> Floats:
+        """Standard deviation of a usual link's flexibility J/ω², shape (n,), kg·m²·s².
+
+        Of links with modes at ``times`` the joint's resonance with the motor free. A coupling allows
+        less: M2 without the links' inertia J stays positive definite.
+        """
+        M2 = self.M2.mean(axis=0)
+        arm = np.diag(M2)
+        rest = float(np.linalg.eigvalsh(M2 / np.sqrt(np.outer(arm, arm)))[0])
+        share = np.clip(rest / 2, _LEAST_LINK_SHARE, _LINK_SHARE)
+        squared = np.abs(K) * (1 / self.M.mean(axis=0) + 1 / arm)
+        return np.asarray(share * arm / (times**2 * squared))
 
     def covariance(self, name: str) -> Floats:
         """Covariance of the values of one block, shape (E, E); infinite where they are unknown."""

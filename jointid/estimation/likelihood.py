@@ -16,12 +16,11 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.linear_fit import Estimate
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.residual import Problem, fitted_layout, make_problem, with_law_noise
 from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
@@ -107,7 +106,7 @@ def maximum_likelihood(
     delay : bool, default False
         Fit a delay of the torque in addition to that of the records.
     effects : sequence of str
-        Keys of ``effects.EFFECTS`` to fit.
+        Keys of ``parameters.EFFECTS`` to fit.
     noise : Noise, optional
         Noise of the phasors, where it is already known.
 

@@ -21,20 +21,15 @@ from jointid.estimation.candidates import (
     Choice,
     Fits,
     Model,
-    spread_by_prior,
+    fit_model,
+    model_waveforms,
+    stepped,
 )
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import (
-    LikelihoodEstimate,
-    Score,
-    maximum_likelihood,
-    one_step,
-    scores,
-)
+from jointid.estimation.likelihood import LikelihoodEstimate, Score, scores
+from jointid.estimation.model_average import spread, spread_of_links
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import Block, ParameterLayout, Parameters
-from jointid.estimation.residual import fitted_layout, make_problem, with_law_noise
+from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, LAWS, Block, ParameterLayout, Parameters
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -43,10 +38,8 @@ from jointid.estimation.start_values import (
     without_inertias,
     without_wide_loops,
 )
-from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
-from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms
+from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import MANY_HARMONICS, Phasors
 
 _RICHER = {
@@ -84,8 +77,8 @@ _TRIED, _TRIED_LAWS = 5, 2
 _HOPELESS = 3e4
 """Misfit of wrong units, signs or gear ratios, of which no law explains a decisive share."""
 _MOST_EFFECTS = 3
-_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 16, 10.0
-"""Fits of one search, and the same while the misfit is poor; wrong data would take many more."""
+_MOST_FITS, _MOST_POOR_FITS, _POOR = 24, 20, 10.0
+"""Models of one search, and fits from any start values while the misfit is poor."""
 _BENT = 4.0
 """Standard deviations of the misfit from which three slopes are fitted in place of a cubic law."""
 _FAR_LAWS = "cubic", "backlash", "hysteresis"
@@ -94,9 +87,6 @@ _CLIMB, _MOST_CLIMBS = 0.7, 2
 """Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
 """Share of what a part must explain to be kept from which its score leads to a slow fit."""
-_LINK_SHARE, _LINK_TIMES = 0.2, 10.0
-"""Share of the arm that bends with its link, and the link's mode over the joint's with free motor: sizes
-of a usual arm."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -182,64 +172,6 @@ def _searched(search: _Search) -> Choice:
     return search.choice(best)
 
 
-def model_waveforms(phasors: Phasors, model: Model) -> FrictionWaveforms | None:
-    """Friction waveforms of a model; None without friction."""
-    if model.reversal is None:
-        return None
-    return friction_waveforms(phasors, model.reversal, curve=model.curve)
-
-
-def fit_model(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    start: Floats | Parameters,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> LikelihoodEstimate:
-    """Fit one model; its friction waveforms may be given."""
-    return maximum_likelihood(
-        phasors,
-        prior,
-        start,
-        friction=waveforms or model_waveforms(phasors, model),
-        delay=model.delay,
-        effects=model.effects,
-        noise=noise,
-    )
-
-
-def evaluated(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    model: Model,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    scale: Floats,
-) -> WhitenedResidual:
-    """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit."""
-    waveforms = model_waveforms(phasors, model)
-    problem = make_problem(phasors, prior, estimate.layout, estimate.named.K, waveforms, noise)
-    problem = with_law_noise(replace(problem, motion=motor_motion(phasors)), estimate.p)
-    return WhitenedResidual.of(problem, estimate.p, scale)
-
-
-def stepped(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    estimate: LikelihoodEstimate,
-    noise: Noise,
-    model: Model,
-    waveforms: FrictionWaveforms | None = None,
-) -> tuple[Floats, float]:
-    """Parameters and misfit of a model one step from the estimate of a similar one."""
-    waveforms = waveforms or model_waveforms(phasors, model)
-    layout = fitted_layout(prior, waveforms, model.delay, model.effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, waveforms, noise)
-    p = problem.start(estimate.named)
-    return one_step(with_law_noise(problem, p), p)
-
-
 def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
     """The parameters, with the mean of the lags as the delay where there are lags."""
     p = estimate.named
@@ -281,7 +213,7 @@ class _Search:
             best = self._climbed(best)
         if best.reversal is not None:  # friction that only the start values, or gears, suggest
             best = self._pruned(best)
-        while len(self.fits.tried) < self._most_fits(best):
+        while not self._is_spent(best):
             better = self._grown(best)
             if better == best:
                 break
@@ -357,7 +289,7 @@ class _Search:
         fits, found = self.fits, [best]
         for k, wider in enumerate(sorted(self._extensions(best), key=lambda model: model.is_slow)):
             leading = fits.least(found)
-            if len(fits.tried) >= self._most_fits(leading):
+            if self._is_spent(leading):
                 break
             if not self._is_passed_over(wider, best, leading):
                 self._fit_wider(wider, best, leading, leads=k == 0)
@@ -377,8 +309,10 @@ class _Search:
         # Richer friction first: other parts absorb some of it.
         return leading.reversal != best.reversal and wider.reversal == best.reversal
 
-    def _most_fits(self, best: Model) -> int:
-        return _MOST_POOR_FITS if self.fits.misfit(best) > _POOR else _MOST_FITS
+    def _is_spent(self, best: Model) -> bool:
+        """Whether the search ends: wrong data would take many fits from several start values."""
+        poor = self.fits.misfit(best) > _POOR
+        return sum(self.starts.values()) >= _MOST_POOR_FITS if poor else len(self.starts) >= _MOST_FITS
 
     def free_start(self) -> tuple[Parameters, ...]:
         """Start values without uncertain inertias, if the records give any."""
@@ -445,6 +379,9 @@ class _Search:
         for start in starts:
             if not fits.misfit(wider) < _LOST:
                 self.fit(wider, start)
+        stuck = fits.misfit(wider) >= fits.misfit(narrow) > _POOR  # one more part cannot raise the cost
+        if stuck and wider.is_slow and self.starts.get(wider, 0) < _MOST_STARTS:
+            self.fit(wider, self.start)
 
     def _extensions(self, model: Model) -> list[Model]:
         """Models with one more part that may lower the cost significantly."""
@@ -558,21 +495,11 @@ class _Search:
     def choice(self, best: Model) -> Choice:
         """The best model with the candidates, and how far others that explain the data differ."""
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
-        spread = self.fits.spread(best, self.scores(best)) + self._spread_of_reversals(best)
-        return Choice(best, found, candidates, spread + self._spread_of_links(best))
-
-    def _spread_of_links(self, best: Model) -> Floats:
-        """Covariance of K and D by links that a model lacks, shape (2n, 2n).
-
-        Links bend like −s⁴c; with uncertain inertias, K and M2 imitate most of it.
-        """
-        found, score = self.fits.tried[best], self.scores(best).get("link")
-        if isinstance(found, JointIdError) or score is None or self.phasors.motion.any():
-            return np.zeros((2 * self.phasors.n,) * 2)
-        arm = np.diagonal(self.prior.M2, axis1=1, axis2=2).mean(axis=0)
-        squared = np.abs(found.named.K) * (1 / self.prior.M.mean(axis=0) + 1 / arm)
-        std = _LINK_SHARE * arm / (_LINK_TIMES**2 * squared)
-        return spread_by_prior(score, std, max(1.0, found.misfit))
+        scored = self.scores(best)
+        whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
+        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
+            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:
         """Mean square change of K and D with other reversals of the friction, shape (2n, 2n).

@@ -3,7 +3,8 @@
 A covariance estimated from a few periods is inaccurate, and so are weights from it. The sensors are the
 same in all records: in the residual r = τ − Z q the real motion and torque cancel, loop noise included,
 and the sensor noise remains. The covariances V = E C Eᴴ with E = [−Z, I] of all records therefore follow
-from 2n sensor variances. Each record's covariance is shrunk towards this model, by as much as the
+from 3n sensor variances: of each angle, and of each torque a constant one and one in proportion to its
+amplitude squared. Each record's covariance is shrunk towards this model, by as much as the
 scatter around it justifies (empirical Bayes; Smyth, Statistical Applications in Genetics and Molecular
 Biology 3, 2004).
 """
@@ -75,15 +76,20 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
     density = phasors.harmonic_covariance * phasors.duration_s[:, None, None, None]
     own = np.einsum("rhja,rhab,rhjb->rhj", E, density, E.conj()).real
-    sensors = _sensor_variances(np.abs(E) ** 2, np.where(known[..., None], own, 0.0))
-    modelled = np.einsum("rhja,ha->rhj", np.abs(E) ** 2, sensors)
+    squares = np.abs(E) ** 2
+    amplitude = phasors.torque_size / np.maximum(phasors.torque_size.max(axis=0), 1e-300)
+    relative = squares[..., n:] * amplitude[:, None, None] ** 2
+    gains = np.concatenate([squares, relative], axis=3)
+    sensors = _sensor_variances(gains, np.where(known[..., None], own, 0.0))
+    modelled = np.einsum("rhja,ha->rhj", gains, sensors)
     prior, scale = _prior_degrees_of_freedom(
         own[known], modelled[known], np.repeat(phasors.degrees_of_freedom, known.sum(axis=1))
     )
-    sensors = scale * sensors
+    variances = np.tile(scale * sensors[:, :channels], (len(E), 1, 1))
+    variances[..., n:] += scale * sensors[:, channels:] * amplitude[:, None] ** 2
     total = phasors.degrees_of_freedom + prior
     share = (phasors.degrees_of_freedom / total)[:, None, None, None]
-    density = share * density + (1 - share) * sensors[:, :, None] * np.eye(channels)
+    density = share * density + (1 - share) * variances[..., None] * np.eye(channels)
     if total.min() <= n + 2:  # singular, or nearly
         density = density * np.eye(channels)
         total = np.maximum(total, n + 3.0)

@@ -18,11 +18,10 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.effects import ARM_EFFECTS, GEAR_LAWS, LAWS
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_laws import JointLaws, SignSlope
 from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.parameters import ARM_EFFECTS, GEAR_LAWS, LAWS, ParameterLayout, Parameters
 from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
 from jointid.motion.end_terms import EndTerms, motor_motion, row_groups, torque_images
@@ -42,6 +41,8 @@ _LARGEST = 4.0
 """Upper bound on play and hysteresis over the largest linear wind-up and torque."""
 _FLATTEST = 0.1
 """Least slope of a piecewise linear gear, over K."""
+LOWEST_LINK = 4.0
+"""Mode of a link over the joint's resonance, of the widest prior: a lower one is no term −s⁴c."""
 _BENDS = {"piecewise": 0.73, "second_bend": 1.33}
 """Changes of slope in place of a cubic stiffness, over it times the largest deflection squared."""
 
@@ -59,6 +60,7 @@ class Problem:
     layout: ParameterLayout
     laws: JointLaws | None
     stiffest: Floats  # upper bound on K, (n,)
+    link_std: Floats  # of the prior of link flexibility, (n,)
     group: np.ndarray  # (r, H), the misfit of each group of rows is its own
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     ends: EndTerms | None = None
@@ -151,6 +153,10 @@ class Problem:
                 place = self.layout[name]
                 deviation[place] = vector[place] - mean.ravel()
                 weight[place, place] = self.prior.information(name)
+        if "link" in self.layout:
+            place = self.layout["link"]
+            deviation[place] = vector[place]
+            weight[place, place] = np.diag(self.link_std**-2.0)
         return deviation, weight
 
 
@@ -236,6 +242,7 @@ def make_problem(
         layout=layout,
         laws=laws,
         stiffest=_STIFFEST * stiffness,
+        link_std=prior.link_std(stiffness, LOWEST_LINK),
     )
 
 

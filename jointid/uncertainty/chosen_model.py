@@ -5,16 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.inertia_prior import InertiaPrior
 from jointid.estimation.joint_equations import spring_equations
 from jointid.estimation.likelihood import maximum_likelihood
 from jointid.estimation.linear_fit import LINEAR, Estimate
+from jointid.estimation.parameters import EFFECTS
 from jointid.estimation.residual import Problem, make_problem
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors
+
+_LEAST_STIFFNESS = 1e-9
+"""In place of one that comes out as zero, N·m/rad."""
 
 
 def refit(
@@ -72,7 +75,7 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
         phasors = replace(phasors, harmonics=phasors.harmonics[:, :1])
         noise = replace(noise, covariance=noise.covariance[:, :1])
     friction = None if fit.friction is None else chosen_friction(phasors, fit)
-    start = np.full(fit.n, np.inf)
+    start = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
     return make_problem(phasors, fit.prior, fit.parameters.layout, start, friction, noise)
 
 

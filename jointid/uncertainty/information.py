@@ -12,11 +12,11 @@ from functools import cached_property
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.effects import EFFECTS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.likelihood import Misfit, quadratic
 from jointid.estimation.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.noise import Noise
+from jointid.estimation.parameters import EFFECTS
 from jointid.estimation.residual import Problem, Residual, fitted_layout
 from jointid.estimation.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia

@@ -5,10 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.estimation.effects import EFFECTS, GEAR_LAWS
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.linear_fit import LINEAR
-from jointid.estimation.parameters import elasticity_labels
+from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
 from jointid.rounding import significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
-from jointid.estimation.effects import GEAR_LAWS
+from jointid.estimation.parameters import GEAR_LAWS
 from jointid.rounding import significant
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note

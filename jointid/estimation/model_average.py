@@ -1,0 +1,143 @@
+"""Spread of K and D over the models that explain the same data as well: the error by their choice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.special import chdtri, log_ndtr, ndtri_exp
+
+from jointid.arrays import Floats
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import Fits, Model
+from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.likelihood import LikelihoodEstimate, Score
+from jointid.estimation.parameters import EFFECTS
+from jointid.estimation.residual import LOWEST_LINK
+
+_DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
+"""Probability that the score of any part widens the error bars on an ideal robot, and the same if it
+moves K or D far, which few parts do."""
+_FAR_OFF = 4.0
+"""Standard errors that are far."""
+_OCCAM = 1 / 20
+"""Weight of a model, over the best, from which it explains the data as well."""
+_EVIDENCE = 3.0
+"""Bayes factor from which evidence counts."""
+_DRAWS = 1024
+"""Points of an integral over positive values: accurate to a per cent."""
+_RIDGE = 1e-12
+"""Variance, over the prior's, below that of any part."""
+_USUAL_LINK = 10.0
+"""Mode of a link of a usual arm, over the joint's with free motor."""
+
+
+def spread(fits: Fits, best: Model, scores: Mapping[str, Score]) -> Floats:
+    """Covariance of K and D by the choice between models, shape (2n, 2n).
+
+    The weight of a model is exp(−½ difference of the criterion) to the best. Unlikely ones are left
+    out (Occam's window; Madigan and Raftery, Journal of the American Statistical Association 89,
+    1994). A part that was not fitted counts in full where its score is nearly significant, sooner
+    where it would move K or D far: with uncertain inertias, a part that the records hardly show may.
+    """
+    found = fits.tried[best]
+    size = 2 * fits.joints
+    if isinstance(found, JointIdError):
+        return np.zeros((size, size))
+    criterion, shifts, misfit = fits.criterion(), [], max(1.0, found.misfit)
+    sigma = np.sqrt(np.diag(found.elasticity_covariance))
+
+    def is_doubtful(gain: float, count: int, shift: Floats) -> bool:
+        doubt = _DOUBT_IF_FAR if np.any(np.abs(shift) > _FAR_OFF * sigma) else _DOUBT
+        return bool(2 * gain > chdtri(count, doubt / max(len(fits.optional), 1)))
+
+    for model, estimate in fits.tried.items():
+        if model == best or not isinstance(estimate, LikelihoodEstimate):
+            continue
+        weight = float(np.exp(np.minimum(0.5 * (criterion[best] - criterion[model]), 0.0)))
+        added = set(model.parts).difference(best.parts)
+        if len(added) == 1 and added <= EFFECTS.keys() and set(best.parts) < set(model.parts):
+            gain, count = found.whole_cost(misfit) - estimate.whole_cost(misfit), estimate.p.size
+            shift = estimate.elasticity - found.elasticity
+            weight = max(weight, float(is_doubtful(gain, count - found.p.size, shift)))
+        shifts.append((weight, estimate.elasticity - found.elasticity))
+    for part, score in scores.items():
+        gain, shift = score.possible
+        if best.with_part(part) not in fits.tried and is_doubtful(gain / misfit, score.count, shift):
+            shifts.append((1.0, shift))
+    equals = [(weight, shift) for weight, shift in shifts if weight > _OCCAM]
+    total = 1 + sum(weight for weight, _ in equals)
+    spread = np.zeros((size, size))
+    for weight, shift in equals:
+        spread += weight / total * np.outer(shift, shift)
+    return spread
+
+
+def spread_of_links(estimate: LikelihoodEstimate, score: Score, prior: InertiaPrior) -> Floats:
+    """Covariance of K and D by links that a model lacks, shape (2n, 2n).
+
+    Links bend like −s⁴c; K and M2 imitate most of it.
+    """
+    wide, usual = (prior.link_std(estimate.named.K, times) for times in (LOWEST_LINK, _USUAL_LINK))
+    return spread_by_prior(score, wide, usual, max(1.0, estimate.misfit))
+
+
+def spread_by_prior(score: Score, wide: Floats, std: Floats, misfit: float) -> Floats:
+    """Covariance of K and D by an absent positive part of roughly known size, shape (2n, 2n).
+
+    A part whose effect other parameters can imitate lowers the cost little and moves K and D far: no
+    test of significance sees it. The Bayes factor with a half-normal prior of its size decides instead
+    (Kass and Raftery, Journal of the American Statistical Association 90, 1995): the covariance is the
+    mean square shift times the part's probability, at even prior odds, unless the evidence against the
+    part is "worth more than a bare mention" on their scale, a factor of 3.
+    Records that could not show a part of usual size in any direction say nothing of it: K and D then
+    are those of the joint with this part, as of a gear and a link in series.
+
+    Parameters
+    ----------
+    score : Score
+        Of the part, at the estimate without it.
+    wide : ndarray, shape (count,)
+        Standard deviations of its prior in a fit, which the score contains.
+    std : ndarray, shape (count,)
+        Standard deviations of the normal prior before its negative half is cut.
+    misfit : float
+        Factor on the variances of the data.
+    """
+    fitted = std[:, np.newaxis] * score.information * std
+    information = (fitted - np.diag((std / wide) ** 2)) / misfit
+    eigenvalue, vectors = np.linalg.eigh(information)
+    eigenvalue = np.maximum(eigenvalue, 0.0)
+    covariance = (vectors / (1 + eigenvalue)) @ vectors.T
+    pull = fitted @ (score.value / std) / misfit
+    mean = covariance @ pull
+    log_positive, second_moment = positive_moments(mean, covariance)
+    log_factor = 0.5 * float(mean @ pull - np.log1p(eigenvalue).sum())
+    log_factor += log_positive + std.size * np.log(2)
+    if eigenvalue.max() < 1 or not log_factor > -np.log(_EVIDENCE):
+        return np.zeros((score.shift.size,) * 2)
+    slope = score.slope * std
+    return np.asarray(slope @ second_moment @ slope.T / (1 + np.exp(-log_factor)))
+
+
+def positive_moments(mean: Floats, covariance: Floats) -> tuple[float, Floats]:
+    """Log probability that all n normal variables are positive, and their second moment there, (n, n).
+
+    By importance sampling after Geweke, Hajivassiliou and Keane: each variable is drawn from its
+    positive part given those before it. The points are those of the golden ratio's generalisation, with
+    ``ratio``ⁿ⁺¹ = ``ratio`` + 1.
+    """
+    n = mean.size
+    ratio = np.roots([1.0, *np.zeros(n - 1), -1.0, -1.0]).real.max()
+    uniform = (0.5 + np.outer(np.arange(_DRAWS), ratio ** -np.arange(1.0, n + 1))) % 1
+    factor = np.linalg.cholesky(covariance + _RIDGE * np.eye(n))
+    normal, log_weight = np.zeros((_DRAWS, n)), np.zeros(_DRAWS)
+    for j in range(n):
+        log_tail = log_ndtr((mean[j] + normal[:, :j] @ factor[j, :j]) / factor[j, j])
+        log_weight += log_tail
+        normal[:, j] = -ndtri_exp(log_tail + np.log(uniform[:, j]))
+    largest = log_weight.max()
+    weight = np.exp(log_weight - largest)
+    drawn = mean + normal @ factor.T
+    second_moment = (drawn.T * weight) @ drawn / weight.sum()
+    return float(largest + np.log(weight.mean())), np.asarray(second_moment)
