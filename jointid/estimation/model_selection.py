@@ -209,9 +209,10 @@ class _Search:
         """Grow and prune from the base, or from the best model that is fitted already."""
         self._fit_first()
         best = self.fits.least(list(self.fits.tried))
-        if self._is_lost():
+        lost = self._is_lost()
+        if lost:
             best = self._climbed(best)
-        if best.reversal is not None:  # friction that only the start values, or gears, suggest
+        if lost or best.reversal is not None:  # parts that only the start values, or gears, suggest
             best = self._pruned(best)
         while not self._is_spent(best):
             better = self._grown(best)

@@ -11,36 +11,39 @@ from jointid.motion.sampling import UniformPart
 _SHARE = 1 / 300
 """Power of the velocity per octave, over its largest, that belongs to the motion."""
 _CLEAR = 30.0
-"""Power of the torque over that of its noise."""
+"""Power of motion and torque over that of their noise."""
 _HIGHEST = 0.16
 """Largest frequency over the sample rate: above it the sampled motion is inaccurate."""
 _CYCLES = 5.0
 """Cycles of the lowest frequency in the shortest part."""
 
 
-def proposed_band(parts: Sequence[UniformPart], torque_variance: Floats) -> tuple[float, float]:
+def proposed_band(parts: Sequence[UniformPart], variance: Floats) -> tuple[float, float]:
     """Lowest and highest frequency with a motion and torque above the noise, Hz.
+
+    The torque of a fast controller follows the noise of the angle: it alone shows no motion.
 
     Parameters
     ----------
     parts : sequence of UniformPart
         Of one record.
-    torque_variance : ndarray, shape (n,)
-        Of the noise in each sample, (N·m)².
+    variance : ndarray, shape (2n,)
+        Of the noise in each sample of angles and torques, rad² and (N·m)².
     """
     T = parts[0].interval_s
     samples = max(part.theta.shape[1] for part in parts)
     grid = np.geomspace(_CYCLES / (samples * T), _HIGHEST / T, 400)
-    octave, torque = np.zeros((2, torque_variance.size, grid.size))
+    n = variance.size // 2
+    octave, torque = np.zeros((2, n, grid.size))
     for part in parts:
         f, motion = _power(np.gradient(part.theta, T, axis=1), T)
         _, drive = _power(part.tau, T)
-        for j in range(torque_variance.size):
-            octave[j] += np.interp(grid, f, motion[j]) * grid
+        for j in range(n):
+            octave[j] += np.interp(grid, f, motion[j]) * grid / len(parts)
             torque[j] += np.interp(grid, f, drive[j]) / len(parts)
-    visible = (octave > _SHARE * octave.max(axis=1, keepdims=True)) & (
-        torque > _CLEAR * torque_variance[:, None]
-    )
+    noise = variance[:n, None] * (np.sin(2 * np.pi * grid * T) / T) ** 2 * grid
+    least = np.maximum(_SHARE * octave.max(axis=1, keepdims=True), _CLEAR * noise)
+    visible = (octave > least) & (torque > _CLEAR * variance[n:, None])
     used = np.flatnonzero(visible.any(axis=0))
     if not used.size:
         return float(grid[0]), float(grid[-1])

@@ -75,7 +75,7 @@ def _band_and_noise(
     band = 0.0, 0.25 / record.interval_s
     for _ in range(2):  # the noise beyond the band decides on the band
         variance, _ = sensor_variances(parts, band[1], M)
-        band = proposed_band(parts, variance[M.size :])
+        band = proposed_band(parts, variance)
     return band, *_noise(parts, band, M)
 
 
