@@ -72,10 +72,12 @@ def _band_and_noise(
 ) -> tuple[tuple[float, float], Floats, Floats]:
     if record.band_hz is not None:
         return record.band_hz, *_noise(parts, record.band_hz, M)
-    band = 0.0, 0.25 / record.interval_s
+    variance, _ = sensor_variances(parts, 0.25 / record.interval_s, M)
+    variance[M.size :] = 0.0  # far above the motion, the angle's noise hides the torque's
     for _ in range(2):  # the noise beyond the band decides on the band
-        variance, _ = sensor_variances(parts, band[1], M)
         band = proposed_band(parts, variance)
+        variance, _ = sensor_variances(parts, band[1], M)
+    band = proposed_band(parts, variance)
     return band, *_noise(parts, band, M)
 
 
