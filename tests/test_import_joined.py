@@ -183,7 +183,9 @@ def check(study: Study, paper: Study) -> None:
     assert study.inertia.n == 2
     fit = analyse(study).fit
     assert np.all(np.abs(fit.K - K) < 4 * fit.standard_error[:2])
-    np.testing.assert_allclose(fit.K, analyse(paper).fit.K, rtol=1e-3)
+    # The runs are trimmed differently; free inertias would amplify that noise.
+    exact = [analyse(replace(each, inertia_std=None)).fit for each in (study, paper)]
+    np.testing.assert_allclose(exact[0].K, exact[1].K, rtol=2e-4)
 
 
 @pytest.fixture

@@ -270,7 +270,14 @@ class _Search:
                 break
             falls = False
             parts = sorted(scored, key=lambda name: -scored[name].gain)[:_MOST_CLIMBS]
-            further = [model.with_part(part) for part in parts]
+            least = _NEARLY_ALL * scored[parts[0]].gain if parts else 0.0
+            similar = [model.with_part(part) for part in scored if scored[part].gain > least]
+            if len(similar) > 1 and not any(wider.is_slow for wider in similar):
+                for wider in similar:  # a delay, lags and filters, which their cost tells apart
+                    self.fit(wider, found.named)
+                further = [fits.least(similar)]
+            else:
+                further = [model.with_part(part) for part in parts]
             for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
                 further += [model.without(law).with_part(part) for part in parts[:1]]
             for wider in further:
