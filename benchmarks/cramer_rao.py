@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.campaign import ANSWER, INERTIA, TRUTH
 from benchmarks.harness import Table, print_rows
 from jointid import Phasors, SineRecord, extract_phasors, identify_elasticity, motor_response
-from jointid.estimation.likelihood import maximum_likelihood
+from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 
 FREQUENCIES_HZ = np.geomspace(3.0, 30.0, 18)
 SAMPLE_RATE_HZ = 2000.0

@@ -1,6 +1,6 @@
 """Mutation testing: how many small changes of the product make a test fail, and which none notices.
 
-    python -m benchmarks.mutation 40 jointid/estimation/linear_fit.py -- tests/test_elasticity.py
+    python -m benchmarks.mutation 40 jointid/transfer_matrix.py -- tests/test_motion_response.py
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
 Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),

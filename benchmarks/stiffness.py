@@ -24,7 +24,7 @@ from benchmarks.campaign import (
 )
 from benchmarks.harness import NOT_INSTALLED, Cell, Table, Timing, interleaved, optional
 from jointid import SineRecord, extract_phasors, identify_elasticity
-from jointid.estimation.likelihood import maximum_likelihood
+from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 
 Records = tuple[SineRecord, ...]
 Estimator = Callable[[Records], np.ndarray]

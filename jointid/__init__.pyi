@@ -1,3 +1,5 @@
+from .analysis import Analysis as Analysis
+from .analysis import analyse as analyse
 from .arm_side.fit import ArmSideFit as ArmSideFit
 from .arm_side.identify import identify_arm_side as identify_arm_side
 from .cut.arm import PlanarArm as PlanarArm
@@ -7,9 +9,9 @@ from .cut.tracking import track as track
 from .errors import JointIdError as JointIdError
 from .estimation.elasticity import ElasticityFit as ElasticityFit
 from .estimation.elasticity import Friction as Friction
+from .estimation.estimators.joint_equations import spring_equations as spring_equations
 from .estimation.identify_elasticity import identify_elasticity as identify_elasticity
 from .estimation.identify_motion import identify_motion as identify_motion
-from .estimation.joint_equations import spring_equations as spring_equations
 from .files.study_files import load_study as load_study
 from .files.study_saving import save_study as save_study
 from .gears.gear import Gear as Gear
@@ -33,9 +35,7 @@ from .simulation.experiment import Excitation as Excitation
 from .simulation.experiment import Measurement as Measurement
 from .simulation.experiment import MotorFriction as MotorFriction
 from .simulation.motion import Motion as Motion
-from .study import Analysis as Analysis
 from .study import Study as Study
-from .study import analyse as analyse
 from .transfer_matrix import TransferMatrix as TransferMatrix
 from .transfer_matrix import estimate_transfer_matrix as estimate_transfer_matrix
 from .transfer_matrix import single_record_response as single_record_response

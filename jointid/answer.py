@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.parameters import EFFECTS, elasticity_labels
+from jointid.estimation.estimators.parameters import EFFECTS, elasticity_labels
 from jointid.joints import Elasticity
-from jointid.rounding import decimal_place, significant, with_error
-from jointid.wording import capitalised, enumerated, listed
+from jointid.wording import capitalised, decimal_place, enumerated, listed, significant, with_error
 
 _AGREEMENT = 0.01
 """Stiffnesses that differ by at most 1 % count as equal: the path error is then below 0.1 mm."""

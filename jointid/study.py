@@ -3,46 +3,23 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 
-from jointid.answer import AT_MOTOR, Quantity, StiffnessUnit, answer_sentence, elasticity_quantities
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.identify_elasticity import identify_each, require_method
-from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.inertia_prior import InertiaPrior, checked_std
-from jointid.estimation.linear_fit import LINEAR
+from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.joints import Elasticity, Inertia
-from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
-from jointid.records import MotionRecord, SineRecord, require_torques
+from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import RobotModel
-from jointid.rounding import plain, significant
-from jointid.small_matrices import one_thread
-from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
-from jointid.uncertainty.prior_rows import PriorRow, prior_rows
-from jointid.verdict.findings import Evidence, Finding, findings
-from jointid.verdict.motion_findings import motion_findings
-from jointid.wording import counted
+from jointid.wording import counted, plain, significant
 
 INERTIA_STD = 0.05
 """Relative standard deviation of inertias if the study states none: computed from drawings, they are
 known to a few per cent."""
-
-USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
-STATES = (USABLE, WITH_CARE, NOT_USABLE)
-"""What may be done with an answer."""
-
-
-def answer_state(levels: Iterable[str]) -> str:
-    """State of an answer, one of ``STATES``, from the levels of its findings."""
-    found = set(levels)
-    return NOT_USABLE if "problem" in found else WITH_CARE if "warning" in found else USABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,193 +248,3 @@ def _require_date(date: object) -> None:
     offset = date.utcoffset() if isinstance(date, datetime.datetime) else None
     if offset is not None and offset % datetime.timedelta(minutes=1):
         raise JointIdError(f"date = {date}: its offset from UTC must be of whole minutes.")
-
-
-@dataclass(frozen=True, eq=False)
-class Analysis:
-    """All results of a study."""
-
-    study: Study
-    phasors: Phasors
-    """Equations (2)-(4) of the sine records, in their order; no rows without any."""
-    transfer_matrices: Mapping[str, TransferMatrix]
-    """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
-    freed_transfer_matrices: Mapping[str, TransferMatrix]
-    """The same, friction-compensated: friction and delay of ``fit`` subtracted from the torque."""
-    transfer_problem: str
-    """Reason why a pose has no transfer matrix, with the remedy; empty otherwise."""
-    fit: ElasticityFit
-    """The chosen estimate of K and D, equations (8)-(15)."""
-    fits: Mapping[str, ElasticityFit]
-    """Fits of the chosen estimator and, of the sine records, of the linear ones, for comparison."""
-    findings: tuple[Finding, ...]
-    """Findings on the data and the answer, most important first."""
-    unit: StiffnessUnit = AT_MOTOR
-    """How K and D are shown."""
-
-    def shown_in(self, name: str) -> Analysis:
-        """Return this analysis with K and D shown in a unit of ``jointid.answer.STIFFNESS_UNITS``.
-
-        Raises
-        ------
-        JointIdError
-            When the unit is not known, or the study lacks the gear ratios for it.
-        """
-        return replace(self, unit=StiffnessUnit.named(name, self.study.gear_ratios))
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """K1 ... Kn and D1 ... Dn with the whole standard error, in ``unit``."""
-        return elasticity_quantities(self.fit, self.unit)
-
-    @property
-    def nominal(self) -> Floats | None:
-        """Nominal K and D in ``unit``, shape (2n,); None where there are none."""
-        of = self.study.nominal
-        return None if of is None else self.unit.shown(np.concatenate([of.K, of.D]))
-
-    @property
-    def state(self) -> str:
-        """One of ``STATES``, see ``answer_state``."""
-        return answer_state(finding.level for finding in self.findings)
-
-    @property
-    def state_reason(self) -> str:
-        """Title of the finding that limits the use of the answer; empty if it is usable."""
-        limits = (f.title for f in self.findings if answer_state([f.level]) == self.state)
-        return "" if self.state == USABLE else next(limits)
-
-    @property
-    def headline(self) -> str:
-        """The answer as a sentence; of an unusable one, the reason."""
-        if self.state == NOT_USABLE:
-            return f"Not usable: {self.state_reason}."
-        stated = self.study.torque_std is not None
-        return answer_sentence(self.fit, self.study.nominal, torque_stated=stated, unit=self.unit)
-
-    @property
-    def caution(self) -> str:
-        """What limits a usable answer, as a sentence; empty otherwise."""
-        return f"Usable with care: {self.state_reason}." if self.state == WITH_CARE else ""
-
-    @property
-    def priors(self) -> tuple[PriorRow, ...]:
-        """Inertias and torque scales as given and as fitted."""
-        return prior_rows(self.fit, [record.pose or "" for record in self.study.records])
-
-    def inertia(self, pose: str = "") -> Inertia:
-        """Fitted inertia of a pose, "" for records without one; the given one if it has no record."""
-        given = self.study.poses[pose] if pose else self.study.inertia
-        of_records = zip(self.study.records, self.fit.inertias, strict=True)
-        return next((found for record, found in of_records if (record.pose or "") == pose), given)
-
-
-def analyse(study: Study, *, method: str = "auto") -> Analysis:
-    """Run the whole method on a study: phasors, transfer matrix, elasticity, verdict.
-
-    The result does not depend on the number of cores: BLAS uses one.
-
-    Parameters
-    ----------
-    study : Study
-    method : str, default "auto"
-        Estimator of ``Analysis.fit``; see ``jointid.estimation.identify_elasticity.METHODS``.
-
-    Returns
-    -------
-    Analysis
-        Results of every step, with the state of the answer and the findings.
-
-    Raises
-    ------
-    JointIdError
-        When no estimate is possible.
-    """
-    if not isinstance(study, Study):
-        raise JointIdError(f"analyse needs a Study, got {study!r:.80}. Build one, or use load_study.")
-    with one_thread():
-        return _analyse(study, method)
-
-
-def _analyse(study: Study, method: str) -> Analysis:
-    require_torques(study.records)
-    sines = study.sine_records
-    phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
-    transfer_matrices, problem = _transfer_matrices(study, phasors)
-    if study.motion_records:
-        fits = _fits_with_motion(study, phasors, method)
-        freed, problem = _motion_matrices(study, transfer_matrices, fits[method], problem)
-        found = motion_findings(study.records, study.inertias, phasors, fits)
-    else:
-        fits = identify_each(phasors, study.sine_prior, [method, *LINEAR])
-        freed, _ = _transfer_matrices(study, fits[method].phasors)
-        found = findings(
-            Evidence(
-                records=sines,
-                inertias=study.inertias,
-                phasors=phasors,
-                fit=fits[method],
-                paper=fits["least-squares"],
-                transfer_matrices=transfer_matrices,
-            )
-        )
-    return Analysis(
-        study=study,
-        phasors=phasors,
-        transfer_matrices=MappingProxyType(transfer_matrices),
-        freed_transfer_matrices=MappingProxyType(freed),
-        transfer_problem=problem,
-        fit=fits[method],
-        fits=MappingProxyType(fits),
-        findings=found,
-    )
-
-
-def _fits_with_motion(study: Study, phasors: Phasors, method: str) -> dict[str, ElasticityFit]:
-    """The fit of all records together, and linear fits of the sines where they allow them."""
-    require_method(method)
-    if method in LINEAR:
-        raise JointIdError(
-            f'method = "{method}" takes sine records only, and this study has records of other motions: '
-            'choose "auto".'
-        )
-    inertia = study.inertias if study.poses else study.inertia
-    fits = {
-        method: identify_motion(
-            study.records, inertia, inertia_std=study.inertia_std, torque_std=study.torque_std
-        )
-    }
-    with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
-        fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
-    return fits
-
-
-def _motion_matrices(
-    study: Study, matrices: dict[str, TransferMatrix], fit: ElasticityFit, problem: str
-) -> tuple[dict[str, TransferMatrix], str]:
-    """Add the transfer matrices of poses with motions alone; return them without friction and delay."""
-    freed: dict[str, TransferMatrix] = {}
-    zero = np.zeros(study.inertia.n)
-    friction = (zero, zero) if fit.friction is None else (fit.friction.coulomb, fit.friction.viscous)
-    for pose in dict.fromkeys(record.pose or "" for record in study.motion_records):
-        if pose in matrices:
-            continue
-        records = [record for record in study.motion_records if (record.pose or "") == pose]
-        try:
-            matrices[pose] = motion_transfer_matrix(records)
-            freed[pose] = motion_transfer_matrix(
-                records, coulomb=friction[0], viscous=friction[1], delay=fit.delay or 0.0
-            )
-        except JointIdError as error:  # K and D do not need H
-            problem = str(error)
-    return freed, problem
-
-
-def _transfer_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMatrix], str]:
-    matrices, problem = {}, ""
-    for pose in dict.fromkeys(record.pose or "" for record in study.sine_records):
-        try:
-            matrices[pose] = estimate_transfer_matrix(phasors.select(study.of_pose(pose)))
-        except JointIdError as error:  # K and D do not need H
-            problem = str(error)
-    return matrices, problem

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from jointid import Analysis, Elasticity, Finding, Inertia, Study, analyse, load_study
+from jointid.analysis import answer_state
 from jointid.answer import (
     answer_sentence,
     friction_note,
@@ -21,7 +22,7 @@ from jointid.answer import (
     without,
 )
 from jointid.estimation.elasticity import Friction
-from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.exporting import (
     from_json,
     from_toml,
@@ -35,7 +36,6 @@ from jointid.fleet.row import row_of
 from jointid.fleet.table import as_table
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html
-from jointid.study import answer_state
 from jointid.uncertainty.error_parts import error_parts
 
 

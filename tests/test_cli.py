@@ -29,7 +29,7 @@ from jointid.files.application import sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
-from jointid.rounding import with_error
+from jointid.wording import with_error
 
 run = CliRunner()
 ROOT = Path(__file__).parents[1]

@@ -18,7 +18,7 @@ from jointid import (
     save_study,
     simulate_records,
 )
-from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 
 ROBOT = RobotModel.load(Path(__file__).parents[1] / "sample_data" / "six_axis_robot.toml")
 M = [0.0025, 0.0010]

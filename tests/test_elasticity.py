@@ -36,7 +36,7 @@ from jointid import (
     identify_elasticity,
     spring_equations,
 )
-from jointid.estimation.joint_equations import SpringEquations
+from jointid.estimation.estimators.joint_equations import SpringEquations
 
 LINEAR = ["least-squares", "explicit", "weighted"]
 

@@ -13,11 +13,11 @@ from streamlit.testing.v1 import AppTest
 from typer.testing import CliRunner
 
 from jointid import JointIdError, Study, load_study
+from jointid.analysis import analyse
 from jointid.arrays import Floats
 from jointid.cli import app
 from jointid.importing import LogColumn, LogTable, guess_mapping
 from jointid.importing.map.simultaneous_logs import join_logs, joined_table, simultaneous_groups
-from jointid.study import analyse
 from jointid.ui.shared import workspace
 
 ROOT = Path(__file__).parents[1]

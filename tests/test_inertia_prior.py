@@ -9,7 +9,7 @@ import pytest
 from plants import BAND_HZ, PAPER, PARALLELOGRAM, SERIAL, campaign, circular, exact_phasors, motion
 
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
-from jointid.estimation.inertia_prior import InertiaPrior, checked_std
+from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.estimation.start_values import without_inertias
 
 TRUTH = np.concatenate([PAPER.K, PAPER.D])

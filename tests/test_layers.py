@@ -51,7 +51,7 @@ HOMES = {
 
 FLOORS = [
     ["errors"],
-    ["arrays", "wording", "rounding", "version"],
+    ["arrays", "wording", "version"],
     ["small_matrices", "background", "parsing"],
     ["records", "joints"],
     ["robot_models"],
@@ -63,6 +63,7 @@ FLOORS = [
     ["answer", "uncertainty"],
     ["verdict"],
     ["study"],
+    ["analysis"],
     ["files", "cut", "corrections"],
     ["importing", "exporting", "setpoints"],
     ["fleet", "figures"],

@@ -26,20 +26,21 @@ from jointid import (
     motor_response,
     simulate_records,
 )
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.likelihood import (
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import weighted
+from jointid.estimation.estimators.maximum_likelihood import (
     LikelihoodEstimate,
     maximum_likelihood,
     quadratic,
-    scores,
 )
-from jointid.estimation.linear_fit import weighted
+from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout
+from jointid.estimation.estimators.parameters import LAWS as NONLINEAR
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.estimators.score_tests import scores
 from jointid.estimation.model_average import positive_moments
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.parameters import EFFECTS, ParameterLayout
-from jointid.estimation.parameters import LAWS as NONLINEAR
-from jointid.estimation.residual import Residual, fitted_layout, make_problem
 from jointid.motion.friction import friction_waveforms
 
 LINEAR_EFFECTS = tuple(name for name in EFFECTS if name not in NONLINEAR)

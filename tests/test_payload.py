@@ -13,11 +13,11 @@ from plants import PAPER, PARALLELOGRAM
 from scipy.io import loadmat
 
 from jointid import Controller, Excitation, Inertia, JointIdError, Measurement, Study, analyse
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.likelihood import quadratic
-from jointid.estimation.parameters import ParameterLayout
-from jointid.estimation.residual import fitted_layout, make_problem
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.maximum_likelihood import quadratic
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.exporting.identification import identification
 from jointid.exporting.identification_files import from_json, from_toml, to_json, to_toml
 from jointid.exporting.matlab import to_mat

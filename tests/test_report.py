@@ -41,7 +41,7 @@ from jointid.reporting.figures import (
     single_record_figure,
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
-from jointid.rounding import with_error
+from jointid.wording import with_error
 
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 

@@ -16,8 +16,8 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.parameters import ParameterLayout
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.start_values import friction_start
 from tests.robots import SIX_AXES
 

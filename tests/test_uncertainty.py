@@ -29,7 +29,7 @@ from jointid import (
     extract_phasors,
     identify_elasticity,
 )
-from jointid.estimation.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 

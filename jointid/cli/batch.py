@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from jointid.analysis import answer_state
 from jointid.cli.options import JSON, METHOD, named, require_ending
 from jointid.cli.output import print_json
 from jointid.cli.program import INTERRUPTED, print_error, reported
 from jointid.errors import JointIdError
-from jointid.study import answer_state
 from jointid.wording import counted
 
 if TYPE_CHECKING:

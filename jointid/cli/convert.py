@@ -25,9 +25,8 @@ from jointid.cli.output import made, print_json, print_table, progress, status
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
-from jointid.rounding import significant
 from jointid.study import Study
-from jointid.wording import counted
+from jointid.wording import counted, significant
 
 _NOT_STATED = (
     "The torque scale is not stated: K and D hold if the torque constants are exact. State how well "

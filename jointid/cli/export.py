@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from jointid import exporting
+from jointid.analysis import NOT_USABLE, Analysis
 from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, numbers
 from jointid.cli.output import written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
-from jointid.study import NOT_USABLE, Analysis
 
 if TYPE_CHECKING:
     from jointid.exporting import Identification

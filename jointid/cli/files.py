@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jointid.analysis import Analysis
 from jointid.cli.output import status
 from jointid.errors import JointIdError
 from jointid.files.application import sample_studies
-from jointid.study import Analysis, Study
+from jointid.study import Study
 from jointid.wording import listed, nearest
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def _sample(name: str) -> Path:
 
 def analysed(path: Path, method: str, *, quiet: bool, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
-    from jointid.study import analyse
+    from jointid.analysis import analyse
 
     study = replace(loaded(path), **changes)
     with status("Analysing", quiet=quiet):

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import Annotated, Any
 
+from jointid.analysis import Analysis
 from jointid.cli.files import analysed
 from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, given
 from jointid.cli.output import print_json, print_table
 from jointid.cli.program import reported
-from jointid.study import Analysis
 
 
 @reported
@@ -38,9 +38,9 @@ def identify(
 
 def _print_tables(analysis: Analysis) -> None:
     from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, model_name
-    from jointid.rounding import plain
     from jointid.uncertainty.error_parts import error_table
     from jointid.uncertainty.prior_rows import PRIOR_HEADER
+    from jointid.wording import plain
 
     fit, nominal = analysis.fit, analysis.nominal
     fitted = (*analysis.quantities, *further_quantities(fit))

@@ -128,9 +128,9 @@ def _plan_motion(
     count: int,
     as_json: bool,
 ) -> None:
+    from jointid.analysis import analyse
     from jointid.arrays import per_joint
     from jointid.simulation.motion import Motion
-    from jointid.study import analyse
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
 
     motion, n = Motion(*shape, odd=shape[0] == "multisine"), known.inertia.n
@@ -190,6 +190,6 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
 
 
 def _percent(error: float) -> str:
-    from jointid.rounding import UNDETERMINED, significant
+    from jointid.wording import UNDETERMINED, significant
 
     return f"{significant(100 * error, 2)} %" if np.isfinite(error) else UNDETERMINED

@@ -14,11 +14,10 @@ from jointid.errors import JointIdError
 from jointid.phasors.extract import extract_phasors
 from jointid.phasors.long_records import LongRecord
 from jointid.records import JointRecord, MotionRecord, SineRecord
-from jointid.rounding import minus, plain, significant
 from jointid.study import Study
 from jointid.verdict.evidence import Change, ChangeKind
 from jointid.verdict.steady_state import steady_from
-from jointid.wording import capitalised, counted, enumerated, listed
+from jointid.wording import capitalised, counted, enumerated, listed, minus, plain, significant
 
 _STEPS = 4
 """Of the search for a frequency; each leaves a tenth of the difference or less."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot, cut_robot
 from jointid.cut.servo import MotorFrictionLike, Servo
@@ -20,8 +21,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import TrackingRun, track
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
-from jointid.rounding import significant
-from jointid.study import Analysis
+from jointid.wording import significant
 
 EVERYDAY_SERVO = Servo(
     sample_rate_hz=2000.0, delay_samples=1, encoder_bits=16, differentiated_velocity=True

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from jointid.analysis import Analysis
 from jointid.arrays import Floats
 from jointid.cut.outcome import millimetres
 from jointid.cut.rectangle import rectangle
@@ -18,7 +19,6 @@ from jointid.cut.toolpath import Toolpath
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity
 from jointid.robot_models.model import RobotModel
-from jointid.study import Analysis
 
 MEANING = (
     "The paper's rectangle, horizontal about the tool of this study's own robot in its pose{pose}: "

@@ -20,13 +20,13 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.arrays import Floats
 from jointid.cut.arm import Drive, PlanarArm, require_two_joints
 from jointid.errors import JointIdError
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
-from jointid.rounding import with_error
-from jointid.study import Analysis
+from jointid.wording import with_error
 
 Rule = Literal["direct", "springs", "relative", "demonstration"]
 Assumption = Literal["study", "rigid", "soft", "stiff", "custom"]

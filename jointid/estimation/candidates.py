@@ -14,12 +14,17 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, maximum_likelihood, one_step
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.residual import fitted_layout, make_problem, with_law_noise
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import (
+    LikelihoodEstimate,
+    maximum_likelihood,
+    one_step,
+)
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import with_law_noise
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.motion.end_terms import motor_motion
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors

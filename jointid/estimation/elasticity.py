@@ -7,12 +7,12 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Candidate, Choice
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import SpringEquations
-from jointid.estimation.joint_laws import fitted_gears
-from jointid.estimation.likelihood import LikelihoodEstimate
-from jointid.estimation.linear_fit import Estimate
-from jointid.estimation.parameters import Parameters
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import SpringEquations
+from jointid.estimation.estimators.joint_laws import fitted_gears
+from jointid.estimation.estimators.linear_fit import Estimate
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
 from jointid.joints import Elasticity, Inertia

@@ -11,13 +11,13 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model, evaluated, fit_model, stepped
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.identify_elasticity import require_gear
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.likelihood import LikelihoodEstimate
 from jointid.estimation.model_selection import choose_model
-from jointid.estimation.noise import Noise, floored, sensor_noise
-from jointid.estimation.parameters import Parameters
 from jointid.joints import Inertia
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors

@@ -10,10 +10,11 @@ from scipy.special import chdtri, log_ndtr, ndtri_exp
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Fits, Model
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, Score
-from jointid.estimation.parameters import EFFECTS
-from jointid.estimation.residual import LOWEST_LINK
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.problem import LOWEST_LINK
+from jointid.estimation.estimators.score_tests import Score
 
 _DOUBT, _DOUBT_IF_FAR = 0.005, 0.05
 """Probability that the score of any part widens the error bars on an ideal robot, and the same if it

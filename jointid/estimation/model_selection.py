@@ -25,11 +25,19 @@ from jointid.estimation.candidates import (
     model_waveforms,
     stepped,
 )
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.likelihood import LikelihoodEstimate, Score, scores
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import (
+    EFFECTS,
+    GEAR_LAWS,
+    LAWS,
+    Block,
+    ParameterLayout,
+    Parameters,
+)
+from jointid.estimation.estimators.score_tests import Score, scores
 from jointid.estimation.model_average import spread, spread_of_links
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, LAWS, Block, ParameterLayout, Parameters
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import least_squares as nonlinear_least_squares
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import inertia_arrays
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import inertia_arrays
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.joints import motor_impedance
 from jointid.motion.friction import friction_waveforms
 from jointid.phasors.extract import Phasors

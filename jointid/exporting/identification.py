@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from jointid.analysis import STATES, Analysis
 from jointid.answer import AT_MOTOR, effect_values, model_name
 from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
@@ -12,7 +13,6 @@ from jointid.estimation.identify_elasticity import require_method
 from jointid.files.digest import study_digest
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
-from jointid.study import STATES, Analysis
 from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
 from jointid.version import __version__

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
+from jointid.analysis import Analysis
 from jointid.errors import JointIdError
 from jointid.exporting.identification import identification
 from jointid.exporting.identification_files import to_document
 from jointid.exporting.state_space import state_space
 from jointid.exporting.tables import without_friction_and_delay
-from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
 _HEADER = b"MATLAB 5.0 MAT-file, written by jointid"

@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Floats, finite_array
 from jointid.errors import JointIdError
 from jointid.exporting.identification import Identification
-from jointid.rounding import UNDETERMINED
-from jointid.wording import counted
+from jointid.wording import UNDETERMINED, counted
 
 
 @dataclass(frozen=True, eq=False)

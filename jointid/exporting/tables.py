@@ -6,13 +6,13 @@ from io import StringIO
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.answer import without
 from jointid.arrays import Floats
 from jointid.exporting.identification import Identification
 from jointid.gears.gear import knees
 from jointid.phasors.extract import Phasors
 from jointid.records import SineRecord
-from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
 _EVERY = 4

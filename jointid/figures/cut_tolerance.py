@@ -7,7 +7,7 @@ from jointid.arrays import Floats
 from jointid.cut.tolerance import ToleranceMap
 from jointid.figures.style import Axis, Trace, colours, figure, line, linear_axis, points
 from jointid.joints import Elasticity
-from jointid.rounding import minus
+from jointid.wording import minus
 
 _CONFIDENT = 2.448
 """Radius, in standard errors, of the ellipse that holds 95 % of a plane normal distribution."""

@@ -7,7 +7,7 @@ from jointid.answer import UNITS
 from jointid.arrays import Floats
 from jointid.figures.style import Trace, colours, figure, line, linear_axis, plain_text, points, upright
 from jointid.fleet.spread import Drift, Spread
-from jointid.rounding import with_error
+from jointid.wording import with_error
 
 _MOST_BINS = 40
 _PAPER = {False: "#FFFFFF", True: "#0E1117"}

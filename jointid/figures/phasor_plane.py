@@ -5,7 +5,7 @@ import plotly.graph_objects as go
 
 from jointid.figures.style import Trace, colours, figure, joint_symbol, plain_text
 from jointid.phasors.extract import Phasors
-from jointid.rounding import significant, with_error
+from jointid.wording import significant, with_error
 
 
 def phasor_plane(

@@ -6,6 +6,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import plotly.graph_objects as go
 
+from jointid.analysis import Analysis
 from jointid.arrays import Floats
 from jointid.figures.response_curves import (
     Curve,
@@ -34,7 +35,6 @@ from jointid.figures.style import (
     plain_text,
     points,
 )
-from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix
 
 _UNIT = "1/(kg·m²)"

@@ -9,11 +9,11 @@ from typing import Literal
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.answer import without
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.joints import Elasticity, Inertia, motor_response, resonances
-from jointid.study import Analysis
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 
 _POINTS = 400

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from jointid.arrays import Floats
-from jointid.rounding import significant
+from jointid.wording import significant
 
 Trace = dict[str, Any]
 Axis = dict[str, Any]

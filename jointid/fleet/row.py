@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from jointid.analysis import Analysis, answer_state
 from jointid.answer import model_name
 from jointid.files.digest import study_digest
-from jointid.study import Analysis, answer_state
 from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"

@@ -18,10 +18,9 @@ from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.extract import extract_phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.rounding import significant
 from jointid.study import INERTIA_STD, Study
 from jointid.verdict.steady_state import steady_from, unsettled
-from jointid.wording import counted, shown
+from jointid.wording import counted, shown, significant
 
 
 def segment_records(

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.answer import gear_terms, without
 from jointid.arrays import Floats
 from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, study_outcome
@@ -21,9 +22,7 @@ from jointid.reporting.figures import (
     single_record_figure,
     torsion_figure,
 )
-from jointid.rounding import significant
-from jointid.study import Analysis
-from jointid.wording import capitalised
+from jointid.wording import capitalised, significant
 
 _GAP = 12.0
 """Between two figures side by side, points."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointid.analysis import Analysis
 from jointid.answer import gear_terms
 from jointid.arrays import Floats
 from jointid.cut.outcome import millimetres
@@ -26,8 +27,7 @@ from jointid.figures.response_curves import (
 from jointid.figures.style import LIGHT
 from jointid.figures.torsion import drawn_records
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
-from jointid.rounding import minus
-from jointid.study import Analysis
+from jointid.wording import minus
 
 PAGE_WIDTH = 482.0
 """Width of a figure over the whole page, points: A4 less 20 mm on either side."""

@@ -6,6 +6,7 @@ The same study gives the same report to the last byte: it has no date and no mac
 from collections.abc import Callable, Iterator
 from itertools import count
 
+from jointid.analysis import Analysis
 from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
@@ -20,12 +21,11 @@ from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, 
 from jointid.reporting.html import to_html
 from jointid.reporting.pdf import to_pdf
 from jointid.reporting.settings import digit_blocks, record_rows, settings_blocks
-from jointid.rounding import plain
-from jointid.study import Analysis, Study
+from jointid.study import Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.version import __version__
-from jointid.wording import capitalised
+from jointid.wording import capitalised, plain
 
 __all__ = ["make_report", "to_html", "to_pdf"]
 

@@ -3,7 +3,6 @@
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.rounding import significant
 from jointid.setpoints import abb_egm, csv_table, kuka_rsi, ros2, urscript
 from jointid.setpoints.experiment import Motion
 from jointid.setpoints.file_format import Format, SetPoints
@@ -11,7 +10,7 @@ from jointid.setpoints.head import head
 from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
-from jointid.wording import enumerated
+from jointid.wording import enumerated, significant
 
 FORMATS: dict[str, Format] = {
     each.FORMAT.name: each.FORMAT for each in (csv_table, ros2, urscript, abb_egm, kuka_rsi)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.errors import JointIdError
-from jointid.rounding import significant
 from jointid.setpoints.played import Peaks, PlayedExperiment
 from jointid.setpoints.robot_limits import RobotLimits
+from jointid.wording import significant
 
 _RESERVE = 0.99
 """Share of the largest scale that a refusal suggests; friction is not proportional to the motion."""

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.likelihood import maximum_likelihood
-from jointid.estimation.linear_fit import LINEAR, Estimate
-from jointid.estimation.parameters import EFFECTS
-from jointid.estimation.residual import Problem, make_problem
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import LINEAR, Estimate
+from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
+from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.problem import Problem, make_problem
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms, friction_waveforms
 from jointid.phasors.extract import Phasors

@@ -7,8 +7,8 @@ import numpy as np
 from jointid.answer import AT_MOTOR, StiffnessUnit
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.parameters import elasticity_labels
-from jointid.rounding import UNDETERMINED, significant
+from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.wording import UNDETERMINED, significant
 
 _PARTS = {
     "noise": "noise",

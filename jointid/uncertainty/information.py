@@ -1,6 +1,6 @@
 """Fisher information of measured and planned records on all parameters of a fit.
 
-With the residual r of covariance V (``estimation.residual``), a record's information on the parameters
+With the residual r of covariance V (``estimators.residual``), a record's information on the parameters
 is 2 Re JᴴV⁻¹J with J = ∂r/∂p at the true signals and the free friction projected out. The information of
 records and of the prior of the inertias adds up; the inverse of the sum is the Cramér–Rao bound.
 """
@@ -13,12 +13,13 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.likelihood import Misfit, quadratic
-from jointid.estimation.linear_fit import LINEAR, carried_covariance
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import EFFECTS
-from jointid.estimation.residual import Problem, Residual, fitted_layout
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
+from jointid.estimation.estimators.maximum_likelihood import Misfit, quadratic
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.problem import Problem, fitted_layout
+from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors

@@ -9,8 +9,8 @@ import numpy as np
 from jointid.arrays import Floats, per_joint
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_motion import identify_motion
-from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
 from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.closed_loop import simulate_motion

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from jointid.arrays import Complexes, Floats, finite_array, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.parameters import elasticity_labels
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, resonances
 from jointid.phasors.extract import Phasors
 from jointid.uncertainty.information import PlanningModel, planning_model

@@ -9,9 +9,9 @@ from scipy.special import chdtrc
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.linear_fit import LINEAR, carried_covariance
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, whitener

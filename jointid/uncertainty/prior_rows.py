@@ -7,10 +7,9 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.parameters import ParameterLayout
-from jointid.rounding import minus, plain, significant, with_error
-from jointid.wording import enumerated
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.wording import enumerated, minus, plain, significant, with_error
 
 
 @dataclass(frozen=True)

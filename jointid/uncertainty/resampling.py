@@ -17,9 +17,9 @@ import numpy as np
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.joint_equations import pseudo_inverse
-from jointid.estimation.linear_fit import LINEAR
-from jointid.estimation.whitened_residual import WhitenedResidual
+from jointid.estimation.estimators.joint_equations import pseudo_inverse
+from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import one_thread

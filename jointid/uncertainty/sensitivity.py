@@ -12,11 +12,11 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.linear_fit import LINEAR, prior_slopes
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import elasticity_labels
-from jointid.estimation.residual import fitted_layout
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.linear_fit import LINEAR, prior_slopes
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.estimation.estimators.problem import fitted_layout
 from jointid.phasors.extract import Phasors
 
 _OUTLINE_POINTS = 73

@@ -7,9 +7,9 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 from jointid.estimation.identify_elasticity import identify_elasticity
-from jointid.estimation.linear_fit import LINEAR
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS
 from jointid.joints import Elasticity, Inertia, dynamic_arm_inertia, motor_response
 from jointid.phasors.extract import Phasors
 from jointid.transfer_matrix import estimate_transfer_matrix

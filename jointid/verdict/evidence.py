@@ -11,8 +11,8 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
-from jointid.rounding import minus, significant
 from jointid.transfer_matrix import TransferMatrix
+from jointid.wording import minus, significant
 
 Action = Literal["", "edit mapping", "edit runs", "edit inertias"]
 """What a remedy asks a person to do, apart from measuring again: the app knows where that is done."""

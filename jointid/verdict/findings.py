@@ -8,8 +8,8 @@ import numpy as np
 from jointid.answer import fitted_parts
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
-from jointid.estimation.parameters import elasticity_labels
 from jointid.uncertainty.prior_rows import disagreements
 from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, number, percent, relative

@@ -6,9 +6,8 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.linear_fit import LINEAR
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
-from jointid.rounding import significant, with_error
+from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
@@ -22,6 +21,7 @@ from jointid.verdict.evidence import (
     relative,
     warning,
 )
+from jointid.wording import significant, with_error
 
 CLEAR = 4.0
 """Standard errors that are not by chance."""

@@ -6,12 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.answer import EFFECT_PARAMETERS, Quantity, effect_values
-from jointid.estimation.parameters import GEAR_LAWS
-from jointid.rounding import significant
+from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.uncertainty.validation import second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note
 from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample, hold_change
-from jointid.wording import capitalised, enumerated
+from jointid.wording import capitalised, enumerated, significant
 
 _REMEDIES = {
     "arm_viscous": ("The arm has viscous friction", ""),

@@ -6,10 +6,9 @@ import numpy as np
 
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import identify_elasticity
-from jointid.estimation.parameters import elasticity_labels
 from jointid.joints import Inertia
-from jointid.rounding import plain, significant, with_error
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
@@ -26,6 +25,7 @@ from jointid.verdict.evidence import (
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
 from jointid.verdict.wrong_data import low_frequency_inertia
+from jointid.wording import plain, significant, with_error
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""

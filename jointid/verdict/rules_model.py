@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import fdtrc
 
-from jointid.estimation.linear_fit import LINEAR
-from jointid.estimation.parameters import elasticity_labels
+from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import locked_resonances, resonances
 from jointid.verdict.evidence import (
     Action,

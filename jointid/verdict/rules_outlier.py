@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.joint_equations import spring_equations
+from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.joints import Inertia, dynamic_arm_inertia, motor_impedance
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import DEGREES, GOOD

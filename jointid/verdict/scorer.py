@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.joint_equations import inertia_arrays
+from jointid.estimation.estimators.joint_equations import inertia_arrays
 from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jointid.arrays import Floats
-from jointid.estimation.joint_equations import LARGEST, LEAST
+from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, finding_of

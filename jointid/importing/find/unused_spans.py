@@ -11,8 +11,7 @@ from jointid.importing.find.lines import fit_lines
 from jointid.importing.find.segment import Segment
 from jointid.importing.find.steady_state import frames_of, phase_bend
 from jointid.importing.map.mapped_log import MappedLog
-from jointid.rounding import significant
-from jointid.wording import listed
+from jointid.wording import listed, significant
 
 _MIN_BEND_RAD = 0.015  # of the phase of a run, above which its frequency drifts: 0.4 % in 5 periods
 _BEND_SIGMAS = 5.0  # standard errors of the bend

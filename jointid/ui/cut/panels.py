@@ -6,21 +6,20 @@ from html import escape
 import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
 from jointid.cut.path_deflection import has_own_path, meaning, own_path_deflections, rows_of
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.style import colours
-from jointid.rounding import significant
-from jointid.study import NOT_USABLE
 from jointid.ui.cut import cached_cuts
 from jointid.ui.cut.pictures import key_line, picture
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_error, show_note, show_warning
 from jointid.ui.shared.page import Page
-from jointid.wording import counted
+from jointid.wording import counted, significant
 
 CUT_PAGE = "pages/5_Cut.py"
 _ZONES_MM = (1.0, 5.0, 10.0)

@@ -4,14 +4,14 @@ import numpy as np
 import streamlit as st
 
 from jointid import Elasticity, JointIdError
+from jointid.analysis import Analysis
 from jointid.cut.robot import CUTTING_POINT_M, CutRobot
 from jointid.cut.tool_stiffness import ToolStiffness, planar_tool_stiffness, tool_stiffness
 from jointid.figures.tool_stiffness import deflection_ellipse
-from jointid.rounding import minus, significant, with_error
-from jointid.study import Analysis
 from jointid.ui.shared.charts import NO_POSE, choose_segment, plot, side_by_side, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
+from jointid.wording import minus, significant, with_error
 
 _FORCE_N = 100.0
 

@@ -7,8 +7,8 @@ import streamlit as st
 
 from jointid.figures.fleet import drift_over_time
 from jointid.fleet.spread import MIN_VALUES, Drift, Spread, robot_drift, seconds
-from jointid.rounding import significant, with_error
 from jointid.ui.shared.charts import plot, side_by_side, table
+from jointid.wording import significant, with_error
 
 _CLEAR = 3.0
 """Standard errors beyond which a trend is said to be a drift."""

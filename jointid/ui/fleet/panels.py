@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import streamlit as st
 
+from jointid.analysis import STATES
 from jointid.answer import UNITS
 from jointid.figures.fleet import distribution
 from jointid.fleet.row import Row
 from jointid.fleet.spread import MIN_VALUES, OUTLIER_Z, Spread, few_values, fleet_spread
-from jointid.rounding import minus, significant, with_error
-from jointid.study import STATES
 from jointid.ui.fleet.studies import SIGNS, label
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side, table
-from jointid.wording import counted
+from jointid.wording import counted, minus, significant, with_error
 
 _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 

@@ -5,17 +5,16 @@ from collections.abc import Sequence
 import streamlit as st
 
 from jointid import JointIdError
+from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.files.study_files import load_study
 from jointid.fleet.row import Row
-from jointid.rounding import with_error
-from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.fleet.files import OpenFleet
 from jointid.ui.shared.charts import table
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep, recent
-from jointid.wording import counted
+from jointid.wording import counted, with_error
 
 SIGNS = {USABLE: "✓ usable", WITH_CARE: "△ usable with care", NOT_USABLE: "✕ not usable", "": "— failed"}
 

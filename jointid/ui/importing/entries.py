@@ -24,13 +24,12 @@ from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
 from jointid.importing.map.guess import propose_joint
 from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import unchanged
-from jointid.rounding import plain
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.parse_numbers import numbers_in
-from jointid.wording import capitalised, enumerated
+from jointid.wording import capitalised, enumerated, plain
 
 T = TypeVar("T")
 

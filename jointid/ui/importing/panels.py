@@ -12,7 +12,6 @@ from jointid.importing import MappedLog, Mapping, Segment, mapping_to_json, stud
 from jointid.importing.columns.units import QUANTITIES
 from jointid.importing.map.reasons import assumptions
 from jointid.importing.study import run_counts
-from jointid.rounding import minus, plain
 from jointid.ui.importing.entries import Asked
 from jointid.ui.importing.files import Log, drop_logs
 from jointid.ui.importing.mapping import (
@@ -40,7 +39,7 @@ from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.workspace import keep
-from jointid.wording import counted, listed
+from jointid.wording import counted, listed, minus, plain
 
 _WAITS = {
     COLUMNS: "Which column is the time, and which are position and torque of each joint.",

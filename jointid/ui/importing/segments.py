@@ -12,11 +12,10 @@ import streamlit as st
 from jointid import JointIdError
 from jointid.importing import MappedLog, Segment, find_runs, measure_run
 from jointid.importing.find.segments import measure_motion
-from jointid.rounding import significant
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
 from jointid.ui.shared.messages import show_info
-from jointid.wording import counted
+from jointid.wording import counted, significant
 
 _USE, _LOG, _START, _STOP, _HERTZ = "Use", "Log", "Start (s)", "Stop (s)", "Frequency (Hz)"
 _SETTLED = "import_segments_settled"

@@ -9,8 +9,8 @@ import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
 
 from jointid import JointIdError
-from jointid.rounding import plain
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.wording import plain
 
 T = TypeVar("T")
 Number = TypeVar("Number", int, float)

@@ -4,8 +4,7 @@ import re
 from collections.abc import Iterable
 
 from jointid import JointIdError
-from jointid.rounding import plain
-from jointid.wording import counted
+from jointid.wording import counted, plain
 
 _SPACES = re.compile(r"[\s;]+")
 _COMMAS = re.compile(r"[\s;,]+")

@@ -7,10 +7,9 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.answer import AT_MOTOR
 from jointid.figures import compared_models
-from jointid.rounding import significant
-from jointid.study import NOT_USABLE
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import plot, side_by_side
 from jointid.ui.shared.markdown_escape import markdown_escape
@@ -23,7 +22,7 @@ from jointid.ui.shared.messages import (
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import names_by_address, open_study
 from jointid.uncertainty.comparison import Difference, compare
-from jointid.wording import enumerated
+from jointid.wording import enumerated, significant
 
 _CLEAR = 3.0
 """Standard errors from which a difference counts as one."""

@@ -9,7 +9,6 @@ from jointid import Analysis, Finding, JointIdError, Study
 from jointid.corrections.changes import corrected, label
 from jointid.files.digest import study_digest
 from jointid.files.store import Store
-from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared import cached
 from jointid.ui.shared.messages import show_error, show_note, show_text_table
 from jointid.ui.shared.page import Page
@@ -24,6 +23,7 @@ from jointid.ui.shared.workspace import (
     store,
 )
 from jointid.verdict.evidence import Change
+from jointid.wording import UNDETERMINED, significant
 
 _PREVIEWED, _BEFORE = "previewed_change", "study_before_change"
 _SUFFIX = ", corrected"

@@ -8,11 +8,11 @@ import streamlit as st
 from jointid import JointIdError, MotionRecord, Phasors, SineRecord
 from jointid.phasors.distortion import distortion
 from jointid.records import JointRecord
-from jointid.rounding import significant, with_error
 from jointid.ui.shared import cached
 from jointid.ui.shared.charts import Table, table
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import Page
+from jointid.wording import significant, with_error
 
 _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""

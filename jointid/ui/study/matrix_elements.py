@@ -8,11 +8,11 @@ import streamlit as st
 
 from jointid import Analysis, TransferMatrix
 from jointid.figures import VIEWS, element_response, single_record, torque_condition
-from jointid.rounding import minus, significant, with_error
 from jointid.ui.shared.charts import NO_POSE, Table, choose_segment, plot, table
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import freed_note
+from jointid.wording import minus, significant, with_error
 
 
 def choose_pose(poses: list[str]) -> str:

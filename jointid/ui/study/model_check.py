@@ -4,9 +4,8 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
-from jointid.rounding import significant, with_error
-from jointid.study import NOT_USABLE
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
@@ -19,6 +18,7 @@ from jointid.uncertainty.validation import (
     record_residuals,
 )
 from jointid.verdict.rules_model import EXPLAINED
+from jointid.wording import significant, with_error
 
 
 @st.cache_resource(max_entries=64, show_spinner="Fitting half of the frequencies, predicting the other")

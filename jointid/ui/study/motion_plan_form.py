@@ -8,7 +8,6 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, JointIdError, Motion
-from jointid.rounding import significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, csv_bytes, download
 from jointid.ui.shared.entries import applied, enter_number, enter_text
@@ -17,6 +16,7 @@ from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
 from jointid.ui.study.plan_form import percent, pose_inertia
 from jointid.uncertainty.motion_plan import MotionLimits, PlannedMotion, largest_motion, plan_motion
+from jointid.wording import significant
 
 _NUMBERS: dict[str, tuple[Any, ...]] = {
     "records": ("Records", 2, (1, 20)),

@@ -6,17 +6,16 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, Finding, Study
+from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.answer import ERROR_BARS, Quantity, change_from, without
 from jointid.files.study_files import pack_study
-from jointid.rounding import plain, significant
-from jointid.study import NOT_USABLE, USABLE, WITH_CARE
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.markdown_escape import markdown_escape
 from jointid.ui.shared.messages import show_note, show_text_table
 from jointid.ui.shared.method_steps import ACTIONS, METHOD
 from jointid.ui.shared.page import Page
 from jointid.ui.study.corrections import offer_changes
-from jointid.wording import counted, file_stem
+from jointid.wording import counted, file_stem, plain, significant
 
 _BOXES = {"problem": st.error, "warning": st.warning, "note": st.info, "good": st.success}
 _STATE_COLOURS = {USABLE: "green", WITH_CARE: "orange"}

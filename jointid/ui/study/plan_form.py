@@ -7,7 +7,6 @@ import streamlit as st
 
 from jointid import Analysis, Inertia, JointIdError
 from jointid.arrays import Complexes, Floats
-from jointid.rounding import UNDETERMINED, minus, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, Table
 from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_text
@@ -24,6 +23,7 @@ from jointid.uncertainty.plan import (
     predict_standard_errors,
     suggest_records,
 )
+from jointid.wording import UNDETERMINED, minus, significant
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from jointid import (
     MotorFriction,
     Study,
 )
-from jointid.rounding import plain
 from jointid.simulation.campaign import simulate_campaign
 from jointid.simulation.motion import KINDS
 from jointid.study import INERTIA_STD
@@ -32,6 +31,7 @@ from jointid.ui.shared.entries import (
     enter_text,
 )
 from jointid.ui.shared.parse_numbers import matrix_in, numbers_in, numbers_out
+from jointid.wording import plain
 
 _RECORDS = {
     "Sines, all joints, a new phase in each record": "orthogonal",

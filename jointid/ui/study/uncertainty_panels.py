@@ -13,7 +13,6 @@ from jointid import Analysis, JointIdError
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
-from jointid.rounding import UNDETERMINED, significant
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
 from jointid.ui.shared.messages import (
@@ -27,7 +26,7 @@ from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
 from jointid.uncertainty.resampling import Bootstrap, Jackknife, bootstrap, jackknife
 from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
-from jointid.wording import capitalised
+from jointid.wording import UNDETERMINED, capitalised, significant
 
 _PATIENCE_S = 0.5
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300

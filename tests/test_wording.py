@@ -10,7 +10,7 @@ from examples import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from jointid.rounding import plain, significant, with_error
+from jointid.wording import plain, significant, with_error
 
 
 @pytest.mark.parametrize(

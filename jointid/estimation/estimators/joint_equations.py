@@ -17,7 +17,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.estimation.noise import Noise, moderated_noise
+from jointid.estimation.estimators.noise import Noise, moderated_noise
 from jointid.joints import Inertia, dynamic_arm_inertia
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import lifted

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.parameters import Parameters
+from jointid.estimation.estimators.parameters import Parameters
 from jointid.joints import Inertia
 from jointid.small_matrices import Numbers
 from jointid.wording import counted

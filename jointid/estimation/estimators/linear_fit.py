@@ -12,15 +12,15 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import (
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import (
     SpringEquations,
     inertia_arrays,
     pseudo_inverse,
     spring_equations,
 )
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import positive_inverse, root, whitener
 

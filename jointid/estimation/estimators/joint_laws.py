@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, Parameters
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
 from jointid.gears.gear import Gear
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, dahl
 from jointid.gears.laws import GearLaws

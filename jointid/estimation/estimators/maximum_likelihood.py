@@ -16,13 +16,14 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.inertia_prior import InertiaPrior
-from jointid.estimation.joint_equations import spring_equations
-from jointid.estimation.linear_fit import Estimate
-from jointid.estimation.noise import Noise
-from jointid.estimation.parameters import EFFECTS, GEAR_LAWS, ParameterLayout, Parameters
-from jointid.estimation.residual import Problem, fitted_layout, make_problem, with_law_noise
-from jointid.estimation.whitened_residual import WhitenedResidual, widened_covariance
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import Estimate
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
+from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
+from jointid.estimation.estimators.residual import with_law_noise
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual, widened_covariance
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -40,8 +41,6 @@ _EVALUATIONS, _LAW_EVALUATIONS = 150, 24
 """Upper limits of residuals evaluated; a law of the gears is slow, and the right one takes ten."""
 _LEAST_DAMPING = 1e-12
 """Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
-_RIDGE = 1e-12
-"""The same for the score test."""
 _IDLE, _MOST_IDLE = 0.02, 3
 """Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
 iteration."""
@@ -232,95 +231,12 @@ def _determined_by_data(problem: Problem, p: Floats, normal: Floats) -> float:
     return float(p.size - np.minimum(by_prior, 1.0).sum())
 
 
-@dataclass(frozen=True, eq=False)
-class Score:
-    """What a further part of the model would change, to second order (Rao's score test)."""
-
-    gain: float
-    """Decrease of the cost."""
-    count: int
-    """Number of its parameters."""
-    shift: Floats
-    """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
-    possible: tuple[float, Floats]
-    """Gain and shift by the values alone that have a sign that they can have."""
-    value: Floats
-    """Its most likely parameters, shape (count,)."""
-    information: Floats
-    """Inverse covariance of its parameters, shape (count, count)."""
-    slope: Floats
-    """Change of K1 ... Kn, D1 ... Dn with its parameters, shape (2n, count)."""
-
-    def penalised(self, rows: int) -> float:
-        """Decrease of half the information criterion: of the cost, less the penalty."""
-        return self.gain - 0.5 * self.count * float(np.log(rows))
-
-
-def scores(
-    phasors: Phasors,
-    prior: InertiaPrior,
-    estimate: LikelihoodEstimate,
-    friction: FrictionWaveforms | None,
-    noise: Noise,
-    parts: Sequence[str],
-) -> dict[str, Score]:
-    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation."""
-    fitted = estimate.layout
-    effects = [name for name in EFFECTS if name in fitted or name in parts]
-    delay = "delay" in fitted or "delay" in parts
-    layout = fitted_layout(prior, friction, delay, effects)
-    problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
-    p = problem.start(estimate.named)
-    if any(name in fitted for name in GEAR_LAWS):
-        problem = with_law_noise(problem, p)
-    _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
-    size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    normal, gradient = normal / np.outer(size, size), gradient / size
-    base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
-    inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
-    found = {}
-    for name in parts:
-        own = np.arange(layout.size)[layout.of_part(name)]
-        step, gain, through, left = _further_step(gradient, normal, inner, base, own)
-        shift = through @ step
-        shift, possible = shift / size[base], (gain, shift / size[base])
-        if name in EFFECTS and EFFECTS[name].positive and np.any(step > 0):
-            some = own[step < 0]
-            step_of_some, gain_of_some, through_some, _ = _further_step(
-                gradient, normal, inner, base, some
-            )
-            possible = gain_of_some, through_some @ step_of_some / size[base]
-        of_joints = slice(2 * prior.n)
-        found[name] = Score(
-            gain,
-            own.size,
-            shift[of_joints],
-            (possible[0], possible[1][of_joints]),
-            value=-step / size[own],
-            information=2 * left * np.outer(size[own], size[own]),
-            slope=-(through * size[own] / size[base][:, np.newaxis])[of_joints],
-        )
-    return found
-
-
-def _further_step(
-    gradient: Floats, normal: Floats, inner: Floats, base: np.ndarray, own: np.ndarray
-) -> tuple[Floats, float, Floats, Floats]:
-    """Step against further parameters, decrease of the cost, change of the base per step, curvature."""
-    coupling = normal[np.ix_(base, own)]
-    through = np.linalg.solve(inner, coupling)
-    left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
-    pull = gradient[own] - through.T @ gradient[base]
-    step = np.linalg.solve(left, pull)
-    return step, float(pull @ step), through, left
-
-
 def one_step(problem: Problem, p: Floats) -> tuple[Floats, float]:
     """Parameters after a step towards the optimum, and the misfit there to second order."""
     residual = WhitenedResidual.of(problem, p, np.ones(problem.s.shape[1]))
     cost, gradient, normal = _quadratic_at(residual, p)
     size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    unit = normal / np.outer(size, size) + _RIDGE * np.eye(p.size)
+    unit = normal / np.outer(size, size) + _LEAST_DAMPING * np.eye(p.size)
     step = -np.linalg.solve(unit, gradient / size) / size
     expected = max((problem.rows - residual.projection.rank() - p.size) / 2, 1.0)
     return p + step, float(cost + gradient @ step) / expected

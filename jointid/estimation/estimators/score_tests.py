@@ -1,0 +1,104 @@
+"""Score tests: what one more part would lower the cost by, without its fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, quadratic
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
+from jointid.estimation.estimators.problem import fitted_layout, make_problem
+from jointid.estimation.estimators.residual import with_law_noise
+from jointid.motion.friction import FrictionWaveforms
+from jointid.phasors.extract import Phasors
+
+_RIDGE = 1e-12
+"""Of the normal matrix of unit diagonal: its rounding must not make a step singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What a further part of the model would change, to second order (Rao's score test)."""
+
+    gain: float
+    """Decrease of the cost."""
+    count: int
+    """Number of its parameters."""
+    shift: Floats
+    """Change of K1 ... Kn, D1 ... Dn, shape (2n,)."""
+    possible: tuple[float, Floats]
+    """Gain and shift by the values alone that have a sign that they can have."""
+    value: Floats
+    """Its most likely parameters, shape (count,)."""
+    information: Floats
+    """Inverse covariance of its parameters, shape (count, count)."""
+    slope: Floats
+    """Change of K1 ... Kn, D1 ... Dn with its parameters, shape (2n, count)."""
+
+    def penalised(self, rows: int) -> float:
+        """Decrease of half the information criterion: of the cost, less the penalty."""
+        return self.gain - 0.5 * self.count * float(np.log(rows))
+
+
+def scores(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    friction: FrictionWaveforms | None,
+    noise: Noise,
+    parts: Sequence[str],
+) -> dict[str, Score]:
+    """Score of each further part, "friction", "delay" or a key of ``EFFECTS``, by one evaluation."""
+    fitted = estimate.layout
+    effects = [name for name in EFFECTS if name in fitted or name in parts]
+    delay = "delay" in fitted or "delay" in parts
+    layout = fitted_layout(prior, friction, delay, effects)
+    problem = make_problem(phasors, prior, layout, estimate.named.K, friction, noise)
+    p = problem.start(estimate.named)
+    if any(name in fitted for name in GEAR_LAWS):
+        problem = with_law_noise(problem, p)
+    _, gradient, normal = quadratic(problem, p, np.ones(problem.s.shape[1]))
+    size = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    normal, gradient = normal / np.outer(size, size), gradient / size
+    base = np.concatenate([np.arange(layout.size)[layout[block.name]] for block in fitted.blocks])
+    inner = normal[np.ix_(base, base)] + _RIDGE * np.eye(base.size)
+    found = {}
+    for name in parts:
+        own = np.arange(layout.size)[layout.of_part(name)]
+        step, gain, through, left = _further_step(gradient, normal, inner, base, own)
+        shift = through @ step
+        shift, possible = shift / size[base], (gain, shift / size[base])
+        if name in EFFECTS and EFFECTS[name].positive and np.any(step > 0):
+            some = own[step < 0]
+            step_of_some, gain_of_some, through_some, _ = _further_step(
+                gradient, normal, inner, base, some
+            )
+            possible = gain_of_some, through_some @ step_of_some / size[base]
+        of_joints = slice(2 * prior.n)
+        found[name] = Score(
+            gain,
+            own.size,
+            shift[of_joints],
+            (possible[0], possible[1][of_joints]),
+            value=-step / size[own],
+            information=2 * left * np.outer(size[own], size[own]),
+            slope=-(through * size[own] / size[base][:, np.newaxis])[of_joints],
+        )
+    return found
+
+
+def _further_step(
+    gradient: Floats, normal: Floats, inner: Floats, base: np.ndarray, own: np.ndarray
+) -> tuple[Floats, float, Floats, Floats]:
+    """Step against further parameters, decrease of the cost, change of the base per step, curvature."""
+    coupling = normal[np.ix_(base, own)]
+    through = np.linalg.solve(inner, coupling)
+    left = normal[np.ix_(own, own)] - coupling.T @ through + _RIDGE * np.eye(own.size)
+    pull = gradient[own] - through.T @ gradient[base]
+    step = np.linalg.solve(left, pull)
+    return step, float(pull @ step), through, left
