@@ -106,7 +106,7 @@ def test_an_upload_at_a_slow_network_is_kept(server: Server) -> None:
     with visiting(server) as session, connected(server) as connection:
         connection.sendall(upload(server, session))
         for _ in range(15):
-            connection.sendall(b"time,q\n" * 600)
+            connection.sendall(b"time,q\n" * 3000)
             time.sleep(0.2)
         connection.settimeout(0.1)
         with pytest.raises(TimeoutError):

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance
 from jointid.estimation.estimators.maximum_likelihood import Misfit, quadratic
@@ -112,7 +113,14 @@ class PlanningModel:
             signals[..., n:] -= left.r / (left.lag * scale)
         residual = WhitenedResidual.of(problem, self.p, scales[: orders.size])
         columns = residual.columns(signals)
-        return np.asarray(2 * columns.swapaxes(1, 2) @ columns)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = np.asarray(2 * columns.swapaxes(1, 2) @ columns)
+        if not np.isfinite(found).all():
+            raise JointIdError(
+                "The planned records have no finite information on K and D: check the units of torque, "
+                "angle and inertias."
+            )
+        return found
 
     def standard_errors(self, information: Floats) -> Floats:
         """Standard errors of K and D, shape (2n,), from the information of records and the prior.
