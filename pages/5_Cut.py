@@ -25,8 +25,9 @@ from jointid.ui.shared.page import open_page
 
 page = open_page("Cut")
 st.title("Cut", anchor=False)
-stage = st.container()  # the drawing, above the controls
 analysis = page.analysis()
+show_own_path(analysis)
+stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)
     settings = ask(robot, page.digest)
@@ -39,7 +40,6 @@ with stage:
     st.header(headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
     show_gears(page, settings, outcome.robot)
-show_own_path(analysis)
 show_rule(outcome.robot)
 show_meaning(outcome, settings)
 

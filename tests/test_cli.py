@@ -196,7 +196,7 @@ def test_a_fault_of_ours_says_so(study: Path, monkeypatch: pytest.MonkeyPatch) -
         raise ZeroDivisionError("somewhere deep")
 
     monkeypatch.delenv("JOINTID_DEBUG", raising=False)
-    monkeypatch.setattr("jointid.study.analyse", fails)
+    monkeypatch.setattr("jointid.analysis.analyse", fails)
     message = refused(1, "identify", study)
     assert "Internal error, ZeroDivisionError: somewhere deep" in message
 

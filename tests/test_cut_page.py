@@ -154,6 +154,15 @@ class TestPage:
         at = shown(at.selectbox(key="study").set_value("paper").run())
         assert control(at, "cut_nominal").value == "3 K"
 
+    def test_a_study_without_nominal_values_does_not_rule_the_next(self, app: AppTest) -> None:
+        at = shown(app.switch_page(PAGE).run())
+        first = headline(at)
+        at = shown(at.selectbox(key="study").set_value("one joint").run())
+        assert control(at, "cut_nominal").value == "Rigid"
+        at = shown(at.selectbox(key="study").set_value("paper").run())
+        assert control(at, "cut_nominal").value == "Study's own"
+        assert headline(at) == first
+
     def test_every_nominal_controller_cuts_differently(self, app: AppTest) -> None:
         at = shown(app.switch_page(PAGE).run())
         before = {"Study's own": headline(at)[0]}

@@ -26,7 +26,7 @@ from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 METHOD = ["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"]
-FOLDED = "[data-testid=stExpander] details:not([open]) > summary:not(:has-text('error bars'))"
+FOLDED = "[data-testid=stExpander] details:not([open]) > summary:not(:has-text('error bars')):visible"
 """The checks of the error bars take longest and show no name."""
 
 
@@ -51,14 +51,23 @@ class Abroad:
             self.markup += markup(message)
 
 
-def look(page: Page) -> None:
-    """Unfold what is folded, point at figures, and find every text shown unchanged."""
-    rested(page)
+def unfold(page: Page) -> None:
     for _ in range(12):
         if not page.locator(FOLDED).count():
             break
         page.locator(FOLDED).first.click()
         rested(page)
+
+
+def look(page: Page) -> None:
+    """Open every tab and what is folded, point at figures, and find every text shown unchanged."""
+    rested(page)
+    unfold(page)
+    tabs = page.locator("[role=tab]:visible")
+    for k in range(1, tabs.count()):
+        tabs.nth(k).click()
+        rested(page)
+        unfold(page)
     for figure in page.locator(".js-plotly-plot:has(.point)").all()[:4]:
         with suppress(Error):  # of a table that scrolls, or behind another point
             figure.locator(".point").first.hover(force=True, timeout=1000)

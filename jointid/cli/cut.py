@@ -32,7 +32,7 @@ def cut(
     """Simulate the paper's cut with the servo before and after identification."""
     from jointid.cut.outcome import millimetres
     from jointid.cut.path_deflection import has_own_path
-    from jointid.cut.robot import cut_robot, demonstration
+    from jointid.cut.robot import DEMONSTRATION, cut_robot, demonstration
 
     zones = numbers(zones_mm)
     if drive not in ("", "parallelogram", "serial"):
@@ -54,7 +54,7 @@ def cut(
     with progress("Cutting", quiet=as_json) as tell:
         document, outcomes = cut_results(robot, choice, zones, tell)
     document["assumption"] = choice
-    document["meaning"] = robot.meaning
+    document["meaning"] = DEMONSTRATION if study is None else robot.meaning
     if svg is not None:
         from jointid.figures.style import LIGHT
         from jointid.reporting.drawing import to_svg
@@ -74,7 +74,7 @@ def cut(
     if study is not None and robot.rule != "demonstration":
         robots = "with the identified K and D"
     print(f"Largest path error, simulated {robots}; servo before: {choice}")
-    print(f"{robot.meaning}\n")
+    print(f"{document['meaning']}\n")
     columns = ["corner zone", "before", "after (95 % stay below)"]
     cells = [
         [f"{zone:g} mm", millimetres(o.before_m), millimetres(o.after_m)]

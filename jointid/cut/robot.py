@@ -38,6 +38,11 @@ PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
 
+DEMONSTRATION = (
+    "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if they "
+    "were known within 1 % and 5 %."
+)
+"""Description of the cut without a study."""
 RULES: dict[Rule, str] = {
     "direct": "The inertias of this study are those of the example arm at the cutting pose with a "
     "{drive} drive: its K and D apply unchanged.",
@@ -47,8 +52,7 @@ RULES: dict[Rule, str] = {
     "known. The cut is made by the example arm with the paper's stiffnesses (K = 43, 7.5 N·m/rad); the "
     "ratios of nominal to identified values, D/K, and the relative uncertainties are this study's.",
     "demonstration": "A cut in the plane needs a study of two joints. This is a demonstration, not this "
-    "study: the paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as "
-    "if they were known within 1 % and 5 %.",
+    f"study. {DEMONSTRATION}",
 }
 """Description of each rule for the user; see ``CutRobot.meaning``."""
 

@@ -35,30 +35,19 @@ def outcome(digest: str, method: str, settings: CutSettings, analysis: Analysis)
 def pairs(
     digest: str, method: str, settings: CutSettings, outcome: Outcome
 ) -> list[tuple[float, tuple[TrackingRun, TrackingRun] | str]]:
-    """Cuts before and after with the corner zones of Figure 7, or their error message.
-
-    All are cut by the robots that cut its largest zone, so that the figure stays as it is while the
-    zone of ``settings`` changes, but where the two are the same.
-    """
+    """Cuts before and after with the corner zones of Figure 7, or their error message."""
     robot, own = outcome.robot, settings.zone_m
     others = [settings.with_zone(zone) for zone in ZONES_M if zone != own]
     befores = {there.zone_m: _before(digest, method, there, robot, outcome.assumed) for there in others}
-    largest = _prediction(digest, method, settings.with_zone(ZONES_M[-1]).after, robot)
-    awaited("Cutting", *befores.values(), largest)
-    afters = {}
-    if largest.exception() is None:
-        p95 = largest.result().p95
-        small = [there for there in others if there.zone_m != ZONES_M[-1]]
-        afters = {there.zone_m: _after(digest, method, there.after, robot, p95) for there in small}
-    awaited("Cutting", *afters.values())
+    afters = {there.zone_m: _prediction(digest, method, there.after, robot) for there in others}
+    awaited("Cutting", *befores.values(), *afters.values())
     found: list[tuple[float, tuple[TrackingRun, TrackingRun] | str]] = []
     for zone in ZONES_M:
         try:
             if zone == own:
                 runs = outcome.before, outcome.after
             else:
-                after = afters[zone].result() if zone in afters else largest.result().after
-                runs = befores[zone].result(), after
+                runs = befores[zone].result(), afters[zone].result().after
             found.append((zone, runs))
         except JointIdError as error:
             found.append((zone, str(error)))
@@ -74,13 +63,6 @@ def _before(
 
 def _prediction(digest: str, method: str, settings: CutSettings, robot: CutRobot) -> Future[Prediction]:
     return _begin(("prediction", digest, method, settings), settings, predicted_cut, robot)
-
-
-def _after(
-    digest: str, method: str, settings: CutSettings, robot: CutRobot, p95: Elasticity
-) -> Future[TrackingRun]:
-    key = ("after", digest, method, settings, *p95.K.tolist(), *p95.D.tolist())
-    return _begin(key, settings, track, robot.arm, p95, robot.elasticity)
 
 
 def gears(

@@ -249,7 +249,8 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             show_note(f"The path error is not known. {error}")
         return
     if outcome is None:
-        st.page_link(CUT_PAGE, label="What knowing K and D is worth in millimetres, on an example arm")
+        arm = "" if has_own_path(analysis) else ", on an example arm"
+        st.page_link(CUT_PAGE, label=f"What knowing K and D is worth in millimetres{arm}")
         return
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)

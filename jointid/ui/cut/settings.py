@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -121,6 +122,15 @@ def usual(robot: CutRobot) -> CutSettings:
     )
 
 
+def _restore_own(names: Sequence[str]) -> None:
+    """Return to the study's own values after a study without any, unless the user chose others there."""
+    state, (own, first) = st.session_state, [*NOMINAL][:2]
+    if own not in names:
+        state["cut_nominal_fell_back"] = state.get("cut_nominal", own) in (own, first)
+    elif state.pop("cut_nominal_fell_back", False) and state.get("cut_nominal") == first:
+        state["cut_nominal"] = own
+
+
 def ask(robot: CutRobot, digest: str) -> CutSettings:
     """Draw the controls and return what was chosen.
 
@@ -139,6 +149,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     left, right = st.columns([3, 2])
     with left:
         names = [name for name, value in NOMINAL.items() if value != "study" or robot.nominal]
+        _restore_own(names)
         assumption = NOMINAL[choose_segment("Nominal controller", names, "cut_nominal", hint=_HINT)]
     with right:
         zone = st.slider(
