@@ -11,7 +11,7 @@ import pytest
 from benchmarks.motion import CELL, SINGLE, Motion, simulate
 from jointid import ElasticityFit, Inertia, JointIdError, MotionRecord, SineRecord, identify_motion
 from jointid.motion.noise import sensor_variances
-from jointid.motion.sampling import uniform_parts
+from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.segment import bins_of
 
@@ -179,3 +179,19 @@ def test_friction_is_chosen_by_itself() -> None:
     assert fit.friction is not None
     assert np.abs(fit.friction.coulomb / [0.05, 0.01] - 1).max() < 0.1
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.01, 0.01])
+
+
+@pytest.mark.parametrize(("noise_steps", "periods"), [(0.0, 8.0), (2.0, 1.0)])
+def test_rounding_that_repeats_in_every_period_counts_as_one_error(
+    noise_steps: float, periods: float
+) -> None:
+    """Eight equal periods bring no more information on the angle than one, unless noise dithers."""
+    rng, samples, step = np.random.default_rng(3), 1000, 1e-3
+    turn = 2 * np.pi * np.arange(samples) / samples
+    one = sum(0.1 * np.sin(k * turn + rng.uniform(0, 6)) / k for k in range(1, 12))
+    theta = np.tile(one, 8) + noise_steps * step * rng.standard_normal(8 * samples)
+    theta = step * np.round(theta / step)
+    part = UniformPart(0, 0.0, 1e-3, theta[None], np.zeros((1, theta.size)), True)
+    variance, _ = sensor_variances([part], 20.0, np.array([1e-3]))
+    expected = step**2 * (periods / 12 + noise_steps**2 + (1 - periods / 8) / 12 * (noise_steps > 0))
+    assert variance[0] == pytest.approx(expected, rel=0.25)

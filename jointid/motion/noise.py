@@ -23,6 +23,10 @@ _LATEST = 0.5
 _REWEIGHTED = 10
 _EXAMINED = 4096
 """Samples in which the encoder's step is searched."""
+_PERIODIC = 0.9
+"""Correlation of a motion with itself one period later."""
+_ALIKE = 1e-5
+"""Difference of such correlations that means nothing."""
 _SURE = 3.0
 """Standard errors above its estimate that a variance may have."""
 _LEAST_POWER = 1e-60
@@ -59,10 +63,45 @@ def sensor_variances(
             most[j] = variance[n + j] + _SURE * error[1]
         steps = [quantum(part.theta[j, :_EXAMINED]) for part in parts]
         size = [max(float(np.abs(each[j]).max()) for each in pair) for pair in _signals(parts)]
-        variance[j] = max(variance[j], max(steps) ** 2 / 12, (_FLOOR * size[0]) ** 2)
+        repeated = max(map(_repeated_rounding, (part.theta[j] for part in parts), steps))
+        variance[j] = max(
+            variance[j] + repeated, max(steps) ** 2 / 12 + repeated, (_FLOOR * size[0]) ** 2
+        )
         variance[n + j] = max(variance[n + j], (_FLOOR * size[1]) ** 2)
         most[j] = max(most[j], variance[n + j])
     return variance, most
+
+
+def _repeated_rounding(theta: Floats, step: float) -> float:
+    """Variance that the rounding of a periodic motion adds, rad²: in every period its error is the same.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (N,)
+    step : float
+        Of the encoder, rad.
+    """
+    N = theta.size
+    angle = theta - np.linspace(theta[0], theta[-1], N)
+    angle = angle - angle.mean()
+    if step == 0 or not angle.any():
+        return 0.0
+    energy = np.concatenate([[0.0], np.cumsum(angle**2)])
+    lags = np.arange(N // 2)
+    products = np.fft.irfft(np.abs(np.fft.rfft(angle, 2 * N)) ** 2)[: lags.size]
+    both = np.sqrt(energy[N - lags] * (energy[N] - energy[lags]))
+    alike = products / np.maximum(both, np.finfo(float).tiny)
+    beyond = np.flatnonzero(alike < _PERIODIC / 2)
+    if not beyond.size:
+        return 0.0
+    alike[: beyond[0]] = 0.0
+    if alike.max() < _PERIODIC:
+        return 0.0
+    least = alike.max() - 0.5 * max(1 - alike.max(), _ALIKE)
+    period = int(np.argmax(alike >= least))  # the first of its multiples
+    difference = theta[period:] - theta[:-period]
+    repeats = step**2 / 12 - float(difference.var()) / 2
+    return max(repeats, 0.0) * (N / period - 1)
 
 
 def _signals(parts: Sequence[UniformPart]) -> tuple[list[Floats], list[Floats]]:
