@@ -299,7 +299,7 @@ def test_an_estimate_that_is_no_spring_still_shows_the_measurement(
 def test_a_joint_at_rest_breaks_no_figure(
     studies: dict[int, Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jointid.study.findings", lambda _: ())  # no figure shows them
+    monkeypatch.setattr("jointid.analysis.findings", lambda _: ())  # no figure shows them
     study = studies[2]
     quiet = np.array([1.0, 0.0])
     records = [
