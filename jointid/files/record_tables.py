@@ -164,7 +164,8 @@ def _read_parquet(file: str, data: bytes, joints: int, arm: bool) -> tuple[list[
         if source.metadata.num_rows == 0:
             raise JointIdError(f"{file} has columns but no rows: export the record again.")
         _require_bounded(file, source.metadata, len(names))
-        table = source.read(columns=names)
+        # A thread of Arrow that outlives the interpreter must not hold the Python buffer: one thread.
+        table = source.read(columns=names, use_threads=False)
         for name in names:
             column = table.column(name)
             if column.null_count:

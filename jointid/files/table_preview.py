@@ -82,7 +82,7 @@ def _peek_parquet(file: str, data: bytes, first: int, rows: int) -> pd.DataFrame
     with parquet_faults(file):
         source = pa_parquet.ParquetFile(pa.BufferReader(data))
         passed, parts = 0, []
-        for batch in source.iter_batches(batch_size=rows):
+        for batch in source.iter_batches(batch_size=rows, use_threads=False):
             part = batch.slice(max(first - passed, 0))[: max(first + rows - max(passed, first), 0)]
             passed += batch.num_rows
             if passed > first:

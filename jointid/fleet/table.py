@@ -103,7 +103,7 @@ def read_fleet(source: Path | bytes) -> tuple[Row, ...]:
         wanted = {*_HEAD, *_TAIL}
         wanted |= {c.format(j + 1) for c in _JOINTWISE.values() for j in range(MAX_JOINTS)}
         present = [column for column in file.schema_arrow.names if column in wanted]
-        columns = file.read(columns=present).to_pydict()
+        columns = file.read(columns=present, use_threads=False).to_pydict()
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         if isinstance(error, JointIdError):
             raise

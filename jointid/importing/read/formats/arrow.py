@@ -84,7 +84,7 @@ def _parquet(file: str, source: Any) -> Any:
         if metadata.row_group(g).column(c).path_in_schema.partition(".")[0] in names
     )
     require_few_values(file, max(held, metadata.num_rows))
-    return _flat(parquet.read(columns=names, use_pandas_metadata=False), schema)
+    return _flat(parquet.read(columns=names, use_pandas_metadata=False, use_threads=False), schema)
 
 
 def _arrow(file: str, source: Any) -> Any:
