@@ -139,7 +139,7 @@ def _with_first_noise(
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
     noise = _noise(phasors, prior)
-    for reversal in (None, 0.0, 0.03, 0.1):
+    for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
         best = fits[-1][1] if fits else None
         with contextlib.suppress(JointIdError):

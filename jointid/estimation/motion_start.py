@@ -23,13 +23,16 @@ _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
 _RIDGE = 1e-10
 """Added to the normal matrix of unit diagonal."""
+_RUBS = 2.0
+"""Cost that friction explains, over the remaining one, from which the motors rub."""
 
 
 def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
-    """K, D, friction and, with a common unknown such as the payload, the elements of M2."""
-    n, mean, shared = prior.n, prior.lower, bool(prior.shared.any())
+    """K, D, friction where the motors rub and, with a common unknown as the payload, elements of M2."""
+    n, shared = prior.n, bool(prior.shared.any())
     known = np.any(phasors.harmonics != 0, axis=2)
     known[~phasors.motion, 1:] = False
+    known[~phasors.motion] &= not phasors.motion.any()  # sines may have far less noise
     row, bins = np.nonzero(known)
     s = 1j * phasors.omega[row] * (bins + 1)
     z, s2, one = phasors.harmonics[row, bins], (s * s)[:, None], np.eye(n)
@@ -76,7 +79,8 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
             N[-1, -1] += misfit
             g[-1] += misfit * payload
         scale = np.sqrt(np.maximum(np.diag(N), np.finfo(float).tiny))
-        step = -np.linalg.solve(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)), g / scale) / scale
+        inverse = np.linalg.inv(N / np.outer(scale, scale) + _RIDGE * np.eye(len(N)))
+        step = -inverse @ (g / scale) / scale
         rise, fall, *rub = step[: 4 * n].reshape(4, n)
         damped = yielding * slow + fall
         stiffest = yielding + rise
@@ -87,9 +91,12 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         payload += float(step[4 * n :].sum())
     own = np.diagonal(prior.M2[prior.pose], axis1=1, axis2=2).mean(axis=0)
     K = np.where(yielding > 0, 1 / np.where(yielding > 0, yielding, 1.0), own * middle**2)
-    values = {"K": K, "D": slow * K, "coulomb": friction[0], "viscous": friction[1]}
-    values |= {"M2": mean + payload * prior.common} if shared else {}
-    layout = ParameterLayout.of(n, friction=True, arms=len(mean) if shared else 0)
+    own, sizes = slice(2 * n, 4 * n), friction.ravel() * scale[2 * n : 4 * n]
+    rubs_clearly = bool(sizes @ np.linalg.solve(inverse[own, own], sizes) > _RUBS * rows)
+    values = {"K": K, "D": slow * K}
+    values |= {"coulomb": friction[0], "viscous": friction[1]} if rubs_clearly else {}
+    values |= {"M2": prior.lower + payload * prior.common} if shared else {}
+    layout = ParameterLayout.of(n, friction=rubs_clearly, arms=len(prior.lower) if shared else 0)
     return layout.named(layout.pack(**values))
 
 
