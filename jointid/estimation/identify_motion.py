@@ -113,7 +113,9 @@ def _identified(
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
         phasors = again
-        choice = search(phasors, prior, _near(choice.estimate), noise=_noise(phasors, prior))
+        slow = choice.model if choice.model.is_slow else None
+        near = choice.estimate.named if slow else _near(choice.estimate)
+        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=slow)
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)

@@ -44,6 +44,8 @@ _LEAST_DAMPING = 1e-12
 _IDLE, _MOST_IDLE = 0.02, 3
 """Decrease of the cost, over the misfit, that changes nothing, and how many in a row end the
 iteration."""
+_MOTION_IDLE = 0.1
+"""The same of motions with a law of the gears."""
 _POOR, _STUCK = 10.0, 3e-3
 """Misfit of a model that does not explain the data, and decrease over the cost that will not help it."""
 _LAW_STUCK = 2e-2
@@ -271,6 +273,9 @@ def _minimise(
     cost, gradient, normal = quadratic(problem, p, scale)
     slow = any(name in problem.layout for name in GEAR_LAWS)
     left, stuck = (_LAW_EVALUATIONS, _LAW_STUCK) if slow else (_EVALUATIONS, _STUCK)
+    harder = 10
+    if slow and problem.motion is not None:  # their Jacobian leaves small effects out
+        harder, least = 100, max(least, _MOTION_IDLE)
     for _ in range(_ITERATIONS):
         size = np.sqrt(np.diag(normal))
         size = np.where(size > NO_EFFECT, size, 1.0)
@@ -291,7 +296,7 @@ def _minimise(
             hopeless |= misfit > _POOR and -expected < stuck * cost
             if damping > 1e8 or left <= 0 or hopeless:
                 return p, normal
-            damping = max(10 * damping, 1e-6)
+            damping = max(harder * damping, 1e-6)
         fall = cost - new[0]
         idle = idle + 1 if fall < least * misfit or (misfit > _POOR and fall < stuck * cost) else 0
         p, (cost, gradient, normal) = trial, new
