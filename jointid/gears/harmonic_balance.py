@@ -220,12 +220,12 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return _inverted(kappa, _whole_spread(laws, slope, samples, m, m), solved)[due]
+        return np.asarray(_inverted(kappa, _whole_spread(laws, slope, samples, m, m), solved)[due])
     return _inverted(kappa[due], _spread(slope[due], m, m), solved[due])
 
 
 def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
-    """Inverse of κ (..., 1 + H) and the spread (..., 1 + 2m, 1 + 2m) at harmonics solved (..., 1 + m)."""
+    """Inverse of κ (..., 1 + H) and spread (..., 1 + 2m, 1 + 2m) at the harmonics solved (..., 1 + m)."""
     m = solved.shape[-1] - 1
     inward = np.array(spread.swapaxes(-2, -1))
     j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]

@@ -23,7 +23,11 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
 from jointid.estimation.estimators.residual import with_law_noise
-from jointid.estimation.estimators.whitened_residual import WhitenedResidual, widened_covariance
+from jointid.estimation.estimators.whitened_residual import (
+    WhitenedResidual,
+    repeated_covariance,
+    widened_covariance,
+)
 from jointid.joints import Inertia
 from jointid.motion.friction import FrictionWaveforms
 from jointid.phasors.extract import Phasors
@@ -68,6 +72,9 @@ class LikelihoodEstimate(Estimate):
     """Cost of the prior, beside ``cost`` of the data."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, and their degrees of freedom."""
+    repeated: float
+    """Variance of errors that repeat in every period of a motion, times the further periods, over that
+    of the noise."""
     inflation: float
     """Factor on the fundamental's variance in ``covariance`` that accounts for the model's misfit."""
     prior_covariance: Floats
@@ -164,7 +171,8 @@ def maximum_likelihood(
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
     misfit = Misfit.at(problem, p, normal)
     by_prior = _prior_part(problem, p, covariance)
-    covariance = widened_covariance(fitted, covariance, by_prior)
+    repeated, share = repeated_covariance(fitted, covariance)
+    covariance = widened_covariance(fitted, covariance, by_prior) + repeated
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
@@ -175,6 +183,7 @@ def maximum_likelihood(
         expected_cost=misfit.expected_cost,
         parameter_count=misfit.rank + p.size,
         phasors=clean,
+        repeated=share,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
         inertias=tuple(
