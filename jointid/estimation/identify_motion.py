@@ -1,6 +1,7 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
 import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -92,6 +93,14 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
             raise JointIdError(
                 f"{record.label or f'record {number}'} has {record.n} joints, the first record "
                 f"{each[0].n}: records that are analysed together must have the same joints."
+            )
+    for i, j in itertools.combinations(range(each[0].n), 2):
+        angles = [record.theta_rad[:, [i, j]].T for record in each]
+        if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):
+            raise JointIdError(
+                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record, which "
+                "cannot separate the two joints. Check which column belongs to which joint, or add a "
+                f"record in which joint {j + 1} moves otherwise."
             )
     return list(each)
 

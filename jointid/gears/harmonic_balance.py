@@ -225,7 +225,7 @@ def _inverse(
 
 
 def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
-    """Inverse of κ (..., 1 + H) and spread (..., 1 + 2m, 1 + 2m) at the harmonics solved (..., 1 + m)."""
+    """Inverse of κ (..., 1 + H) and a spread (..., 1 + 2m, 1 + 2m) where solved (..., 1 + m)."""
     m = solved.shape[-1] - 1
     inward = np.array(spread.swapaxes(-2, -1))
     j, k = np.arange(1, 1 + m), kappa[..., 1 : 1 + m]

@@ -82,9 +82,10 @@ def _band_and_noise(
 
 
 def _noise(parts: list[UniformPart], band: tuple[float, float], M: Floats) -> tuple[Floats, Floats]:
-    """Variance of each sample (2n,); that of the torque is a start value; and its limits (3, n).
+    """Variance of each sample (2n,), that of the torque a start value; and three further ones (3, n).
 
-    These are the least and the most, and the part of the angles' that repeats. Beyond the band the noise of the angle, and friction, may hide that of the torque.
+    These are the least and the most of the torque's, and the repeated part of the angle's. Beyond the
+    band the noise of the angle, and friction, may hide that of the torque.
     """
     variance, most = sensor_variances(parts, band[1], M)
     size = np.mean([(part.tau**2).mean(axis=1) for part in parts], axis=0)
