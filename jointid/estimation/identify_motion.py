@@ -98,8 +98,8 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
         angles = [record.theta_rad[:, [i, j]].T for record in each]
         if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):
             raise JointIdError(
-                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record, which "
-                "cannot separate the two joints. Check which column belongs to which joint, or add a "
+                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record: the "
+                "two joints cannot be separated. Check which column belongs to which joint, or add a "
                 f"record in which joint {j + 1} moves otherwise."
             )
     return list(each)
