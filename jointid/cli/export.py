@@ -33,7 +33,7 @@ _CONTENTS: dict[str, Callable[[Analysis, Identification, list[float]], str | byt
     ".urdf": lambda _, found, ratio: exporting.urdf_snippet(found, ratio),
     ".sdf": lambda _, found, ratio: exporting.sdf_snippet(found, ratio),
 }
-"""What a file holds, by the ending of its name."""
+"""Contents of a file, by the ending of its name."""
 
 
 @reported

@@ -62,7 +62,7 @@ class Model:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What the model has beside K and D: "friction", "delay", keys of ``EFFECTS``."""
+        """Parts of the model beside K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
 
@@ -120,7 +120,7 @@ class Candidate:
     Infinite where the model was not fitted, or a part of it is not significant."""
     chosen: bool
     parts: tuple[str, ...] = ()
-    """What it has beside K and D, see ``Model.parts``."""
+    """Its parts beside K and D, see ``Model.parts``."""
 
 
 @dataclass(frozen=True, eq=False)

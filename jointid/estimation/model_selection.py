@@ -94,7 +94,7 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 _CLIMB, _MOST_CLIMBS = 0.7, 2
 """Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
-"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+"""Share of the gain needed to keep a part from which its score leads to a slow fit."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000

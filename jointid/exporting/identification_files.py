@@ -8,7 +8,7 @@ Both hold the same document, motor side, SI units:
     answer = "..."                    # as a sentence
     K = [43.014, 7.49998]             # N·m/rad
     D = [0.1002, 0.014998]            # N·m·s/rad
-    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn: the whole error
+    covariance = [[...], ...]         # of K1 ... Kn, D1 ... Dn: the total error
     [error_parts] noise, prior, unseen, choice: parts of the standard errors
     [friction] coulomb, viscous, standard_error     [delay] seconds, standard_error
     [effects.NAME] values, standard_error
@@ -19,7 +19,7 @@ Both hold the same document, motor side, SI units:
     [obtained] version, digest, study, origin, method, model, inertia_std, ...
 
 ``standard_error``, ``undetermined`` and ``units`` at the top are for people; readers ignore them. An
-infinite error, of what the records do not determine, is null in JSON and "not determined" in TOML; the
+infinite error, of an undetermined parameter, is null in JSON and "not determined" in TOML; the
 infinite standard deviation of an unknown inertia is null and "unknown". Readers ignore the disagreement.
 """
 

@@ -91,7 +91,7 @@ class Phasors:
 
     @property
     def motion(self) -> np.ndarray:
-        """Which rows come from motion records, shape (r,)."""
+        """Mask of the rows from motion records, shape (r,)."""
         return np.array([segment is not None for segment in self.segments], dtype=bool)
 
     @property

@@ -153,7 +153,7 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
 
 
 def _less_before(outcome: Outcome) -> str:
-    """Why the cut before may have the smaller error."""
+    """Explain a smaller error before; empty otherwise."""
     if outcome.before_m >= outcome.after_m:
         return ""
     return (

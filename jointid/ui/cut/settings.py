@@ -41,7 +41,7 @@ _DRIVES: dict[str, Drive | None] = {
     "Serial": "serial",
 }
 _HINT = (
-    "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
+    "K and D in the servo before the identification. The study's own: its nominal values. Rigid: no "
     "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. The paper "
     "does not state its non-optimal parameters; these are our choice."
 )
@@ -132,7 +132,7 @@ def _restore_own(names: Sequence[str]) -> None:
 
 
 def ask(robot: CutRobot, digest: str) -> CutSettings:
-    """Draw the controls and return what was chosen.
+    """Draw the controls and return the choice.
 
     Parameters
     ----------

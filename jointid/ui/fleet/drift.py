@@ -1,4 +1,4 @@
-"""How K and D of each robot drift over the years, on the fleet's page."""
+"""Drift of K and D of each robot over the years, on the fleet's page."""
 
 from collections.abc import Sequence
 

@@ -45,7 +45,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     Raises
     ------
     JointIdError
-        When what was entered is no list of positive numbers.
+        When the entry is no list of positive numbers.
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
