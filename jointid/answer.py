@@ -178,6 +178,13 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     return terms
 
 
+def gear_text(fit: ElasticityFit, joint: int) -> str:
+    """The terms of ``gear_terms`` as a line."""
+    terms = gear_terms(fit, joint).items()
+    parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
+    return f"Joint {joint + 1}: {'; '.join(parts)}"
+
+
 def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
     """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
     layout, p = fit.parameters.layout, fit.parameters

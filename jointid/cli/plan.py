@@ -35,7 +35,7 @@ def plan(
     torque_limit: Annotated[str, TORQUE_LIMIT] = "",
     velocity_limit: Annotated[str, VELOCITY_LIMIT] = "",
     motion: Annotated[
-        str, typer.Option(help="Predict sweep, multisine, random or moves in place of sines.")
+        str, typer.Option(help="Plan another motion than sines: sweep, multisine, random or moves.")
     ] = "",
     position_limit: Annotated[
         str, typer.Option(help="Largest angles of a motion, ± rad; default: the study's.")
@@ -61,17 +61,16 @@ def plan(
     if as_json:
         print_json(document)
         return
+    from jointid.uncertainty.planned_records import phasor_text
+
     names = document["parameters"]
-    rows = [["today", "", "", *map(_percent, document["relative_error_today"])]]
+    rows = [["present", "", "", *map(_percent, document["relative_error_today"])]]
     for k, record in enumerate(document["records"], start=1):
-        pairs = zip(record["torque_Nm"], record["torque_phase_deg"], strict=True)
-        torques = ", ".join(f"{size:.3g} ∠ {phase:.0f}°" for size, phase in pairs)
+        torques = ", ".join(map(phasor_text, suggestion.records.relative[0][k - 1].tolist()))
         errors = map(_percent, record["relative_error_after"])
         rows.append([f"record {k}", f"{record['frequency_hz']:.3g}", torques, *errors])
-    print("Records to make next, and the relative standard errors after each\n")
-    print_table(
-        ["", "Hz", "torque amplitudes (N·m)", *names], rows, right=(1, *range(3, 3 + len(names)))
-    )
+    print("Suggested records, and the relative standard errors after each\n")
+    print_table(["", "Hz", "torques (N·m)", *names], rows, right=(1, *range(3, 3 + len(names))))
     if advice := document["second_amplitude"]:
         print(f"\n{advice}")
 
@@ -165,12 +164,15 @@ def _plan_motion(
         [name, *map(_percent, (float(a), float(b), float(c)))]
         for name, a, b, c in zip(found.names, today, found.alone, found.together, strict=True)
     ]
-    print_table(["", "today", "motion alone", "together"], rows, right=(1, 2, 3))
+    print_table(["", "present", "motion alone", "together"], rows, right=(1, 2, 3))
 
 
 def _document(suggestion: Suggestion) -> dict[str, Any]:
     """Suggested records, and the relative standard errors of K and D after each."""
+    from jointid.uncertainty.planned_records import phase_deg
+
     records, errors = suggestion.records, suggestion.relative_error
+    torque, angle = records.relative
     return {
         "parameters": list(suggestion.names),
         "relative_error_today": errors[0].tolist(),
@@ -178,10 +180,10 @@ def _document(suggestion: Suggestion) -> dict[str, Any]:
             {
                 "frequency_hz": float(records.frequency_hz[k]),
                 "duration_s": float(records.duration_s[k]),
-                "torque_Nm": np.abs(records.torque_Nm[k]).tolist(),
-                "torque_phase_deg": np.degrees(np.angle(records.torque_Nm[k])).tolist(),
-                "angle_rad": np.abs(records.angle_rad[k]).tolist(),
-                "angle_phase_deg": np.degrees(np.angle(records.angle_rad[k])).tolist(),
+                "torque_Nm": np.abs(torque[k]).tolist(),
+                "torque_phase_deg": phase_deg(torque[k]).tolist(),
+                "angle_rad": np.abs(angle[k]).tolist(),
+                "angle_phase_deg": phase_deg(angle[k]).tolist(),
                 "relative_error_after": errors[k + 1].tolist(),
             }
             for k in range(records.frequency_hz.size)

@@ -37,6 +37,14 @@ PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 """The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
 SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
+NOMINAL_NAMES: dict[Assumption, str] = {
+    "study": "nominal",
+    "rigid": "nominal (rigid)",
+    "soft": f"nominal ({SOFT:g} K)",
+    "stiff": f"nominal ({STIFF:g} K)",
+    "custom": "nominal (custom)",
+}
+"""Names of the controller before the identification."""
 
 DEMONSTRATION = (
     "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if they "

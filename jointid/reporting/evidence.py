@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointid.analysis import Analysis
-from jointid.answer import gear_terms, without
+from jointid.answer import gear_text, without
 from jointid.arrays import Floats
-from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, study_outcome
+from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres, remainder, study_outcome
 from jointid.cut.rectangle import rectangle
 from jointid.cut.robot import CUTTING_POINT_M
 from jointid.cut.tracking import TrackingRun, track
@@ -78,10 +78,7 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
     width = (PAGE_WIDTH - _GAP) / 2 if fit.n > 1 else PAGE_WIDTH
     for first in range(0, fit.n, 2):
         joints = [j for j in (first, first + 1) if j < fit.n]
-        terms = ". ".join(
-            f"Joint {j + 1}: " + "; ".join(f"{k} {v}" for k, v in gear_terms(fit, j).items())
-            for j in joints
-        )
+        terms = ". ".join(gear_text(fit, j) for j in joints)
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
             f"{next(numbers)} Torsion curves, motor side. {terms}.",
@@ -123,6 +120,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             if outcome.distribution is not None
             else f"and the robot has exactly these. {outcome.problem}"
         )
+        + ("" if outcome.springs_matter else f" {remainder(outcome, friction=outcome.robot.friction)}")
     )
     before, after = [], []
     for zone in ZONES_M:
@@ -135,7 +133,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         before.append((label, first))
         after.append((label, second))
     if before:
-        heading = "Before: rigid servo" if assumed is None else "Before: nominal K and D"
+        heading = f"Before: nominal {'(rigid)' if assumed is None else 'K and D'}"
         rows = [
             (heading, LIGHT.nominal, before),
             ("After: identified K and D", LIGHT.identified, after),

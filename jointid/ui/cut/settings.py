@@ -272,17 +272,6 @@ def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
     return values
 
 
-def nominal_name(assumption: Assumption) -> str:
-    """Return the name of the controller before the identification in a figure."""
-    return {
-        "study": "nominal",
-        "rigid": "nominal (rigid)",
-        "soft": "nominal (0.4 K)",
-        "stiff": "nominal (3 K)",
-        "custom": "nominal (custom)",
-    }[assumption]
-
-
 def _number(
     label: str, value: Number, limits: tuple[Number, Number], key: str, hint: str | None = None
 ) -> Number:
