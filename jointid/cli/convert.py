@@ -57,7 +57,7 @@ def convert(
     ] = None,
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Pose of the logs, by its name in the inertia file: once, or once per log."),
+        typer.Option(help="Name of the pose in the inertia file: once for all logs, or once per log."),
     ] = None,
     separate: Annotated[
         bool,
@@ -72,13 +72,15 @@ def convert(
     name: Annotated[
         str, typer.Option(help="Name of the study; default: from the inertia file, else from the logs.")
     ] = "",
-    which: Annotated[str, typer.Option("--robot", help="Name of the robot, for a fleet table.")] = "",
+    which: Annotated[
+        str, typer.Option("--robot", help="Name of the robot, for the table of jointid batch.")
+    ] = "",
     date: Annotated[str, typer.Option(help="Date of the measurement, such as 2026-11-20.")] = "",
     note: Annotated[str, typer.Option(help="Remark shown with the answer.")] = "",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Make a study of the sines, or of any other motion, in any controller's logs."""
+    """Convert logs of any controller, with sines or other motions, to a study."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."

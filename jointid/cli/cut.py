@@ -30,7 +30,9 @@ def cut(
     drive: Annotated[
         str, typer.Option(help="Drive of the arm: parallelogram or serial; by default the study's.")
     ] = "",
-    svg: Annotated[Path | None, typer.Option(help="Write Figure 7 to this file.")] = None,
+    svg: Annotated[
+        Path | None, typer.Option(help="Write the picture of the cut paths to this file, .svg.")
+    ] = None,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:

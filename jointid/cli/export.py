@@ -44,7 +44,7 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="Files; the ending selects the format: .json, .toml (identification), .mat, "
+            help="Files; the ending selects the format: .json, .toml (identification), .mat (MATLAB), "
             ".phasors.csv, .H.csv, .torsion.csv (curves), .gears.csv (laws of gears), .gears.txt (the "
             "same for Modelica), .zip (the study), .xml (MuJoCo), .urdf, .sdf.",
         ),

@@ -18,9 +18,7 @@ def report(
     output: Annotated[
         list[Path] | None, typer.Option("--output", "-o", help="Files, .html or .pdf.")
     ] = None,
-    with_cut: Annotated[
-        bool, typer.Option("--cut/--no-cut", help="Include the cut of Figure 7.")
-    ] = True,
+    with_cut: Annotated[bool, typer.Option("--cut/--no-cut", help="Include the simulated cut.")] = True,
     method: Annotated[str, METHOD] = "auto",
     unit: Annotated[str, UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
