@@ -22,9 +22,9 @@ from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.options import gears
-from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
+from jointid.exporting.identification_files import with_infinite_as
 from jointid.files.application import sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
@@ -591,7 +591,7 @@ def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_json_has_null_for_what_is_no_number() -> None:
-    assert finite({"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
+    assert with_infinite_as(None, {"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
         "a": [1.0, None],
         "b": [None, "x", 3],
     }

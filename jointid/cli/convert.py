@@ -21,7 +21,7 @@ from jointid.cli.options import (
     nominal,
     require_ending,
 )
-from jointid.cli.output import made, print_json, print_table, progress, status
+from jointid.cli.output import made, print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.files.atomic_write import write_file
@@ -95,7 +95,7 @@ def convert(
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
 
-    with status("Reading", quiet=as_json):
+    with progress("Reading", quiet=as_json):
         chosen = mapping_from_json(mapping.read_bytes()) if mapping is not None else None
         tables, together = join_logs([read_log(log) for log in logs], chosen, separate=separate)
     if guess is not None:

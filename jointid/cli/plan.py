@@ -11,7 +11,7 @@ import typer
 
 from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
-from jointid.cli.output import print_json, print_table, status
+from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
@@ -97,7 +97,7 @@ def suggested(
             "Sines are planned from the noise of sines, and this study has records of other motions. "
             "jointid plan --motion sweep plans a motion; set points need a study of sines."
         )
-    with status("Planning", quiet=quiet):
+    with progress("Planning", quiet=quiet):
         phasors = extract_phasors(known.sine_records)
         fit = identify_elasticity(
             phasors,
@@ -137,7 +137,7 @@ def _plan_motion(
     own = largest.position_rad, largest.velocity_rad_s, largest.torque_Nm
     pairs = zip(own, limits, strict=True)
     chosen = [each if given is None else per_joint("limit", given, n) for each, given in pairs]
-    with status("Planning", quiet=as_json):
+    with progress("Planning", quiet=as_json):
         fit = analyse(known, method=method).fit
         interval = known.records[0].interval_s
         inertia = known.inertias[0]

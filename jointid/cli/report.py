@@ -7,7 +7,7 @@ import typer
 
 from jointid.cli.files import analysed, require_spared
 from jointid.cli.options import JSON, METHOD, STUDY, UNIT, require_ending
-from jointid.cli.output import status, written
+from jointid.cli.output import progress, written
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
 
@@ -32,7 +32,7 @@ def report(
     analysis = analysis.shown_in(unit) if unit else analysis
     from jointid.reporting.report import make_report, to_html, to_pdf
 
-    with status("Writing the report", quiet=as_json):
+    with progress("Writing the report", quiet=as_json):
         made = make_report(analysis, cut=with_cut)
         for file in files:
             pdf = file.suffix.lower() == ".pdf"

@@ -8,7 +8,7 @@ import typer
 
 from jointid.cli.files import require_spared
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers
-from jointid.cli.output import print_json, print_table, status
+from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.plan import COUNT, DURATION, TORQUE_LIMIT, VELOCITY_LIMIT, suggested
 from jointid.cli.program import reported
 from jointid.files.atomic_write import write_file
@@ -59,7 +59,7 @@ def setpoints(
     known, fit, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
-    with status("Playing on the simulated robot", quiet=as_json):
+    with progress("Playing on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
             suggestion.records,
             fit.inertias[0],

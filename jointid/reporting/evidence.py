@@ -56,14 +56,12 @@ def response_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Bloc
             )
         if pose not in analysis.transfer_matrices:
             continue
-        for first in range(0, n, 2):
-            joints = [j for j in (first, first + 1) if j < n]
+        for joints, width in _pairs(n):
             names = " and ".join(element_name(j, j) for j in joints)
             paper = {0: " (Figures 4 and 5 of the paper)" if n > 1 else " (Figure 4 of the paper)"}
-            width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
             yield Figure(
                 tuple(element_figure(analysis, j, pose=pose, width=width) for j in joints),
-                f"{next(numbers)} {names}{suffix}{paper.get(first, '')}.",
+                f"{next(numbers)} {names}{suffix}{paper.get(joints[0], '')}.",
             )
 
 
@@ -75,14 +73,19 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "elastic law, damping and hysteresis open the measured loops. The mean wind-up of a record is "
         "not observable and set to 0."
     )
-    width = (PAGE_WIDTH - _GAP) / 2 if fit.n > 1 else PAGE_WIDTH
-    for first in range(0, fit.n, 2):
-        joints = [j for j in (first, first + 1) if j < fit.n]
+    for joints, width in _pairs(fit.n):
         terms = ". ".join(gear_text(fit, j) for j in joints)
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
             f"{next(numbers)} Torsion curves, motor side. {terms}.",
         )
+
+
+def _pairs(n: int) -> Iterator[tuple[list[int], float]]:
+    """Joints whose figures are side by side, and the width of each."""
+    width = (PAGE_WIDTH - _GAP) / 2 if n > 1 else PAGE_WIDTH
+    for first in range(0, n, 2):
+        yield [j for j in (first, first + 1) if j < n], width
 
 
 def outcome_of(analysis: Analysis) -> tuple[Outcome | None, str]:
