@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from jointid.analysis import Analysis, analyse
 from jointid.cli.files import loaded
 from jointid.cli.options import JSON, METHOD, STUDY, numbers
 from jointid.cli.output import print_json, print_table, progress
 from jointid.cli.program import reported
 from jointid.errors import JointIdError
-from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.identify_elasticity import identify_elasticity
 from jointid.study import Study
 
 if TYPE_CHECKING:
@@ -54,10 +53,10 @@ def plan(
         return
     from jointid.uncertainty.validation import second_amplitude
 
-    _, fit, suggestion = suggested(
+    analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
-    document = _document(suggestion) | {"second_amplitude": second_amplitude(fit)}
+    document = _document(suggestion) | {"second_amplitude": second_amplitude(analysis.fit)}
     if as_json:
         print_json(document)
         return
@@ -84,9 +83,8 @@ def suggested(
     velocity_limit: str,
     *,
     quiet: bool,
-) -> tuple[Study, ElasticityFit, Suggestion]:
+) -> tuple[Analysis, Suggestion]:
     """Read a study, fit it and suggest the next records."""
-    from jointid.phasors.extract import extract_phasors
     from jointid.uncertainty.plan import suggest_records
 
     torque = numbers(torque_limit) if torque_limit else None
@@ -98,25 +96,18 @@ def suggested(
             "jointid plan --motion sweep plans a motion; set points need a study of sines."
         )
     with progress("Planning", quiet=quiet):
-        phasors = extract_phasors(known.sine_records)
-        fit = identify_elasticity(
-            phasors,
-            known.inertias,
-            method=method,
-            inertia_std=known.inertia_std,
-            torque_std=known.torque_std,
-        )
+        analysis = analyse(known, method=method)
         suggestion = suggest_records(
-            phasors,
+            analysis.phasors,
             known.inertias,
-            fit,
+            analysis.fit,
             count=count,
             duration_s=duration_s,
             torque_limit_Nm=torque,
             velocity_limit_rad_s=velocity,
             highest_hz=0.25 / max(record.interval_s for record in known.records),
         )
-    return known, fit, suggestion
+    return analysis, suggestion
 
 
 def _plan_motion(
@@ -127,7 +118,6 @@ def _plan_motion(
     count: int,
     as_json: bool,
 ) -> None:
-    from jointid.analysis import analyse
     from jointid.arrays import per_joint
     from jointid.simulation.motion import Motion
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion

@@ -56,9 +56,10 @@ def setpoints(
     require_spared(output, overwrite, [study, limits])
     with limits.open("rb") as file:
         robot = limits_from_toml(file.read(1 << 21), limits.name)
-    known, fit, suggestion = suggested(
+    analysis, suggestion = suggested(
         study, method, count, duration_s, torque_limit, velocity_limit, quiet=as_json
     )
+    fit = analysis.fit
     with progress("Playing on the simulated robot", quiet=as_json):
         experiment = planned_experiment(
             suggestion.records,
@@ -76,7 +77,7 @@ def setpoints(
             robot,
             file_format,
             interval_ms=interval_ms,
-            study=known.name,
+            study=analysis.study.name,
         )
     write_file(output, points.text().encode())
     if as_json:
