@@ -85,7 +85,9 @@ def own_path_deflections(analysis: Analysis, zones_m: Sequence[float]) -> list[P
     robot, q = study.robot_model, next(iter(study.pose_angles_rad.values()))
     draws = np.random.default_rng(0).multivariate_normal(fit.K, fit.covariance[: fit.n, : fit.n], _DRAWS)
     if not np.isfinite(draws).all() or np.any(draws <= 0):
-        raise JointIdError("K is too uncertain for a deflection of the tool. Mend the findings first.")
+        raise JointIdError(
+            "K is too uncertain for a deflection of the tool. Resolve the findings first."
+        )
     found = []
     for zone in zones_m:
         path = joint_path(robot, q, rectangle(zone_m=zone, centre_m=(0.0, 0.0)))

@@ -169,7 +169,7 @@ def reason_unusable(analysis: Analysis) -> str:
     """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
-            return f"The answer cannot be used for a cut. Mend this finding first: {finding.title}."
+            return f"The answer cannot be used for a cut. Resolve this finding first: {finding.title}."
     fit = analysis.fit
     value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))

@@ -272,7 +272,7 @@ class Entries:
                 numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
             )
             if any(value == 0 or math.isinf(value) for value in values):
-                raise JointIdError(f"{label}: {text[:60]}. None of them is 0 or infinite.")
+                raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
             show_error(error)
             values = ()
