@@ -15,6 +15,7 @@ from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet
@@ -22,14 +23,16 @@ import pytest
 from fleet_studies import batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from jointid import JointIdError, analyse, load_study, save_study
 from jointid.background.child_process import Child, Ended
+from jointid.cli import app
 from jointid.files import container_limits as contained
 from jointid.files import study_parts
 from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
-from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
+from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
 from jointid.fleet.content import content_digest, packed
 from jointid.fleet.jobs import WORKER, Done, Job, Local
 from jointid.fleet.journal import Journal
@@ -61,7 +64,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
         def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
             for job in jobs:
-                yield Done(job, study_row(job.source, job.study, job.method, job.known))
+                yield Done(job, worker.study_row(job.source, job.study, job.method, job.known))
 
     monkeypatch.setattr("jointid.fleet.run.Local", Here)
 
@@ -506,6 +509,36 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
     rows = read_fleet(out)
     require_exact(rows, truth)
     assert set(kept) <= set(rows)  # their very times: nothing was done twice
+    assert not journal.exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_the_rows_of_an_interrupted_batch_are_kept(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by the processes of the test above, in this one."""
+    out = tmp_path / "r.parquet"
+    journal = journal_path(out)
+
+    def interrupted(*job: Any) -> Row | None:
+        if journal_lines(out) == 3:
+            raise KeyboardInterrupt
+        return study_row(*job)
+
+    with monkeypatch.context() as context:
+        context.setattr(worker, "study_row", interrupted)
+        ended = CliRunner().invoke(app, ["batch", *map(str, paths), "--out", str(out)])
+    assert ended.exit_code == 130
+    assert "resumes the batch" in ended.stderr
+    assert not out.exists()
+    lines = journal.read_bytes().splitlines()
+    journal.write_bytes(b"\n".join([*lines, lines[-1][:40]]))  # as if the power had failed in a line
+    kept = [from_plain(json.loads(line)) for line in lines[1:]]
+    summary = analyse_fleet(paths, out)
+    assert (len(kept), summary.skipped, summary.good) == (3, 3, COUNT)
+    rows = read_fleet(out)
+    require_exact(rows, truth)
+    assert set(kept) <= set(rows)
     assert not journal.exists()
 
 
