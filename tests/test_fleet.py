@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
-from fleet_studies import batch, poison, small_study, with_poison, write_studies
+from fleet_studies import Here, batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -34,7 +34,7 @@ from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
 from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import WORKER, Done, Job, Local
+from jointid.fleet.jobs import WORKER, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
@@ -57,15 +57,6 @@ def paths(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every process of this computer is this one, where processes are not what a test is about."""
-
-    class Here:
-        def __init__(self, _workers: int, _limits: Limits) -> None: ...
-
-        def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-            for job in jobs:
-                yield Done(job, worker.study_row(job.source, job.study, job.method, job.known))
-
     monkeypatch.setattr("jointid.fleet.run.Local", Here)
 
 
