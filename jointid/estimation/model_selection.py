@@ -37,7 +37,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import spread, spread_of_links
+from jointid.estimation.model_average import spread, spread_of_filters, spread_of_links
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -513,8 +513,10 @@ class _Search:
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
         scored = self.scores(best)
         whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
-        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
-            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        if isinstance(found, LikelihoodEstimate):
+            if "link" in scored and not self.phasors.motion.any():
+                whole = whole + spread_of_links(found, scored["link"], self.prior)
+            whole = whole + spread_of_filters(found, scored)
         return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:
