@@ -248,6 +248,8 @@ class _Search:
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
                 for start in self.free_start():  # wrong inertias may lead the linear estimate astray
                     self.fit(self.base, start)
+            if self._is_lost() and "delay" in fits.optional:  # the most frequent cause
+                self.fit(self.base.with_part("delay"), self.start)
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
@@ -295,6 +297,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
+        self._pruned(model)
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:

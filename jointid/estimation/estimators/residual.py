@@ -32,7 +32,6 @@ from jointid.estimation.estimators.problem import (
 )
 from jointid.gears.harmonic_balance import WoundGears
 from jointid.joints import motor_impedance
-from jointid.motion.friction import FrictionWaveforms
 from jointid.small_matrices import inverse, lifted
 
 
@@ -364,7 +363,8 @@ def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
 
 def _friction(problem: Problem, p: Parameters) -> Complexes:
     """Coulomb friction, its curve and presliding at the motors, shape (r, H, n), N·m."""
-    found, (r, H) = np.zeros((*problem.s.shape, problem.n), complex), problem.s.shape
+    H = problem.s.shape[1]
+    found = np.zeros((*problem.s.shape, problem.n), complex)
     if problem.friction is not None:
         found += p.coulomb * problem.friction.coulomb[:, :H]
         found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
