@@ -21,9 +21,9 @@ _MANY = 48
 _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 36, 1e-6
-"""Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
+"""Most Newton steps for the wind-up, and the relative torque residual that ends them."""
 _SLOW = 0.2
-"""What a step with earlier slopes leaves of what was left, from which they are evaluated again."""
+"""Ratio of torque residuals of a step with earlier slopes from which they are evaluated again."""
 _CENTRED = 1e-9
 """Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
 _RESOLVED = 1e-9
