@@ -34,9 +34,11 @@ st.write(
 )
 try:
     settings = ask(analysis, page.digest)
-    found = suggestion(page.digest, page.method, settings, analysis)
 except JointIdError as error:
     show_error(error)
+    st.stop()
+found = suggestion(page, settings, analysis)
+if found is None:
     st.stop()
 count = settings.count
 before, after = (percent(float(found.worst[k])) for k in (0, -1))

@@ -79,12 +79,13 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
     for first in range(0, fit.n, 2):
         joints = [j for j in (first, first + 1) if j < fit.n]
         terms = ". ".join(
-            f"Joint {j + 1}: " + "; ".join(f"{k} {v}" for k, v in gear_terms(fit, j).items())
+            f"Joint {j + 1}: "
+            + "; ".join(f"{k} {v}" for k, v in gear_terms(fit, j, analysis.unit).items())
             for j in joints
         )
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
-            f"{next(numbers)} Torsion curves, motor side. {terms}.",
+            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}. {terms}.",
         )
 
 

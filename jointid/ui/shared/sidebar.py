@@ -46,9 +46,9 @@ def choose_study() -> tuple[str, str, str] | None:
             list(STIFFNESS_UNITS),
             key="unit",
             bind="query-params",
-            help="For the answer, its report and every table of K and D. Through a gear ratio N, a "
-            "stiffness K at the motor is N² K at the joint. Figures, gear laws and files stay at the "
-            "motor, in SI units.",
+            help="For the answer, its report, and all tables and figures of K, D and the gears. Through "
+            "a gear ratio N, a stiffness K at the motor is N² K at the joint. Records, phasors, H and "
+            "files stay at the motor, in SI units.",
         )
         equip_page()
     return None if key is None else (key, method, unit)

@@ -1,6 +1,5 @@
 """The report: made on demand, offered as files, and shown on the page."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 
@@ -11,8 +10,7 @@ from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import download
 from jointid.ui.shared.page import Page
-from jointid.ui.shared.results import computed_on_click
-from jointid.ui.study.uncertainty_panels import steps_at
+from jointid.ui.shared.results import Show, computed_on_click
 
 
 @dataclass(frozen=True)
@@ -29,7 +27,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         ("report", page.digest, page.method, page.unit),
         "Make the report",
         "make_report",
-        lambda bar: _write(analysis, steps_at(bar)),
+        lambda show: _write(analysis, show),
         kind="primary",
     )
     if made is None:
@@ -41,7 +39,7 @@ def show_report(page: Page, analysis: Analysis, stem: str) -> None:
         preview(made.html, height=700)
 
 
-def _write(analysis: Analysis, progress: Callable[[float, str], object]) -> MadeReport:
+def _write(analysis: Analysis, progress: Show) -> MadeReport:
     report = run_in_background(
         make_report, analysis, progress=lambda done, what: progress(0.6 * done, what)
     )
