@@ -16,6 +16,8 @@ from jointid.ui.shared.workspace import keep, names_by_address, refuse, sample_p
 _ID_LENGTH = 32
 _UPLOADER = "uploaded"
 _ARRIVED = "arrived_study"
+_STATES = {"swapped torques": " (not usable)"}
+"""What the list says of a sample besides its name."""
 
 
 def choose_study() -> tuple[str, str, str] | None:
@@ -70,10 +72,13 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
+        format_func=lambda name: name + _STATES.get(name, ""),
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address, and the samples.",
+        help="Studies opened, simulated or imported at this address, and the samples. All samples are "
+        "usable but swapped torques, which shows what a failed study looks like. Commands take the "
+        "name of a sample with or without underscores: six_axes.",
     )
     if chosen is not None:
         set_in_address("study", chosen)

@@ -48,7 +48,7 @@ _M2_HELP = (
 )
 _WRONG_HELP = (
     "The given inertias differ from the robot's by this much, each up or down at random; the fit must "
-    "correct them."
+    "correct the inertias."
 )
 _GAIN_HELP = (
     "1.05: the log shows 5 % more torque than the motors make. One number for all joints, or one each."
