@@ -220,12 +220,12 @@ def swapped_torques() -> Study:
 
 
 def fleet() -> list[Row]:
-    """Four measurements of each of eight alike robots; one is soft, one loses 4 % of K1 a year."""
+    """Five measurements of each of eight alike robots; one is soft, one loses 4 % of K1 a year."""
     rng, rows = np.random.default_rng(7), []
     for robot in range(8):
         own = rng.normal(1.0, 0.02, 4)
         own[0] -= 0.25 * (robot == 5)
-        for year in range(4):
+        for year in range(5):
             worn = np.array([1 - 0.04 * year * (robot == 2), 1, 1, 1])
             K, D = np.split(np.concatenate([PAPER.K, PAPER.D]) * own * worn, 2)
             records = simulate_records(
@@ -239,14 +239,14 @@ def fleet() -> list[Row]:
                 seed=100 + 10 * robot + year,
             )
             study = Study(
-                name=f"Cell {robot + 1}, {2022 + year}",
+                name=f"Cell {robot + 1}, {2021 + year}",
                 origin="simulated",
                 robot=f"cell {robot + 1}",
-                date=date(2022 + year, 3, 1 + robot),
+                date=date(2021 + year, 3, 1 + robot),
                 records=_compact(records),
                 inertia=CUTTING_POSE,
             )
-            rows.append(row_of(analyse(study), study=f"cell_{robot + 1}_{2022 + year}.zip"))
+            rows.append(row_of(analyse(study), study=f"cell_{robot + 1}_{2021 + year}.zip"))
     return rows
 
 

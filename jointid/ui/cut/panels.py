@@ -49,7 +49,7 @@ def _own_headline(found: PathDeflection) -> str:
     before = found.rigid_m if found.assumed_m is None else found.assumed_m
     servo = "a servo for rigid joints" if found.assumed_m is None else "the nominal K"
     return (
-        f"Tool deflection of this robot {millimetres(before)} with {servo}, "
+        f"Tool deflection of this robot: {millimetres(before)} with {servo}, "
         f"{millimetres(found.identified_m)} with the identified K"
     )
 

@@ -89,10 +89,10 @@ def open_fleet() -> OpenFleet:
 
 
 def show_samples_button() -> None:
-    """Offer a fleet of one kind of robot over four years, and the sample studies."""
+    """Offer a fleet of one kind of robot over five years, and the sample studies."""
     with st.container(horizontal=True):
         if (file := SAMPLES / "fleet.parquet").exists():
-            show, given = "Show a sample fleet, 8 robots over 4 years", (file,)
+            show, given = "Show a sample fleet, 8 robots over 5 years", (file,)
             st.button(show, key="sample_fleet", type="primary", on_click=_take_table, args=given)
         if sample_paths():
             analyse = "Analyse the sample studies, of different robots"
