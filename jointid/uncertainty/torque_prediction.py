@@ -61,14 +61,14 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
         V = equations.residual_covariance(p[:n], p[n:])[rows]
         error = equations.residual(p[:n], p[n:])[rows, :, None]
         unit = np.linalg.solve(np.linalg.cholesky(V), error).ravel()
-        return np.sqrt(2) * np.concatenate([unit.real, unit.imag])
+        return np.asarray(np.sqrt(2) * np.concatenate([unit.real, unit.imag]))
 
     score, relative = np.zeros(band.size), np.zeros(band.size)
     for fold in range(folds):
         out = band % folds == fold
         part = least_squares(whitened, fit.estimate, x_scale=size, args=(~out,))
         K, D = part.x[:n], part.x[n:]
-        scaled = part.jac * size
+        scaled = np.asarray(part.jac) * size
         information = scaled.T @ scaled
         if np.linalg.cond(information) > _SINGULAR:
             raise JointIdError("A part of the frequencies does not determine K and D.")

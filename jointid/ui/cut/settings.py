@@ -8,7 +8,7 @@ from typing import Any
 
 import streamlit as st
 
-from jointid import Elasticity
+from jointid import Elasticity, JointIdError
 from jointid.cut.arm import Drive
 from jointid.cut.outcome import EVERYDAY_SERVO
 from jointid.cut.rectangle import rectangle
@@ -18,6 +18,7 @@ from jointid.cut.toolpath import Toolpath
 from jointid.ui.shared.charts import choose_segment
 from jointid.ui.shared.entries import enter_number
 from jointid.ui.shared.parse_numbers import numbers_in, numbers_out
+from jointid.wording import counted
 
 NOMINAL: dict[str, Assumption] = {
     "Study's own": "study",
@@ -188,7 +189,7 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     K, D = _ask_custom(robot, digest) if assumption == "custom" else ("", "")
     with st.expander("Path, controller and drive"):
         places = st.columns(3)
-        number = {}
+        number: dict[str, float] = {}
         for place, (heading, entries) in zip(places, _NUMBERS.items(), strict=False):
             place.markdown(f"**{heading}**")
             number |= {key: enter_number(place, f"cut_{key}", *of) for key, of in entries.items()}
@@ -225,8 +226,8 @@ def ask(robot: CutRobot, digest: str) -> CutSettings:
     custom = assumption == "custom"
     return CutSettings(
         assumption=assumption,
-        custom_K=numbers_in("Nominal K", K, count=2) if custom else (),
-        custom_D=numbers_in("Nominal D", D, count=2) if custom else (),
+        custom_K=_one_per_joint("Nominal K", K) if custom else (),
+        custom_D=_one_per_joint("Nominal D", D) if custom else (),
         zone_m=1e-3 * zone,
         width_m=1e-3 * number["width"],
         height_m=1e-3 * number["height"],
@@ -261,6 +262,13 @@ def _ask_custom(robot: CutRobot, digest: str) -> tuple[str, str]:
             st.session_state[key] = st.query_params.get(key, text)
         texts.append(column.text_input(label, key=key, bind="query-params"))
     return texts[0], texts[1]
+
+
+def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
+    values = numbers_in(name, text)
+    if len(values) != 2:
+        raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
+    return values
 
 
 def nominal_name(assumption: Assumption) -> str:
