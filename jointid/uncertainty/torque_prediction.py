@@ -11,6 +11,8 @@ from jointid.estimation.elasticity import ElasticityFit
 
 _BANDS = 20
 """Bands of frequencies into which the lines of motions are divided."""
+_MOST_STEPS = 6
+"""Steps of a fit, which starts at that of all frequencies."""
 _SINGULAR = 1e12
 """Condition of the information from which it does not determine K and D."""
 
@@ -45,8 +47,8 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
     Raises
     ------
     JointIdError
-        With fewer frequencies than twice the folds, or when the frequencies of a fold do not determine
-        K and D.
+        With fewer frequencies than twice the folds, without a noise level, or when the frequencies of a
+        fold do not determine K and D.
     """
     equations, n = fit.equations, fit.n
     s = 1j * equations.omega[:, None]
@@ -66,7 +68,12 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
     score, relative = np.zeros(band.size), np.zeros(band.size)
     for fold in range(folds):
         out = band % folds == fold
-        part = least_squares(whitened, fit.estimate, x_scale=size, args=(~out,))
+        try:
+            part = least_squares(
+                whitened, fit.estimate, x_scale=size, args=(~out,), max_nfev=_MOST_STEPS
+            )
+        except (ValueError, np.linalg.LinAlgError) as error:
+            raise JointIdError("The noise of these records is not known well enough.") from error
         K, D = part.x[:n], part.x[n:]
         scaled = np.asarray(part.jac) * size
         information = scaled.T @ scaled

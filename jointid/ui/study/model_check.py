@@ -6,6 +6,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.figures.uncertainty import harmonic_bars, left_out_prediction, normalised_residuals
+from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import NO_POSE, plot, side_by_side
 from jointid.ui.shared.messages import show_info, show_note, show_text_table
 from jointid.ui.shared.page import Page
@@ -27,7 +28,7 @@ def _predicted(digest: str, method: str, _analysis: Analysis) -> Prediction | To
     """H of one pose; of motions and several poses, which have no single H, the torques of the gears."""
     study = _analysis.study
     if study.motion_records or any(inertia is not study.inertias[0] for inertia in study.inertias):
-        return predict_torques(_analysis.fit)
+        return run_in_background(predict_torques, _analysis.fit)
     return predict_left_out(_analysis.phasors, study.inertias[0], _analysis.fit)
 
 
