@@ -17,7 +17,6 @@ from jointid.ui.study.plan_form import (
     suggestion,
 )
 from jointid.ui.study.setpoints_form import show_set_points
-from jointid.ui.study.uncertainty_panels import on_demand
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted
 
@@ -68,6 +67,5 @@ try:
         show_set_points(page, plan, analysis, settings.pose)
 except JointIdError as error:
     show_error(error)
-with motions, on_demand("Predict a sweep and a multisine", "motions") as expander:
-    if expander.open:
-        show_motion_plan(page, analysis)
+with motions:
+    show_motion_plan(page, analysis)

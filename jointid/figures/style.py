@@ -78,7 +78,6 @@ def figure(traces: Sequence[Trace], *, height: int, dark: bool, **layout: Any) -
             "y": 1.02,
             "yanchor": "bottom",
             "font": {"color": ink},
-            "itemsizing": "constant",
         },
     }
     return go.Figure({"data": list(traces), "layout": base | layout})

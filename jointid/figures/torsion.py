@@ -70,7 +70,7 @@ def torsion_curve(
         hover = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± {half:.2g} N·m<extra>{record}</extra>"
         style = {"hovertemplate": hover, "showlegend": r in named}
         if np.count_nonzero(np.diff(np.signbit(x))) > _MOST_TURNS:  # a motion: its lines would hide it
-            dots = {"marker": {"size": 3, "opacity": 0.5}}
+            dots = {"marker": {"size": 4, "opacity": 0.5}}
             traces.append(points(x, y, name, colour, **dots, **style))
             continue
         band = {"line": {"width": 0}, "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}

@@ -11,10 +11,9 @@ from jointid.cut.outcome import EVERYDAY_SERVO, ZONES_M, Outcome, millimetres
 from jointid.cut.path_deflection import PathDeflection, has_own_path, meaning, rows_of
 from jointid.cut.robot import CutFriction, CutRobot
 from jointid.cut.servo import Servo
-from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
-from jointid.ui.cut.pictures import key_line, picture
+from jointid.ui.cut.pictures import key_line, picture, window
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import table
 from jointid.ui.shared.messages import show_error, show_note, show_warning
@@ -237,12 +236,12 @@ def show_gears(page: Page, settings: CutSettings, robot: CutRobot) -> None:
     laws = "; ".join(f"joint {j}: {' and '.join(g.laws)}" for j, g in enumerate(robot.gears, start=1))
     ink = colours(page.dark)
     servos = ("Servo assumes K and D", ink.nominal), ("Servo assumes the curve", ink.identified)
-    around = window([run.tool_m for run in runs], 0.002)
+    around = window(runs)
     for place, run, (servo, colour) in zip(st.columns(2), runs, servos, strict=True):
         error = millimetres(run.max_contour_error_m)
         what = f"{servo}: path error {error}"
         with place.container(border=True, horizontal=True, vertical_alignment="center"):
-            st.html(picture([Shape(run.wanted_m, run.tool_m, colour)], what, around, "max-width:7rem"))
+            st.html(picture([(run, colour)], what, around, "max-width:7rem"))
             st.metric(servo, error)
     st.caption(
         f"Largest path error of a robot with the identified gears ({laws}). The other cuts on this page "
@@ -280,15 +279,12 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
     ink = colours(page.dark)
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     servo = "nominal values" if outcome.assumed is not None else "rigid joints"
-    shapes = [
-        Shape(outcome.before.wanted_m, outcome.before.tool_m, ink.nominal),
-        Shape(outcome.after.wanted_m, outcome.after.tool_m, ink.identified),
-    ]
-    around = window([run.tool_m for run in (outcome.before, outcome.after)], 0.002)
+    cuts = [(outcome.before, ink.nominal), (outcome.after, ink.identified)]
+    around = window([outcome.before, outcome.after])
     what = f"Cut with {servo} (path error {before}) and with identified values ({after})"
     with st.container(border=True):
         left, words = st.columns([1, 4], vertical_alignment="center")
-        left.html(picture(shapes, what, around, "max-width:9rem"))
+        left.html(picture(cuts, what, around, "max-width:9rem"))
         with words:
             st.header(headline(outcome), anchor=False)
             st.html(

@@ -31,7 +31,7 @@ h2 { font-size: 1.75rem !important; }
   outline: 2px solid %s !important; outline-offset: 1px; }
 [data-testid="stMain"] [data-testid="stPageLink-NavLink"] p { text-decoration: underline; }
 @media (max-width: 640px) {  /* two cards in a row on a phone; a value and its error in two lines */
-  [data-testid="stTable"] td { min-width: 6rem; }
+  [data-testid="stTable"] td + td { min-width: 6rem; }
   [data-testid="stElementContainer"]:has(> [data-testid="stMetric"]) {
     width: calc(50%% - 0.5rem) !important; min-width: 0 !important; flex: none !important; }
   [data-testid="stMetric"] { padding: 0.6rem !important; min-width: 0 !important; }

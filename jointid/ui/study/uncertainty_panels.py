@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import streamlit as st
-from streamlit.elements.lib.mutable_expander_container import ExpanderContainer
 
 from jointid import Analysis, JointIdError
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, elasticity_quantities
 from jointid.arrays import Floats
+from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.figures.uncertainty import confidence_outlines, influence_strip
 from jointid.ui.shared.background import run_in_background
 from jointid.ui.shared.charts import Table, plot
@@ -23,16 +23,6 @@ from jointid.uncertainty.sensitivity import confidence_ellipse, prior_influence
 from jointid.wording import UNDETERMINED, capitalised, significant
 
 _SLOW_DRAWS, _FAST_DRAWS = 60, 300
-
-
-def names_of(analysis: Analysis) -> list[str]:
-    """K1 ... Kn, D1 ... Dn."""
-    return [f"{q}{j + 1}" for q in "KD" for j in range(analysis.fit.n)]
-
-
-def on_demand(label: str, key: str) -> ExpanderContainer:
-    """Return an expander, closed at first; its content may be computed once it is ``open``."""
-    return st.expander(label, key=f"show_{key}", on_change="rerun", bind="query-params")
 
 
 def show_errors(analysis: Analysis) -> None:
@@ -97,7 +87,7 @@ def show_inertias(analysis: Analysis) -> None:
     if not found.names:
         st.write("The study states exact inertias and torque scales: they add nothing to the errors.")
         return
-    names, size = names_of(analysis), np.abs(analysis.fit.estimate)[:, None]
+    names, size = elasticity_labels(analysis.fit.n), np.abs(analysis.fit.estimate)[:, None]
     percent = np.divide(100 * found.shift, size, out=np.zeros_like(found.shift), where=size > 0)
     k, e = np.unravel_index(np.argmax(np.abs(percent)), percent.shape)
     st.write(
@@ -137,7 +127,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
     if checks is None:
         return
     drawn, left_out = checks
-    names, fit = names_of(analysis), analysis.fit
+    fit, names = analysis.fit, elasticity_labels(analysis.fit.n)
     low, high = drawn.interval(0.68)
     errors = {
         "Stated": fit.standard_error,
@@ -182,7 +172,7 @@ def plus_minus(values: Floats) -> list[str]:
 
 def show_ellipses(page: Page, analysis: Analysis) -> None:
     """Joint confidence regions of two parameters."""
-    names = names_of(analysis)
+    names = elasticity_labels(analysis.fit.n)
     left, right = st.columns(2)
     first = left.selectbox("Across", names, key="ellipse_x", bind="query-params")
     others = [name for name in names if name != first]
