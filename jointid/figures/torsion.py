@@ -46,7 +46,7 @@ def torsion_curve(
     joint : int
         From 0.
     colour_by : {"frequency", "amplitude"}
-        What the colours of the records rise with.
+        Quantity behind the colours of the records.
     unit : StiffnessUnit, optional
         Its side and its angle.
     """
