@@ -16,8 +16,12 @@ from jointid import Inertia, JointIdError
 from jointid.arrays import Floats
 from jointid.figures.log_spans import log_spans
 from jointid.importing import (
+    Channel,
+    JointMapping,
     MappedLog,
+    Mapping,
     Segment,
+    TimeColumn,
     find_segments,
     guess_mapping,
     mapping_to_json,
@@ -489,6 +493,19 @@ class TestCorrectedRuns:
         spans = log_spans(log, kept[:2], kept[2:]).layout.shapes
         assert [span.x0 for span in spans] == [s.start_s for s in kept]
         assert spans[0].fillcolor == spans[1].fillcolor != spans[2].fillcolor
+
+
+def test_the_picture_shows_a_torque_of_unknown_scale_as_logged() -> None:
+    """Percent of a rated torque that nobody stated are no newton metres."""
+    joint = JointMapping(Channel("q", "rad"), Channel("load", "%", 1.0, "joint", -1), gear_ratio=50)
+    mapping = Mapping(TimeColumn("t", "s"), (joint,))
+    percent = np.linspace(-3, 4, 99)
+    log = MappedLog(np.arange(99.0), np.ones((99, 1)), -percent[:, None] / 100 / 50)
+    assumed = replace(mapping, assumed=("scale of torque of joint 1",))
+    for of, title, largest in ((mapping, "Torque 1 (N·m)", 4e-2 / 50), (assumed, "Torque 1 (%)", 4.0)):
+        figure = log_spans(log, (), mapping=of)
+        assert figure.layout.yaxis3.title.text == title
+        assert np.abs(np.array(figure.data[-1].y, float)).max() == pytest.approx(largest)
 
 
 def test_inertia_units_are_taken_as_said(page: AppTest, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,12 +38,12 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
+from jointid.files.application import __version__
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
 from jointid.files.study_saving import inertia_table
 from jointid.gears.gear import Gear
 from jointid.parsing.checked_toml import MAX_TOML_BYTES, CheckedTable, parse_toml
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.version import __version__
 from jointid.wording import UNDETERMINED, shown
 
 KIND = "jointid identification"

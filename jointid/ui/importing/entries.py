@@ -20,9 +20,15 @@ from jointid.importing import (
     TimeColumn,
     mapping_to_json,
 )
-from jointid.importing.columns.units import QUANTITIES, SAMPLES, TIME_UNITS
+from jointid.importing.columns.units import (
+    ANGLE_UNITS,
+    POSITION_SCALES,
+    QUANTITIES,
+    SAMPLES,
+    TIME_UNITS,
+)
 from jointid.importing.map.guess import propose_joint
-from jointid.importing.map.mapping import JOINT, MAX_JOINTS, MOTOR
+from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import unchanged
 from jointid.ui.importing.steps import go_on
 from jointid.ui.shared.entries import example_hint
@@ -34,6 +40,7 @@ from jointid.wording import capitalised, enumerated, plain
 T = TypeVar("T")
 
 _NO_COLUMN = "no column: number the rows"
+_NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """How the names of entries begin that the drive's data sheet answers, not the file."""
@@ -75,7 +82,8 @@ class Entries:
         for j in range(n):
             first = self.base.joints[j] if j < self.base.n else self._proposed(joints, used)
             joints.append(self._columns_of(j, first, missing))
-            used |= {joints[j].position.column, joints[j].torque.column}
+            used |= {channel.column for channel in joints[j].channels}
+        joints = self._with_sensors(joints)
         found = Mapping(time, tuple(joints), assumed=self._assumed(n))
         guesses = [w for w in unchanged(found, self.guess.mapping) if not w.startswith(_OF_DRIVES)]
         return self._confirmed("columns", found, missing, [w for w in guesses if w not in missing])
@@ -107,7 +115,7 @@ class Entries:
             if math.isnan(ratios[j]) and JOINT in (channels["position"].side, channels["torque"].side):
                 missing.append(f"gear ratio of joint {j + 1}")
             ratio = 1.0 if math.isnan(ratios[j]) else ratios[j]
-            joints[j] = JointMapping(channels["position"], channels["torque"], ratio)
+            joints[j] = replace(of, **channels, gear_ratio=ratio)
         missing += ["torque hold"] if hold is None else []
         assumed = tuple(what for what in self._assumed(len(joints)) if what.startswith(_OF_DRIVES))
         found = Mapping(columns.time, tuple(joints), bool(hold), delay, assumed)
@@ -180,6 +188,25 @@ class Entries:
             scale = (base.scale or 1.0) if unit in scales else None
             channels.append(Channel(column, unit, scale, base.side, base.sign))
         return JointMapping(channels[0], channels[1], first.gear_ratio)
+
+    def _with_sensors(self, joints: Sequence[JointMapping]) -> list[JointMapping]:
+        """Ask for the columns of second sensors, behind the gears."""
+        given = [j < self.base.n and self.base.joints[j].arm for j in range(len(joints))]
+        if len(self.table.columns) <= 2 * len(joints) + 1:
+            return [*joints]
+        units = [unit for unit in ANGLE_UNITS if unit not in POSITION_SCALES]
+        found = []
+        with st.expander("Sensors behind the gears", expanded=any(given)):
+            for j, joint in enumerate(joints):
+                left, right = st.columns([3, 1.5])
+                base = given[j] or Channel("", "rad")
+                options, label = [_NO_SENSOR, *self.table.names], f"{capitalised(ARM)} of joint {j + 1}"
+                name = self._select(left, label, options, base.column or _NO_SENSOR, f"arm {j}")
+                unit = self._select(right, f"Unit of {ARM} {j + 1}", units, base.unit, f"arm {j} unit")
+                known = name not in ("", _NO_SENSOR)
+                arm = Channel(name, unit or "rad", None, JOINT, base.sign) if known else None
+                found.append(replace(joint, arm=arm))
+        return found
 
     def _scales(
         self, joints: Sequence[JointMapping], place: DeltaGenerator

@@ -180,8 +180,8 @@ def _choose_runs(
     if shown.key in ready:
         with picture:
             spans = kept[shown.key], dropped[shown.key]
-            figure = log_spans(ready[shown.key], *spans, dark=is_dark())
-            plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
+            figure = log_spans(ready[shown.key], *spans, mapping=mapping, dark=is_dark())
+            plot(figure, "The log, motor side, with its sine runs as coloured spans")
     return Runs(ready, kept, bool(problems))
 
 
