@@ -1,4 +1,4 @@
-"""The version, and where the app is with its pages and sample studies: in a checkout or installed."""
+"""Version; folder of the app, its pages and sample studies, in a checkout or an installed package."""
 
 from importlib.resources import files
 from pathlib import Path

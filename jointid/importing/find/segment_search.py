@@ -35,7 +35,7 @@ from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
-_CHANCE_SHARE = 25.0  # share of the variance × samples, above what a fit to noise explains
+_CHANCE_SHARE = 25.0  # share of the variance × samples, above that of a fit to noise
 _SAME_FREQUENCY = 0.15  # relative difference below which a candidate and a run mean one sine
 _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count

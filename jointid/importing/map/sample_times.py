@@ -176,7 +176,7 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
     are in the order of the mapping's columns, and NaN where they were not sampled. A held torque keeps
     its last value; all others follow a cubic spline, positions of single-turn encoders after
     unwrapping. Returns the signals, finite at the times of the slowest, or the given ones if they share
-    a clock; and a sentence on what was done, "" for nothing.
+    a clock; and a sentence on the choice, "" for nothing.
     """
     known = [np.isfinite(time) & np.isfinite(signal) for signal in signals]
     if min(int(k.sum()) for k in known) < _FEWEST:
