@@ -99,10 +99,10 @@ def figures(at: AppTest) -> int:
     return len(at.get("plotly_chart"))
 
 
-def send(at: AppTest, M: str, M2: str) -> AppTest:
+def send(at: AppTest, M: str, M2: str, button: str = "Open as study") -> AppTest:
     at.text_input(key="import M").set_value(M)
     at.text_input(key="import M2").set_value(M2)
-    widget(at, "button", "Open as study").click()
+    widget(at, "button", button).click()
     return shown(at.run())
 
 
@@ -401,6 +401,11 @@ class TestStudy:
         at = drop(page, ("one.csv", long_log()), ("two.csv", long_log(ratio=1.5)))
         at = send(at, "0.001", "0.003")
         assert "6 records" in " ".join(m.value for m in at.markdown)
+
+    def test_the_report_is_one_click_from_the_log(self, page: AppTest) -> None:
+        at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003", "Open its report")
+        assert at.title[0].value == "Report and export"
+        assert at.session_state["chosen"]
 
     def test_the_same_import_again_opens_the_study_that_is_there(self, page: AppTest) -> None:
         at = send(drop(page, ("one.csv", long_log())), "0.001", "0.003")

@@ -22,7 +22,6 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.exporting.identification import Identification, Obtained
-from jointid.files.application import __version__
 from jointid.files.study_keys import INERTIA_KEYS, in_place, read_inertia, read_nominal, read_poses
 from jointid.files.study_saving import inertia_table
 from jointid.gears.gear import Gear

@@ -37,7 +37,7 @@ from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
-from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.method_steps import OVERVIEW, REPORT
 from jointid.ui.shared.workspace import keep
 from jointid.wording import counted, listed, minus, plain
 
@@ -251,7 +251,7 @@ def _open_as_study(
             keep(study, robot.name)
             keep_mapping(log.table, mapping)
             forget_import()
-        st.switch_page(OVERVIEW.path)
+        st.switch_page((REPORT if robot.to_report else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)
     return True
