@@ -126,6 +126,19 @@ class TestMapping:
         assert figures(at) == 2
         assert any("To check" in m.value for m in at.markdown)
 
+    def test_a_sensor_behind_the_gear_is_offered(self, page: AppTest) -> None:
+        data = comma_log().replace(b"t,position,effort", b"t,motor_position,effort,link_position")
+        data = b"\n".join(
+            line if k == 0 or not line else line + b",%g" % (k % 7)
+            for k, line in enumerate(data.split(b"\n"))
+        )
+        at = drop(page, ("run.csv", data))
+        assert widget(at, "selectbox", "Position of joint 1").value == "motor_position"
+        sensor = widget(at, "selectbox", "Arm-side position of joint 1")
+        assert sensor.value == "link_position"
+        at = shown(sensor.set_value("none").run())
+        assert widget(at, "selectbox", "Arm-side position of joint 1").value == "none"
+
     def test_a_role_that_no_column_fits_is_asked_for(self, page: AppTest) -> None:
         data = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
         at = drop(page, ("run.csv", data))

@@ -79,9 +79,10 @@ def guess_mapping(table: LogTable) -> Guess:
         pairs = _first_two(table, columns, reasons)
     if len(pairs) > MAX_JOINTS:
         reasons.append(Reason("joints", f"{len(pairs)} pairs fit; the first {MAX_JOINTS} are proposed."))
-    found = enumerate(pairs[:MAX_JOINTS], start=1)
-    same = _one_unit([_joint(number, *pair, reasons) for number, pair in found], reasons)
-    joints = _with_arms(same, columns, reasons)
+    pairs = pairs[:MAX_JOINTS]
+    degrees = any(_angle_unit(position)[:2] == ("deg", False) for position, _ in pairs)
+    found = [_joint(number, *pair, degrees, reasons) for number, pair in enumerate(pairs, start=1)]
+    joints = _with_arms(found, columns, reasons)
     hold = "A log does not say whether the torque is held from sample to sample."
     reasons.append(Reason("torque hold", hold))
     ends = [f"{role} of joint {j + 1}" for j in range(len(joints)) for role in QUANTITIES]
@@ -161,26 +162,6 @@ def _with_arms(
     return tuple(found)
 
 
-def _one_unit(joints: Sequence[JointMapping], reasons: list[Reason]) -> list[JointMapping]:
-    """Give positions one unit where the file states none: degrees, if any looks like degrees."""
-    ends = [f"unit of position of joint {j + 1}" for j in range(len(joints))]
-    open_ = {reason.what for reason in reasons if not reason.sure}
-    units = {joint.position.unit for joint, end in zip(joints, ends, strict=True) if end in open_}
-    if units != {"rad", "deg"}:
-        return [*joints]
-    why = "Values of another joint suggest degrees."
-    other = {
-        end: Reason(end, why)
-        for joint, end in zip(joints, ends, strict=True)
-        if end in open_ and joint.position.unit == "rad"
-    }
-    reasons[:] = [other.get(reason.what, reason) for reason in reasons]
-    return [
-        replace(joint, position=replace(joint.position, unit="deg")) if end in other else joint
-        for joint, end in zip(joints, ends, strict=True)
-    ]
-
-
 def _first_two(
     table: LogTable, columns: Sequence[NamedColumn], reasons: list[Reason]
 ) -> list[tuple[LogColumn, LogColumn]]:
@@ -205,9 +186,11 @@ def _first_two(
     return [(pair[0], pair[1])]
 
 
-def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Reason]) -> JointMapping:
+def _joint(
+    number: int, position: LogColumn, torque: LogColumn, degrees: bool, reasons: list[Reason]
+) -> JointMapping:
     ends = [f"{role} of joint {number}" for role in QUANTITIES]
-    units = (_angle_unit(position), _torque_unit(torque))
+    units = (_angle_unit(position, degrees), _torque_unit(torque))
     sides = (_position_side(position, torque), _torque_side(torque))
     for what, guesses in (("unit", units), ("side", sides)):
         for end, (_, sure, why) in zip(ends, guesses, strict=True):
@@ -229,7 +212,8 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
     return JointMapping(channels[0], channels[1])
 
 
-def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
+def _angle_unit(column: LogColumn, degrees: bool = False) -> tuple[str, bool, str]:
+    """Unit, whether it is stated, and why; ``degrees`` if values of another joint suggest degrees."""
     if column.unit in ANGLE_UNITS:
         return column.unit, True, f'The file states "{column.unit}".'
     values = column.values[np.isfinite(column.values)]
@@ -242,6 +226,8 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
     largest = float(np.abs(values).max())
     if largest > 20:
         return "deg", False, f"Values up to {largest:.4g} suggest degrees."
+    if degrees:
+        return "deg", False, "Values of another joint suggest degrees."
     return "rad", False, f"Values up to {largest:.4g} suggest radians."
 
 
