@@ -25,7 +25,7 @@ from jointid.cli.options import gears
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
 from jointid.exporting.identification_files import with_infinite_as
-from jointid.files.application import sample_studies
+from jointid.files.application import __version__, sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
@@ -508,6 +508,13 @@ def program(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[bytes]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
     command = [sys.executable, "-m", "jointid.cli", *arguments]
     return subprocess.run(command, capture_output=True, cwd=cwd, env=environment, check=False)
+
+
+def test_the_package_itself_is_the_program(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "jointid", "--version"]
+    run = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment, check=True)
+    assert __version__ in run.stdout.decode()
 
 
 def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:
