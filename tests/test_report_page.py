@@ -62,8 +62,9 @@ def test_the_report_is_made_on_demand_and_kept(
         ("report", digest, at.selectbox(key="estimator").value, at.selectbox(key="unit").value)
     )
     assert made is not None
-    assert made.pdf.startswith(b"%PDF-")
-    assert digest in made.html
+    html, pdf = made
+    assert pdf.startswith(b"%PDF-")
+    assert digest in html
     again = at.run()
     assert "Report as PDF" in offered(again)
     assert not [button for button in again.button if button.key == "make_report"]

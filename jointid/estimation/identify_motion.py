@@ -1,6 +1,7 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
 import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -94,6 +95,14 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
                 f"{record.label or f'record {number}'} has {record.n} joints, the first record "
                 f"{each[0].n}: records that are analysed together must have the same joints."
             )
+    for i, j in itertools.combinations(range(each[0].n), 2):
+        angles = [record.theta_rad[:, [i, j]].T for record in each]
+        if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):
+            raise JointIdError(
+                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record: the "
+                "two joints cannot be separated. Check which column belongs to which joint, or add a "
+                f"record in which joint {j + 1} moves otherwise."
+            )
     return list(each)
 
 
@@ -114,7 +123,9 @@ def _identified(
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
         phasors = again
-        choice = search(phasors, prior, _near(choice.estimate), noise=_noise(phasors, prior))
+        slow = choice.model if choice.model.is_slow else None
+        near = choice.estimate.named if slow else _near(choice.estimate)
+        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=slow)
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)

@@ -10,12 +10,12 @@ from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.identify_elasticity import require_method
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.version import __version__
 from jointid.wording import counted
 
 
@@ -66,8 +66,8 @@ class Identification:
     D: Floats
     """Damping, shape (n,), N·m·s/rad; may be negative."""
     covariance: Floats
-    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the whole error. What the records do not
-    determine has an infinite variance and no covariance."""
+    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the total error.
+    Undetermined parameters have an infinite variance and no covariance."""
     friction: Friction | None
     """Fitted friction of the motors, or None."""
     delay: float | None
@@ -82,7 +82,7 @@ class Identification:
     """Present values of the controller."""
     obtained: Obtained
     state: str = ""
-    """What may be done with the answer, one of ``jointid.study.STATES``; empty when not stated."""
+    """State of the answer, one of ``jointid.analysis.STATES``; empty when not stated."""
     answer: str = ""
     """The answer as a sentence with what limits it; of an unusable one, the reason."""
     error_parts: dict[str, Floats] = field(default_factory=dict)

@@ -9,11 +9,11 @@ from jointid.analysis import Analysis
 from jointid.answer import elasticity_quantities, further_quantities, model_name
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
-from jointid.version import __version__
 from jointid.wording import UNDETERMINED, minus, plain, significant, with_error
 
 _MAX_ROWS = 100
@@ -59,9 +59,9 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
                 )
                 for c in fit.candidates
             ),
-            "Models compared. The one with the smallest information criterion is chosen. A model "
-            "without a criterion could not be fitted, is excluded because friction or the absence of "
-            "a lag is certain, or adds a parameter within its own error.",
+            "Models compared; the one with the smallest information criterion is chosen. A dash: the "
+            "fit failed, the data require friction or exclude a lag, or an added parameter is smaller "
+            "than its standard error.",
         )
     names = elasticity_labels(fit.n)
     yield Table(
