@@ -112,15 +112,26 @@ def data_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session", autouse=True)
+def quick_files() -> Iterator[None]:
+    """Do not wait for the disk: no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def quick_app_tests() -> Iterator[None]:
-    """Do once a session what AppTest does in every run.
+    """Do once a session what AppTest does in every run, and start no processes for its computations.
 
     It looks for components in every installed package, compiles every page, and asks a thousand times a
-    second whether the page is complete.
+    second whether the page is complete. Each of its runs counts as another person on the same server.
     """
     from streamlit.components.v2 import manifest_scanner
     from streamlit.runtime.scriptrunner.script_cache import ScriptCache
     from streamlit.testing.v1 import local_script_runner
+
+    from jointid.background.pool import Pool
+    from jointid.ui.shared import background
 
     compiled = functools.cache(functools.partial(ScriptCache.get_bytecode, ScriptCache()))
     ask = local_script_runner.require_widgets_deltas
@@ -132,6 +143,7 @@ def quick_app_tests() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         scan = manifest_scanner.scan_component_manifests
         patch.setattr(manifest_scanner, "scan_component_manifests", functools.cache(scan))
+        patch.setattr(background, "_pool", functools.partial(Pool, 0))
         patch.setattr(ScriptCache, "get_bytecode", lambda _, path: compiled(path))
         patch.setattr(local_script_runner, "require_widgets_deltas", wait)
         yield

@@ -11,27 +11,30 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet
 import pytest
-from fleet_studies import batch, poison, small_study, with_poison, write_studies
+from fleet_studies import Here, batch, poison, small_study, with_poison, write_studies
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from jointid import JointIdError, analyse, load_study, save_study
 from jointid.background.child_process import Child, Ended
+from jointid.cli import app
 from jointid.files import container_limits as contained
 from jointid.files import study_parts
 from jointid.files.application import sample_studies
 from jointid.files.digest import study_digest
-from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet
+from jointid.fleet import Limits, Row, analyse_fleet, content, find_studies, read_fleet, worker
 from jointid.fleet.content import content_digest, packed
-from jointid.fleet.jobs import WORKER, Done, Job, Local
+from jointid.fleet.jobs import WORKER, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import from_plain, row_of, to_plain
 from jointid.fleet.run import journal_path
@@ -54,15 +57,6 @@ def paths(folder: Path) -> list[Path]:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every process of this computer is this one, where processes are not what a test is about."""
-
-    class Here:
-        def __init__(self, _workers: int, _limits: Limits) -> None: ...
-
-        def run(self, jobs: Sequence[Job]) -> Generator[Done, None, None]:
-            for job in jobs:
-                yield Done(job, study_row(job.source, job.study, job.method, job.known))
-
     monkeypatch.setattr("jointid.fleet.run.Local", Here)
 
 
@@ -506,6 +500,36 @@ def test_what_is_interrupted_goes_on_where_it_stopped(
     rows = read_fleet(out)
     require_exact(rows, truth)
     assert set(kept) <= set(rows)  # their very times: nothing was done twice
+    assert not journal.exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_the_rows_of_an_interrupted_batch_are_kept(
+    paths: list[Path], truth: dict[str, Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As by the processes of the test above, in this one."""
+    out = tmp_path / "r.parquet"
+    journal = journal_path(out)
+
+    def interrupted(*job: Any) -> Row | None:
+        if journal_lines(out) == 3:
+            raise KeyboardInterrupt
+        return study_row(*job)
+
+    with monkeypatch.context() as context:
+        context.setattr(worker, "study_row", interrupted)
+        ended = CliRunner().invoke(app, ["batch", *map(str, paths), "--out", str(out)])
+    assert ended.exit_code == 130
+    assert "resumes the batch" in ended.stderr
+    assert not out.exists()
+    lines = journal.read_bytes().splitlines()
+    journal.write_bytes(b"\n".join([*lines, lines[-1][:40]]))  # as if the power had failed in a line
+    kept = [from_plain(json.loads(line)) for line in lines[1:]]
+    summary = analyse_fleet(paths, out)
+    assert (len(kept), summary.skipped, summary.good) == (3, 3, COUNT)
+    rows = read_fleet(out)
+    require_exact(rows, truth)
+    assert set(kept) <= set(rows)
     assert not journal.exists()
 
 

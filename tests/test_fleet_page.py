@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from app_pages import opened_app, shown
-from fleet_studies import small_study
+from fleet_studies import Here, small_study
 from streamlit.testing.v1 import AppTest
 
 from jointid import JointIdError, Study, analyse
@@ -186,8 +186,9 @@ def test_values_that_no_batch_writes_are_refused(change: dict[str, object]) -> N
 
 @pytest.fixture
 def app(app: AppTest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AppTest:
-    """The page; it reads tables in this process, which takes less time to begin than another."""
+    """The page; it works in this process, which takes less time to begin than another."""
     monkeypatch.setattr(fleet_files, "read_untrusted", read_fleet)
+    monkeypatch.setattr(fleet_files, "Local", Here)
     monkeypatch.setenv("JOINTID_DATA_DIR", str(tmp_path / "data"))
     return app
 

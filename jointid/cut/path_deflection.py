@@ -149,19 +149,18 @@ def joint_path(robot: RobotModel, q: ArrayLike, path: Toolpath) -> JointPath:
     target = np.zeros((time.size, 3))
     target[:, :2] = path.position(time)
     target += robot.tool_point(q)
-    angles = np.empty((time.size, robot.n))
+    angles, lever = np.empty((time.size, robot.n)), np.empty((time.size, 3, robot.n))
     now = np.array(q, float)
+    tool, jacobian = robot.tool_motion(now)
     for k, point in enumerate(target):
         for _ in range(_ROUNDS):
-            now = now + np.linalg.pinv(robot.tool_jacobian(now), rcond=1e-6) @ (
-                point - robot.tool_point(now)
-            )
-        angles[k] = now
-        if np.linalg.norm(point - robot.tool_point(now)) > _NEAR_M:
+            now = now + np.linalg.pinv(jacobian, rcond=1e-6) @ (point - tool)
+            tool, jacobian = robot.tool_motion(now)
+        angles[k], lever[k] = now, jacobian @ robot.coupling
+        if np.linalg.norm(point - tool) > _NEAR_M:
             raise JointIdError("The robot's tool does not reach the rectangle from this pose.")
     velocity = np.gradient(angles, _STEP_S, axis=0)
     still, C = np.zeros_like(angles), robot.coupling
     gravity = robot.torque(angles, still, still)
     moving = robot.torque(angles, velocity, np.gradient(velocity, _STEP_S, axis=0))
-    lever = np.array([robot.tool_jacobian(each) @ C for each in angles])
     return JointPath(lever, gravity @ C, (moving - gravity) @ C)

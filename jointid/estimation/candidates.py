@@ -211,21 +211,21 @@ class Fits:
         return estimate.misfit if isinstance(estimate, LikelihoodEstimate) else np.inf
 
     def least(self, models: Sequence[Model]) -> Model:
-        """Model with the smallest criterion."""
-        criterion = self.criterion()
-        return min(models, key=lambda model: criterion[model])
+        """Model with the smallest criterion; of models with parts that are not significant, the same."""
+        judged, plain = self.criterion(), self.criterion(judged=False)
+        return min(models, key=lambda model: (judged[model], plain[model]))
 
-    def criterion(self) -> dict[Model, float]:
+    def criterion(self, *, judged: bool = True) -> dict[Model, float]:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction.
+        friction. ``judged`` makes it infinite where a part is not significant.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
         for model, estimate in fitted.items():
-            if not self._is_significant(model, estimate):
+            if judged and not self._is_significant(model, estimate):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free

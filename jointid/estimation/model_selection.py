@@ -37,7 +37,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import spread, spread_of_links
+from jointid.estimation.model_average import spread, spread_of_filters, spread_of_links
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -248,6 +248,8 @@ class _Search:
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
                 for start in self.free_start():  # wrong inertias may lead the linear estimate astray
                     self.fit(self.base, start)
+            if self._is_lost() and "delay" in fits.optional:  # the most frequent cause
+                self.fit(self.base.with_part("delay"), self.start)
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
@@ -295,6 +297,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
+        self._pruned(model)
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:
@@ -513,8 +516,10 @@ class _Search:
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
         scored = self.scores(best)
         whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
-        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
-            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        if isinstance(found, LikelihoodEstimate):
+            if "link" in scored and not self.phasors.motion.any():
+                whole = whole + spread_of_links(found, scored["link"], self.prior)
+            whole = whole + spread_of_filters(found, scored)
         return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:

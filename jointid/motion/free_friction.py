@@ -90,6 +90,14 @@ class FreeFriction:
         """Project columns (m, H, n, k) of some records (m,) out as well."""
         return replace(self, ends=(records, columns))
 
+    def moved(self, factor: Complexes) -> FreeFriction:
+        """The waveforms of the records times phase factors (r, H, n): at other times."""
+        groups = tuple(
+            (records, replace(each, shapes=each.shapes * factor[records][..., None]))
+            for records, each in self.groups
+        )
+        return replace(self, groups=groups)
+
     @property
     def shapes(self) -> int:
         """Number of waveforms; their rank may be smaller."""
