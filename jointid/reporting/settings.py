@@ -62,8 +62,8 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             ),
             "Models compared; the one with the smallest information criterion is chosen. A dash: the "
             "fit failed, the data require friction or exclude a lag, or an added parameter is smaller "
-            "than its standard error. Reversals free below 3 %: at lower speeds, as shares of the "
-            "largest, friction is free.",
+            "than its standard error. Reversals free below 3 %: friction is free at "
+            "speeds below 3 % of the largest.",
         )
     names = elasticity_labels(fit.n)
     yield Table(
@@ -72,9 +72,9 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
             (method, *map(with_error, other.estimate.tolist(), other.standard_error.tolist()))
             for method, other in analysis.fits.items()
         ),
-        "Estimators on the sine records. The others than auto keep the given inertias and ignore friction "
-        "and delay: the paper's least squares (13)–(14), its explicit solution (15), and weighted "
-        "least squares.",
+        "Estimators on the sine records. The others than auto keep the given inertias and ignore "
+        "friction and delay: the paper's least squares (13)–(14), its explicit solution (15), and "
+        "weighted least squares.",
     )
     yield Table(
         ("correlation", *names),
