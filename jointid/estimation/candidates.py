@@ -40,6 +40,9 @@ _FREE_PENALTY = 2.0
 WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
+CHANCE = 1e-3
+"""Probability of a misfit of the fundamentals, or of the score of any part, that leads to a richer model
+on an ideal robot."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
@@ -117,7 +120,8 @@ class Candidate:
     """Number of fitted real numbers, those of free friction included."""
     criterion: float
     """Information criterion, 2 · cost over the best model's misfit + penalty; the smallest is chosen.
-    Infinite where the model was not fitted, or a part of it is not significant."""
+    Infinite where the model was not fitted, a part of it is not significant, or other reversals of the
+    friction explain the fundamentals."""
     chosen: bool
     parts: tuple[str, ...] = ()
     """Its parts beside K and D, see ``Model.parts``."""
@@ -194,6 +198,12 @@ def stepped(
     return one_step(with_law_noise(problem, p), p)
 
 
+def fundamental_chance(estimate: LikelihoodEstimate) -> float:
+    """Probability of a larger misfit of the fundamentals by noise; NaN without degrees of freedom."""
+    misfit, freedom = estimate.fundamental
+    return float(chdtrc(freedom, misfit * freedom))
+
+
 @dataclass
 class Fits:
     """Models that were fitted to the same data of n joints, with their estimates."""
@@ -219,13 +229,17 @@ class Fits:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. ``judged`` makes it infinite where a part is not significant.
+        friction. ``judged`` makes it infinite where a part is not significant. Infinite where other
+        reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
+        wrong reversal leaves.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
+        explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
         for model, estimate in fitted.items():
-            if judged and not self._is_significant(model, estimate):
+            astray = model.parts in explained and fundamental_chance(estimate) < CHANCE
+            if astray or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
@@ -237,8 +251,7 @@ class Fits:
         found = self.tried[model]
         if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
             return False
-        misfit, freedom = found.fundamental
-        return bool(chdtrc(freedom, misfit * freedom) > _USUAL)
+        return fundamental_chance(found) > _USUAL
 
     def is_certain(self, model: Model, part: str) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""

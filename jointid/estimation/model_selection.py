@@ -15,6 +15,7 @@ from scipy.special import chdtri
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import (
+    CHANCE,
     EXPLAINED,
     NEEDED,
     WORTH,
@@ -22,6 +23,7 @@ from jointid.estimation.candidates import (
     Fits,
     Model,
     fit_model,
+    fundamental_chance,
     model_waveforms,
     stepped,
 )
@@ -65,8 +67,6 @@ _DOUBTFUL = 3.0
 """Misfit from which the simplest model is fitted from start values without the given inertias, too."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
-_CHANCE = 1e-3
-"""Probability that the score of any part leads to a fit on an ideal robot."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -265,7 +265,9 @@ class _Search:
 
     def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
-        return found.misfit > (_EXPLAINED_MOTIONS if self.phasors.motion.any() else EXPLAINED)
+        if self.phasors.motion.any():
+            return found.misfit > _EXPLAINED_MOTIONS
+        return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
@@ -441,7 +443,7 @@ class _Search:
         """Absent parts with a significant score that is not far below the highest, best first."""
         scored = self.scores(model)
         order = sorted(scored, key=lambda part: scored[part].penalised(self.fits.rows), reverse=True)
-        chance, misfit = _CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
+        chance, misfit = CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
         return [
             part
             for part in order
