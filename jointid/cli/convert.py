@@ -80,7 +80,7 @@ def convert(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, to a study."""
+    """Convert logs of any controller, with sines or other motions, into a study."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
