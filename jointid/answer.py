@@ -67,7 +67,7 @@ class StiffnessUnit:
 
     @property
     def side(self) -> str:
-        """Where K and D are seen from."""
+        """Side of the gear at which K and D are given."""
         return "seen from the motor" if self.gear_ratio is None else "at the joint"
 
     def units(self, n: int) -> list[str]:
@@ -107,7 +107,7 @@ class Quantity:
 
 
 def elasticity_quantities(fit: ElasticityFit, unit: StiffnessUnit = AT_MOTOR) -> tuple[Quantity, ...]:
-    """K1 ... Kn and D1 ... Dn with the whole standard error."""
+    """K1 ... Kn and D1 ... Dn with the total standard error."""
     values = (unit.shown(np.concatenate([fit.K, fit.D])), unit.shown(fit.standard_error))
     return _quantities(elasticity_labels(fit.n), *values, unit.units(fit.n))
 
@@ -178,6 +178,13 @@ def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
     return terms
 
 
+def gear_text(fit: ElasticityFit, joint: int) -> str:
+    """The terms of ``gear_terms`` as a line."""
+    terms = gear_terms(fit, joint).items()
+    parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
+    return f"Joint {joint + 1}: {'; '.join(parts)}"
+
+
 def effect_values(fit: ElasticityFit) -> dict[str, tuple[Floats, Floats]]:
     """Values and standard errors, each shape (n,), of fitted effects, by names of their parameters."""
     layout, p = fit.parameters.layout, fit.parameters
@@ -202,7 +209,7 @@ def model_name(fit: ElasticityFit) -> str:
 
 
 def without(fit: ElasticityFit) -> str:
-    """Return "without friction and delay", or what else the fit removes from the data, or nothing."""
+    """Return "without friction and delay" or other effects that the fit removes; "" without any."""
     removed = fitted_parts(fit)
     if "torque_scale" in fit.parameters.layout:
         removed.append("torque scale error")
@@ -210,7 +217,7 @@ def without(fit: ElasticityFit) -> str:
 
 
 def fitted_parts(fit: ElasticityFit) -> list[str]:
-    """Names of what was fitted in addition to K, D, inertias and torque scales."""
+    """Names of the effects fitted in addition to K, D, inertias and torque scales."""
     found = ["friction"] * (fit.friction is not None) + ["delay"] * (fit.delay is not None)
     return found + [EFFECTS[name].name for name in EFFECTS if name in fit.parameters.layout]
 
@@ -228,7 +235,7 @@ def answer_sentence(
     ----------
     fit : ElasticityFit
     nominal : Elasticity, optional
-        Values that the controller assumes.
+        K and D in the controller at present.
     torque_stated : bool
         Whether the uncertainty of the torque scale is part of the errors. If not, the sentence says so.
     unit : StiffnessUnit, optional
@@ -261,12 +268,12 @@ def _compared(fit: ElasticityFit, nominal: Elasticity, j: int, *, short: bool) -
     ratio = float(fit.K[j] / nominal.K[j])
     error = float(fit.standard_error[j] / nominal.K[j])
     if abs(ratio - 1) <= max(_AGREEMENT, 2 * error):
-        return "is as stiff as " + ("assumed" if short else "the controller assumes")
+        return "has its nominal stiffness"
     if 0.67 < ratio < 1.5:
         kind = "stiffer" if ratio > 1 else "softer"
-        tail = "" if short else " than the controller assumes"
+        tail = "" if short else " than nominal"
         return f"is {_two_digits(100 * abs(ratio - 1), 100 * error)} % {kind}{tail}"
-    tail = "" if short else " as the controller assumes"
+    tail = "" if short else " as nominal"
     return f"is {_two_digits(ratio, error)} times as stiff{tail}"
 
 

@@ -80,8 +80,8 @@ def heavy_friction() -> Study:
     return Study(
         name="Worn cell: heavy friction, torque lag not stated",
         origin="simulated",
-        description="The same robot with 0.4 and 0.08 N·m of Coulomb friction, and a torque that lags "
-        "by 1.5 ms plus half a sample of hold without the log saying so.",
+        description="The robot of the sample paper with 0.4 and 0.08 N·m of Coulomb friction and a "
+        "torque lag of 1.5 ms plus half a sample of hold, which the log does not state.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),

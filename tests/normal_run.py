@@ -164,7 +164,7 @@ VARIANTS: dict[str, dict[str, tuple[str, ...]]] = {
         "test_no_scale_helps_where_rest_exceeds_the_limit": (),
         "test_over_a_limit_nothing_is_written": ("acceleration*",),
         "test_the_played_motion_gives_k_and_d_back": ("multisine",),
-        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines",),
+        "test_the_set_points_of_a_file_give_k_and_d_back": ("sines-rsi",),
     },
     "test_sine_fit.py": {
         "test_stated_covariance_is_the_scatter_of_the_phasors": (

@@ -71,7 +71,7 @@ class TestFirstScreen:
         for name, truth in {"K1": 43.0, "K2": 7.5, "D1": 0.10, "D2": 0.015}.items():
             value, error = metric(at, name)
             assert abs(value - truth) < 5 * error + 0.003 * truth, name
-        assert "2.0 times as stiff as the controller assumes" in at.header[0].value
+        assert "2.0 times as stiff as nominal" in at.header[0].value
         assert figures(at) == 2
 
     def test_it_says_where_the_study_comes_from(self, app: AppTest) -> None:

@@ -22,9 +22,9 @@ from jointid import Study, analyse, load_study, resonances, save_study
 from jointid.cli import app
 from jointid.cli.files import robot_from
 from jointid.cli.options import gears
-from jointid.cli.output import finite
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
+from jointid.exporting.identification_files import with_infinite_as
 from jointid.files.application import sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
@@ -267,6 +267,9 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
     assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
     assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
+    ok("export", "s.zip", "-o", "s.st", "-o", "s.c", "-o", "s.m", "-o", "s.py")
+    assert "K : ARRAY[1..2] OF LREAL := [" in (here / "s.st").read_text("utf-8")
+    assert "static const double D[2] = {" in (here / "s.c").read_text("utf-8")
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
     again = [*made[:-2], "--overwrite", "--gear"]
@@ -599,7 +602,7 @@ def test_files_are_written_completely_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_json_has_null_for_what_is_no_number() -> None:
-    assert finite({"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
+    assert with_infinite_as(None, {"a": [1.0, float("nan")], "b": (float("inf"), "x", 3)}) == {
         "a": [1.0, None],
         "b": [None, "x", 3],
     }

@@ -221,7 +221,7 @@ def test_nothing_to_do_is_said(tmp_path: Path) -> None:
     for paths, text in (([tmp_path], "holds no study"), ([f"{tmp_path}/*.zip"], "matches no study")):
         with pytest.raises(JointIdError, match=text):
             find_studies(paths)
-    with pytest.raises(JointIdError, match="No study is named"):
+    with pytest.raises(JointIdError, match="No study is given"):
         find_studies([])
     # What is named outright gets its row, which says what is wrong.
     assert find_studies([tmp_path / "gone.zip"]) == (tmp_path / "gone.zip",)

@@ -56,8 +56,8 @@ def batch(
 ) -> None:
     """Analyse many studies into one table, a row per study.
 
-    A study that cannot be read, takes too long or ends its process becomes a row with its error; the
-    others continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
+    A study that cannot be read, exceeds a limit or crashes becomes a row with its error; the others
+    continue. The same command resumes an interrupted batch: finished rows are in OUT.journal
     until the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
     row, with or without an error; 1: nothing was done; 130: interrupted.
     """
@@ -67,7 +67,9 @@ def batch(
     for text in studies:
         named(text)
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter("--workers is of this computer, a --scheduler has its own: give one.")
+        raise typer.BadParameter(
+            "--workers applies to this computer, --scheduler to a cluster: give one of them."
+        )
     require_ending("--out", out, ".parquet", ".pq")
     limits = Limits(time_s=timeout, memory_bytes=_bytes(memory))
     count = [0, 0]

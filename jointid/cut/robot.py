@@ -37,6 +37,14 @@ PAPER = Elasticity(K=(43.0, 7.5), D=(0.10, 0.015))
 """The values that the paper identified, motor side, N·m/rad and N·m·s/rad."""
 SOFT, STIFF = 0.4, 3.0
 """K̂ / K of two wrongly tuned controllers; this software's own choice."""
+NOMINAL_NAMES: dict[Assumption, str] = {
+    "study": "nominal",
+    "rigid": "nominal (rigid)",
+    "soft": f"nominal ({SOFT:g} K)",
+    "stiff": f"nominal ({STIFF:g} K)",
+    "custom": "nominal (custom)",
+}
+"""Names of the controller before the identification."""
 
 DEMONSTRATION = (
     "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if they "
@@ -161,7 +169,7 @@ def reason_unusable(analysis: Analysis) -> str:
     """Reason why an identification gives no path error; empty otherwise."""
     for finding in analysis.findings:
         if finding.level == "problem":
-            return f"The answer cannot be used for a cut. Mend this finding first: {finding.title}."
+            return f"The answer cannot be used for a cut. Resolve this finding first: {finding.title}."
     fit = analysis.fit
     value = np.concatenate([fit.elasticity.K, fit.elasticity.D])
     error = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))

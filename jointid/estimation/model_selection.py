@@ -15,6 +15,7 @@ from scipy.special import chdtri
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import (
+    CHANCE,
     EXPLAINED,
     NEEDED,
     WORTH,
@@ -22,6 +23,7 @@ from jointid.estimation.candidates import (
     Fits,
     Model,
     fit_model,
+    fundamental_chance,
     model_waveforms,
     stepped,
 )
@@ -37,7 +39,7 @@ from jointid.estimation.estimators.parameters import (
     Parameters,
 )
 from jointid.estimation.estimators.score_tests import Score, scores
-from jointid.estimation.model_average import spread, spread_of_links
+from jointid.estimation.model_average import spread, spread_of_filters, spread_of_links
 from jointid.estimation.start_values import (
     at_resonances,
     by_motion,
@@ -65,8 +67,6 @@ _DOUBTFUL = 3.0
 """Misfit from which the simplest model is fitted from start values without the given inertias, too."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
-_CHANCE = 1e-3
-"""Probability that the score of any part leads to a fit on an ideal robot."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -94,7 +94,7 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 _CLIMB, _MOST_CLIMBS = 0.7, 2
 """Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
-"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+"""Share of the gain needed to keep a part from which its score leads to a slow fit."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -248,6 +248,8 @@ class _Search:
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
                 for start in self.free_start():  # wrong inertias may lead the linear estimate astray
                     self.fit(self.base, start)
+            if self._is_lost() and "delay" in fits.optional:  # the most frequent cause
+                self.fit(self.base.with_part("delay"), self.start)
             if self._is_lost() and "friction" in fits.optional and rubbing not in fits.tried:
                 self.fit(rubbing, self.start)
         rubs = NEEDED * min(map(fits.misfit, fits.tried)) < fits.misfit(self.base) < np.inf
@@ -263,7 +265,9 @@ class _Search:
 
     def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
-        return found.misfit > (_EXPLAINED_MOTIONS if self.phasors.motion.any() else EXPLAINED)
+        if self.phasors.motion.any():
+            return found.misfit > _EXPLAINED_MOTIONS
+        return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
@@ -295,6 +299,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
+        self._pruned(model)
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:
@@ -438,7 +443,7 @@ class _Search:
         """Absent parts with a significant score that is not far below the highest, best first."""
         scored = self.scores(model)
         order = sorted(scored, key=lambda part: scored[part].penalised(self.fits.rows), reverse=True)
-        chance, misfit = _CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
+        chance, misfit = CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
         return [
             part
             for part in order
@@ -513,8 +518,10 @@ class _Search:
         found, candidates = self.fits.tried[best], self.fits.candidates(best)
         scored = self.scores(best)
         whole = spread(self.fits, best, scored) + self._spread_of_reversals(best)
-        if isinstance(found, LikelihoodEstimate) and "link" in scored and not self.phasors.motion.any():
-            whole = whole + spread_of_links(found, scored["link"], self.prior)
+        if isinstance(found, LikelihoodEstimate):
+            if "link" in scored and not self.phasors.motion.any():
+                whole = whole + spread_of_links(found, scored["link"], self.prior)
+            whole = whole + spread_of_filters(found, scored)
         return Choice(best, found, candidates, whole)
 
     def _spread_of_reversals(self, best: Model) -> Floats:

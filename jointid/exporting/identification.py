@@ -66,8 +66,8 @@ class Identification:
     D: Floats
     """Damping, shape (n,), N·m·s/rad; may be negative."""
     covariance: Floats
-    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the whole error. What the records do not
-    determine has an infinite variance and no covariance."""
+    """Covariance of K1 ... Kn, D1 ... Dn, shape (2n, 2n): the total error.
+    Undetermined parameters have an infinite variance and no covariance."""
     friction: Friction | None
     """Fitted friction of the motors, or None."""
     delay: float | None
@@ -82,7 +82,7 @@ class Identification:
     """Present values of the controller."""
     obtained: Obtained
     state: str = ""
-    """What may be done with the answer, one of ``jointid.study.STATES``; empty when not stated."""
+    """State of the answer, one of ``jointid.analysis.STATES``; empty when not stated."""
     answer: str = ""
     """The answer as a sentence with what limits it; of an unusable one, the reason."""
     error_parts: dict[str, Floats] = field(default_factory=dict)

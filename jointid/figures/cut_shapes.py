@@ -35,7 +35,7 @@ def shape_svg(
     shapes : sequence of Shape
         Drawn in this order over the wanted path of the first.
     window_m : tuple of float, optional
-        x, y, width and height of what is shown, m.
+        x, y, width and height of the view, m.
     """
     x, y, w, h = window_m or window([shape.wanted_m for shape in shapes], 0.002)
     scale = _WIDTH / w

@@ -95,7 +95,7 @@ def model_over_measurement(
 
 
 def torque_condition(matrix: TransferMatrix, *, dark: bool = False) -> go.Figure:
-    """How independent the records are, and how far H is from symmetric, at each frequency."""
+    """Condition of the records and asymmetry of H at each frequency."""
     ink = colours(dark)
     f = matrix.omega / (2 * np.pi)
     condition = points(
@@ -142,7 +142,7 @@ def compared_models(
     analyses : tuple of Analysis
         Both with a transfer matrix; their first poses are drawn.
     names : tuple of str
-        What the studies are called.
+        Names of the studies.
     joint : int
         From 0.
     """

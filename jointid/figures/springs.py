@@ -29,7 +29,7 @@ def dynamic_stiffness(
     joint : int
         From 0.
     nominal : Elasticity, optional
-        What the controller assumes, drawn as well.
+        Nominal values, drawn as well.
     """
     ink = colours(dark)
     equations = fit.equations

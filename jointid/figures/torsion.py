@@ -38,7 +38,7 @@ def torsion_curve(
     joint : int
         From 0.
     colour_by : {"frequency", "amplitude"}
-        What the colours of the records rise with.
+        Quantity behind the colours of the records.
     """
     ink, curve, gear = colours(dark), fit.torsion_curves[joint], fit.gears[joint]
     traces: list[Trace] = []

@@ -1,4 +1,4 @@
-"""Where the app is, with its pages and sample studies: in a checkout or in an installed package."""
+"""Folder of the app, its pages and sample studies, in a checkout or an installed package."""
 
 from importlib.resources import files
 from pathlib import Path

@@ -112,7 +112,7 @@ def analyse_fleet(
     """
     require_method(method)
     if workers is not None and scheduler is not None:
-        raise JointIdError("workers are of this computer, a scheduler has its own: give one of them.")
+        raise JointIdError("workers applies to this computer, scheduler to a cluster: give one of them.")
     begin, target = time.perf_counter(), Path(os.path.abspath(out))
     found = find_studies(studies)
     if not target.parent.is_dir():

@@ -21,7 +21,7 @@ _MANY = 48
 _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 24, 1e-6
-"""Most Newton steps for the wind-up, and what is left of the torque, over it, that ends them."""
+"""Most Newton steps for the wind-up, and the relative torque residual that ends them."""
 _CENTRED = 1e-9
 """Stiffness, over K, that holds a gear in the middle of a play that it never leaves."""
 _RESOLVED = 1e-9

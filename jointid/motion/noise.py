@@ -17,7 +17,7 @@ from jointid.phasors.sensor_steps import quantum
 _BANDS = 24
 """Bands over which the spectrum is averaged."""
 _BEYOND, _NYQUIST = 1.3, 0.9
-"""Where noise is searched: from this multiple of the band's end to this share of half the rate."""
+"""Range of the search for noise: from this multiple of the band's end to this share of half the rate."""
 _LATEST = 0.5
 """Share of half the sample rate at which the search begins at the latest."""
 _REWEIGHTED = 10

@@ -10,7 +10,7 @@ from jointid.arrays import Complexes, Floats
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """What the phasors of a stretch do not hold: its samples, for friction and the torque's images."""
+    """Samples of a stretch, for friction and the torque's images, which its phasors do not hold."""
 
     record: int
     """Index of the motion record that it comes from."""

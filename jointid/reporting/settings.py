@@ -59,9 +59,9 @@ def settings_blocks(analysis: Analysis) -> Iterator[Block]:
                 )
                 for c in fit.candidates
             ),
-            "Models compared. The one with the smallest information criterion is chosen. A model "
-            "without a criterion could not be fitted, is excluded because friction or the absence of "
-            "a lag is certain, or adds a parameter within its own error.",
+            "Models compared; the one with the smallest information criterion is chosen. A dash: the "
+            "fit failed, the data require friction or exclude a lag, or an added parameter is smaller "
+            "than its standard error.",
         )
     names = elasticity_labels(fit.n)
     yield Table(

@@ -137,7 +137,7 @@ _EQUAL = 6.0
 
 
 def alternatives(fit: ElasticityFit, part: str) -> str:
-    """Names of what explains the data as well in place of a part of the model, such as a delay."""
+    """Names of effects that fit equally well in place of a part of the model, such as a delay."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
     if chosen is None:
         return ""

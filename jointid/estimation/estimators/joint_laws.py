@@ -5,7 +5,7 @@ The torque through a gear is known from the balance at its motor, f = τ − Mθ
     f = K e + c e³ + F z(δ) + D δ̇,   δ = e + (b/2) sign f
 
 (cubic stiffness c, total backlash b, hysteresis of level F with Dahl's z) is wound up by
-δ = f/(K + sD) + w; w is what the law adds to the linear deflection. Coulomb friction at the arm is
+δ = f/(K + sD) + w; w is the contribution of the law to the deflection. Coulomb friction at the arm is
 F_a sign θ̇_a, presliding friction at the motor F_p z(θ). All enter the residual as phasors.
 """
 

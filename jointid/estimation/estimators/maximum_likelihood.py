@@ -53,7 +53,7 @@ _LOST = 100.0
 _ROUGH_IDLE, _ROUGH_TOLERANCE = 1.0, 0.1
 """The same as ``_IDLE`` and ``_TOLERANCE`` for such a model."""
 _TOLERANCE = 1e-2
-"""Step in standard errors at which the iteration ends: far below what the noise resolves."""
+"""Step in standard errors at which the iteration ends, far below the resolution of the noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ def maximum_likelihood(
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How far the residual at some parameters exceeds its noise."""
+    """Ratio of the residual at some parameters to its noise."""
 
     cost: float
     """Σ rᴴV⁻¹r."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from jointid.arrays import Floats, true_runs
 from jointid.importing.find.lines import evenly_sampled, fit_lines
-from jointid.importing.find.multisines import multisines
+from jointid.importing.find.multisines import excited_lines, multisines
 from jointid.importing.find.segment import (
     FEWEST_PERIODS,
     HARMONICS,
@@ -35,7 +35,7 @@ from jointid.importing.map.mapped_log import MappedLog
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
 
-_CHANCE_SHARE = 25.0  # share of the variance × samples, above what a fit to noise explains
+_CHANCE_SHARE = 25.0  # share of the variance × samples, above that of a fit to noise
 _SAME_FREQUENCY = 0.15  # relative difference below which a candidate and a run mean one sine
 _MAX_OTHERS = 0.05  # power of other lines over that of a single sine
 _OTHERS_BAND = 2.5  # times the frequency of a sine, below which other lines count
@@ -46,8 +46,10 @@ _MERGE_CHANGE = 0.06  # relative change of the phasors within both
 _MERGE_GAP_PERIODS = 4  # longest pause between two parts of one run, or the shorter part
 _HOP_PERIODS = 0.5  # between the frames in which the phase of a candidate is followed
 _EDGE = 5  # part of a run at each end that does not count for its frequency: one fifth
-_MULTISINE_WORK = 0.15  # share of the work, for the progress
-_CANDIDATE_WORK = 0.4  # the same up to the end of the search for candidates
+_BEATS = 2.0  # of the closest lines of a multisine, beside which they may look like a sine
+_MIN_SETTLED = 0.5  # of a steady run of one line
+_MULTISINE_WORK = 0.2  # share of the work, for the progress
+_CANDIDATE_WORK = 0.3
 
 WINDOW_PERIODS = 4
 """Periods in one window: with fewer, a sine is like any other motion."""
@@ -159,23 +161,34 @@ class SegmentSearch:
         self._interval = float(self._time[-1] - self._time[0]) / (self._time.size - 1)
 
     def segments(self, progress: Callable[[float], None]) -> list[Segment]:
-        """Find multisines first, then single sines in the rest; ``progress`` gets the share done."""
+        """Find single sines, and multisines where no clear sine is; ``progress`` gets the share done."""
         progress(0.0)
-        taken = np.zeros(self._time.size, bool)
-        found: list[Segment] = []
+        candidates = sine_candidates(self._even, lambda share: progress(_CANDIDATE_WORK * share))
+        blocked, clear = np.zeros((2, self._time.size), bool)
+        work = 1 - _CANDIDATE_WORK - _MULTISINE_WORK
+        singles = [
+            *self._singles(
+                candidates, blocked, clear, lambda share: progress(_CANDIDATE_WORK + work * share)
+            )
+        ]
+        multisine_runs, several = [], np.zeros(self._time.size, bool)
         for begin, end, lines in multisines(
-            self._grid, self._even, lambda share: progress(_MULTISINE_WORK * share)
+            self._grid, self._even, ~clear, lambda share: progress(1 - _MULTISINE_WORK * (1 - share))
         ):
-            taken[begin:end] = True
-            found.append(self._settled(begin, end, lines))
-        work = _CANDIDATE_WORK - _MULTISINE_WORK
-        candidates = sine_candidates(self._even, lambda share: progress(_MULTISINE_WORK + work * share))
-        for candidate in self._best_first(candidates, taken, progress):
-            for begin, end, near in self._steady(candidate):
-                if not taken[begin:end].any() and (segment := self._single(begin, end, near)):
-                    found.append(segment)
-                    taken[self._rows(segment)] = True
-        return self._merged(sorted(found, key=lambda s: s.start_s))
+            several[begin:end] = True
+            multisine_runs.append(self._settled(begin, end, lines))
+        found: list[Segment] = []
+        if multisine_runs:  # parts of a multisine have looked like sines
+            blocked = several.copy()
+            for candidate, runs in singles:
+                kept = [run for run in runs if not several[self._rows(run)].any()]
+                for rows in [candidate] if kept == runs else map(self._rows, kept):
+                    blocked[rows] = True
+                found += kept
+            singles = [*self._singles(candidates, blocked, clear, lambda share: None)]
+        found += [run for _, runs in singles for run in runs]
+        found = [r for r in found if not any(_is_beat_of(r, m) for m in multisine_runs)]
+        return self._merged(sorted(found + multisine_runs, key=lambda s: s.start_s))
 
     def _merged(self, found: list[Segment]) -> list[Segment]:
         """Merge neighbours that are parts of one run: a single sine continues through both."""
@@ -203,28 +216,50 @@ class SegmentSearch:
         whole = grown(y, noise, change=_MERGE_CHANGE) == (0, len(y))
         return self._settled(begin, end, [longer.frequency_hz]) if whole else None
 
-    def _best_first(
-        self, candidates: list[Candidate], taken: np.ndarray, progress: Callable[[float], None]
-    ) -> Iterator[Candidate]:
-        """Yield the free parts of each candidate, best first; the caller extends ``taken``."""
-        done = np.zeros(self._time.size, bool)
+    def _singles(
+        self,
+        candidates: list[Candidate],
+        blocked: np.ndarray,
+        clear: np.ndarray,
+        progress: Callable[[float], None],
+    ) -> Iterator[tuple[slice, list[Segment]]]:
+        """Yield the free parts of candidates that hold sines, the best first, and these sines.
+
+        Parts are added to ``blocked``, sines without any other line to ``clear``; both have shape (N,).
+        """
         failed: list[Candidate] = []
         for number, candidate in enumerate(candidates):
-            progress(_CANDIDATE_WORK + (1 - _CANDIDATE_WORK) * number / len(candidates))
+            progress(number / len(candidates))
             begin, end = candidate.begin, min(candidate.end, self._time.size)
-            for first, last in true_runs(~(taken[begin:end] | done[begin:end])):
+            for first, last in true_runs(~blocked[begin:end]):
                 part = replace(candidate, begin=begin + first, end=begin + last)
                 too_short = (last - first) * part.frequency < FEWEST_PERIODS
                 if too_short or any(_repeats(part, tried) for tried in failed):
                     continue
-                rows = slice(part.begin, part.end)
-                before = taken[rows].sum()
-                yield part
-                if taken[rows].sum() > before:
+                runs = []
+                for low, high, near in self._steady(part):
+                    if not blocked[low:high].any() and (run := self._single(low, high, near)):
+                        rows = self._rows(run)
+                        runs.append(run)
+                        blocked[rows] = True
+                        clear[low:high] |= part == candidate and self._is_clear(part, rows, high - low)
+                if runs:
                     # The edges of a run that was found look like sines of other frequencies.
-                    done[rows] = True
+                    blocked[part.begin : part.end] = True
+                    yield slice(part.begin, part.end), runs
                 else:
                     failed.append(part)
+
+    def _is_clear(self, candidate: Candidate, settled: slice, samples: int) -> bool:
+        """Whether the settled part of a run of some samples is one line and no part of a beat.
+
+        A beat goes on beyond the run, and its phasors have settled in a small part only.
+        """
+        beyond = (candidate.end - candidate.begin - samples) * candidate.frequency
+        most = settled.stop - settled.start >= _MIN_SETTLED * samples
+        if beyond > 2 * WINDOW_PERIODS or not most:
+            return False
+        return len(excited_lines(self._grid[settled], self._even[settled])) == 1
 
     def _steady(self, candidate: Candidate) -> Iterator[tuple[int, int, float]]:
         """Runs of one excitation pattern within a candidate, transients included, and their Hz."""
@@ -321,6 +356,16 @@ class SegmentSearch:
         noise = float(np.median(above)) / np.log(2) * near.size if above.size > near.size else 0.0
         excess, total = max(near.sum() - noise, 0.0), float((line**2).sum())
         return float(excess / total) if total > 0 else np.inf
+
+
+def _is_beat_of(run: Segment, multisine: Segment) -> bool:
+    """Whether a short run beside a multisine is part of a beat of its lines."""
+    lines = np.array(multisine.lines_hz)
+    apart = float(np.diff(lines).min())
+    reach = _BEATS / apart
+    beside = multisine.start_s - reach < run.stop_s and run.start_s < multisine.stop_s + reach
+    near = np.abs(lines - run.frequency_hz).min() < apart
+    return bool(beside and near and run.stop_s - run.start_s < reach)
 
 
 def _steps(signals: Floats) -> Floats:

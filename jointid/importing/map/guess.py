@@ -106,7 +106,7 @@ def _pairs(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list[tuple[
             if key in by_their_number:
                 why = f"{said} is paired by its number alone: check that both belong to one joint."
             elif clear:
-                why = f"The name or unit of {said} says {role}."
+                why = f"The name or unit of {said} indicates {role}."
             reasons.append(Reason(f"{role} of joint {number}", why, clear))
         pairs.append((group["position"].column, group["torque"].column))
     reasons += _lone_columns(best.values(), complete.values())
@@ -132,7 +132,7 @@ def _first_two(
             why = f'"{fit.column.name}" fits best as {role}; no name pairs it with another column.'
         else:
             pair.append(NO_COLUMN)
-            why = f"No name or unit says which column is the {role}: choose it."
+            why = f"No name or unit identifies the {role}: choose its column."
         reasons.append(Reason(f"{role} of joint 1", why))
     return [(pair[0], pair[1])]
 
@@ -163,7 +163,7 @@ def _joint(number: int, position: LogColumn, torque: LogColumn, reasons: list[Re
 
 def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in ANGLE_UNITS:
-        return column.unit, True, f'The file says "{column.unit}".'
+        return column.unit, True, f'The file states "{column.unit}".'
     values = column.values[np.isfinite(column.values)]
     if not values.size:
         return "rad", False, "Radians, until a column is chosen."
@@ -179,33 +179,33 @@ def _angle_unit(column: LogColumn) -> tuple[str, bool, str]:
 
 def _torque_unit(column: LogColumn) -> tuple[str, bool, str]:
     if column.unit in TORQUE_UNITS:
-        return column.unit, True, f'The file says "{column.unit}".'
+        return column.unit, True, f'The file states "{column.unit}".'
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
     if WORDS["current"] & set(words_of(column.name)):
-        return "A", False, "The name says current; ampere is assumed."
+        return "A", False, "The name indicates current; ampere is assumed."
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 
 def _torque_side(torque: LogColumn) -> tuple[str, bool, str]:
     words = set(words_of(torque.name))
     if WORDS["motor"] & words:
-        return MOTOR, True, "The name says motor."
+        return MOTOR, True, "The name indicates motor."
     if torque.unit in ("A", "mA", "%", "‰") or WORDS["current"] & words:
         return MOTOR, True, "Currents and shares of the rated torque belong to the motor."
     if "effort" in words:
         return JOINT, False, "An effort is given at the joint by convention."
     if WORDS["behind"] & words:
-        return JOINT, False, "The name says joint, link or output: behind the gear."
+        return JOINT, False, "The name indicates joint, link or output: behind the gear."
     return MOTOR, False, _NO_SIDE
 
 
 def _position_side(position: LogColumn, torque: LogColumn) -> tuple[str, bool, str]:
     words = set(words_of(position.name))
     if WORDS["motor"] & words:
-        return MOTOR, True, "The name says motor."
+        return MOTOR, True, "The name indicates motor."
     if WORDS["joint"] & words:
-        return JOINT, False, "The name says joint or axis."
+        return JOINT, False, "The name indicates joint or axis."
     if position.unit == "deg":
         return JOINT, False, "Controllers show joint angles in degrees."
     if "effort" in words_of(torque.name):
@@ -275,7 +275,7 @@ def propose_joint(
             said = fit.column.unit
         reasons.append(Reason(end, text))
         unit = said if said in units else first.unit
-        why = f'The file says "{said}".' if unit == said else f"As for joint 1: {unit}."
+        why = f'The file states "{said}".' if unit == said else f"As for joint 1: {unit}."
         reasons.append(Reason(f"unit of {end}", why, unit == said))
         reasons.append(Reason(f"side of {end}", f"As for joint 1: {first.side} side."))
         if meaning := scales.get(unit):

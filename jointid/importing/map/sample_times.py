@@ -175,7 +175,7 @@ def on_one_clock(mapping: Mapping, time: Floats, signals: Sequence[Floats]) -> t
     More samples than the slowest signal has would repeat its noise and make errors look small. Signals
     are NaN where they were not sampled. A held torque keeps its last value; all others follow a cubic
     spline, positions of single-turn encoders after unwrapping. Returns the signals, finite at the times
-    of the slowest, or the given ones if they share a clock; and a sentence on what was done, "" for
+    of the slowest, or the given ones if they share a clock; and a sentence on the choice, "" for
     nothing.
     """
     known = [np.isfinite(time) & np.isfinite(signal) for signal in signals]

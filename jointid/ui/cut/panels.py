@@ -7,10 +7,9 @@ import streamlit as st
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.analysis import NOT_USABLE
-from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres
+from jointid.cut.outcome import EVERYDAY_SERVO, Outcome, millimetres, remainder
 from jointid.cut.path_deflection import has_own_path, meaning, own_path_deflections, rows_of
-from jointid.cut.robot import CutFriction, CutRobot
-from jointid.cut.servo import Servo
+from jointid.cut.robot import CutRobot
 from jointid.figures.cut_shapes import Shape, window
 from jointid.figures.style import colours
 from jointid.ui.cut import cached_cuts
@@ -98,44 +97,6 @@ def _springs(elasticity: Elasticity) -> str:
     return f"K = {_three(elasticity.K)} N·m/rad, D = {_three(elasticity.D)} N·m·s/rad"
 
 
-def remainder(
-    outcome: Outcome,
-    servo: Servo,
-    friction: CutFriction | None,
-    where: str = "the tab Accuracy of K shows",
-) -> str:
-    """Describe the remaining error where the springs no longer matter.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        One whose error does not depend on how well the springs are known.
-    servo : Servo
-        The controller of this cut.
-    friction : CutFriction or None
-        At the motors.
-    where : str
-        Place of the errors of K and their cost, seen from this sentence.
-    """
-    left = millimetres(outcome.after_m)
-    if left.startswith("under"):
-        return f"The remaining error, {left}, is below the resolution of the simulation."
-    causes = []
-    if friction is not None and servo.friction_compensation is None:
-        causes.append("friction")
-    if servo.delay_samples:
-        causes.append("delay")
-    if servo.encoder_bits is not None:
-        causes.append("encoder")
-    *first, last = causes or ["the controller's rate"]
-    named = f"{', '.join(first)} and {last}" if first else last
-    return (
-        f"The remaining error, {left}, comes from {named}, not from the springs: within the error bars "
-        f"of K and D it changes by {millimetres(outcome.spread_m)} (95th percentile shown); "
-        f"{where} the cost of an error of K."
-    )
-
-
 def promise(outcome: Outcome, settings: CutSettings) -> str:
     """Explain the path error after the identification."""
     if outcome.distribution is None:
@@ -143,22 +104,12 @@ def promise(outcome: Outcome, settings: CutSettings) -> str:
     if not outcome.springs_matter:
         return (
             f"the servo assumes the identified values. "
-            f"{remainder(outcome, settings.servo, settings.friction)}{_less_before(outcome)}"
+            f"{remainder(outcome, settings.servo, settings.friction)}"
         )
     return (
         "the servo assumes the identified values; those of the robot are drawn from their "
         f"uncertainty. 95 of 100 such robots stay {_below(outcome.after_m)}, half of them "
         f"{_below(outcome.distribution.median_m)}."
-    )
-
-
-def _less_before(outcome: Outcome) -> str:
-    """Why the cut before may have the smaller error."""
-    if outcome.before_m >= outcome.after_m:
-        return ""
-    return (
-        " The smaller error before is a coincidence: the wrong springs cancel a part of the remaining "
-        "error."
     )
 
 
@@ -282,9 +233,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
             )
             promised = "The identified values are too uncertain for a prediction."
             if not outcome.springs_matter:
-                promised = remainder(
-                    outcome, EVERYDAY_SERVO, outcome.robot.friction, "the page Cut shows"
-                )
+                promised = remainder(outcome, EVERYDAY_SERVO, outcome.robot.friction)
             elif outcome.distribution is not None:
                 promised = (
                     "95 of 100 robots within the uncertainty of the identified values stay "

@@ -41,7 +41,7 @@ _DRIVES: dict[str, Drive | None] = {
     "Serial": "serial",
 }
 _HINT = (
-    "What the servo assumes before the identification. The study's own: its nominal values. Rigid: no "
+    "K and D in the servo before the identification. The study's own: its nominal values. Rigid: no "
     "compensation of the springs. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. The paper "
     "does not state its non-optimal parameters; these are our choice."
 )
@@ -132,7 +132,7 @@ def _restore_own(names: Sequence[str]) -> None:
 
 
 def ask(robot: CutRobot, digest: str) -> CutSettings:
-    """Draw the controls and return what was chosen.
+    """Draw the controls and return the choice.
 
     Parameters
     ----------
@@ -270,17 +270,6 @@ def _one_per_joint(name: str, text: str) -> tuple[float, ...]:
     if len(values) != 2:
         raise JointIdError(f"{name}: {counted(len(values), 'value')} for 2 joints. Give one per joint.")
     return values
-
-
-def nominal_name(assumption: Assumption) -> str:
-    """Return the name of the controller before the identification in a figure."""
-    return {
-        "study": "nominal",
-        "rigid": "nominal (rigid)",
-        "soft": "nominal (0.4 K)",
-        "stiff": "nominal (3 K)",
-        "custom": "nominal (custom)",
-    }[assumption]
 
 
 def _number(

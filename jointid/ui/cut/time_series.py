@@ -2,14 +2,13 @@
 
 import streamlit as st
 
-from jointid.cut.outcome import Outcome
+from jointid.cut.outcome import Outcome, remainder
 from jointid.figures.cut import (
     corner_detail,
     path_error_histogram,
     path_error_over_time,
     torque_over_time,
 )
-from jointid.ui.cut.panels import remainder
 from jointid.ui.cut.settings import CutSettings
 from jointid.ui.shared.charts import choose_segment, plot, side_by_side
 from jointid.ui.shared.page import Page

@@ -18,7 +18,7 @@ _QUANTITIES = {"K": "Stiffness", "D": "Damping"}
 
 
 def show_headline(rows: Sequence[Row]) -> None:
-    """How many studies, of how many robots, and how they came out."""
+    """Number of studies and robots, and the states of the answers."""
     good = [row for row in rows if row.is_good]
     robots = {row.robot for row in good if row.robot}
     parts = [counted(len(rows), "study")]

@@ -36,7 +36,7 @@ T = TypeVar("T")
 _NO_COLUMN = "no column: number the rows"
 _HELD = {True: "held until the next sample", False: "not held: measured, or interpolated"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
-"""How the names of entries begin that the drive's data sheet answers, not the file."""
+"""First parts of the names of entries from the drive's data sheet, not the file."""
 _SWITCHES = {
     ("position", "side"): (JOINT, "Positions measured at the joint, behind the gear"),
     ("torque", "side"): (JOINT, "Torques measured at the joint, behind the gear"),
@@ -272,7 +272,7 @@ class Entries:
                 numbers_in(label, text.replace("?", "nan"), count=len(joints)) if text.strip() else ()
             )
             if any(value == 0 or math.isinf(value) for value in values):
-                raise JointIdError(f"{label}: {text[:60]}. None of them is 0 or infinite.")
+                raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
             show_error(error)
             values = ()

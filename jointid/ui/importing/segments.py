@@ -54,7 +54,7 @@ def edit_segments(found: Mapping[str, Sequence[Segment]], names: Mapping[str, st
     found : mapping of str to sequence of Segment
         By the key of the log.
     names : mapping of str to str
-        What each log is called.
+        Name of each log.
     """
     key = f"import segments {_digest(found)} {st.session_state.get(_SETTLED, 0)}"
     last = last_rows()

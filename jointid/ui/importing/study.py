@@ -61,7 +61,7 @@ def ask_robot(
     robot : Robot or None
         None until the button is clicked and everything is given.
     state : str
-        What is given, beginning with M, or what is missing.
+        Given entries, beginning with M, or the missing ones.
     clicked : bool
         Whether the button was clicked.
     """
@@ -122,7 +122,7 @@ def _answer(problems: list[str], ask: Callable[[], T]) -> T | None:
 
 
 def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[float | None, float | None]:
-    """How well inertias and torque scale are known, unless the TOML states it."""
+    """Ask for the uncertainty of inertias and torque scale, unless the TOML states it."""
     left, right = st.columns(2)
     inertia_std, torque_std = (None, None) if known is None else (known.inertia_std, known.torque_std)
     if inertia_std is None:
@@ -134,7 +134,7 @@ def _ask_deviations(problems: list[str], known: KnownRobot | None) -> tuple[floa
 
 
 def _ask_facts() -> dict[str, Any]:
-    """Which robot it is, when it was measured and how warm, and a note: parameters of ``Study``."""
+    """Ask for robot, date, gear temperature and note: parameters of ``Study``."""
     texts = {
         key: place.text_input(
             label, key=f"import {key}", placeholder=example_hint(example), persist_state="session"

@@ -17,7 +17,7 @@ class Step:
 
 
 OVERVIEW = Step("app.py", "Study", "The answer, its error bars and the verdict.")
-RECORDS = Step("pages/1_Records.py", "Records", "What was logged: each joint's angle and torque.")
+RECORDS = Step("pages/1_Records.py", "Records", "Logged angle and torque of each joint.")
 SIMULATE = Step("pages/8_Simulate.py", "Simulate a robot", "Records of a robot with known K and D.")
 IMPORT = Step(
     "pages/9_Import_a_log.py", "Import a log", "Logs of any controller: columns named, sine runs found."

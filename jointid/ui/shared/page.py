@@ -55,7 +55,7 @@ class Page:
     method: str
     """The estimator chosen for the whole study."""
     unit: str
-    """How K and D are shown, one of ``STIFFNESS_UNITS``."""
+    """Unit of K and D, one of ``STIFFNESS_UNITS``."""
     dark: bool
     """Whether the theme is dark."""
 

@@ -40,7 +40,7 @@ def _pose_fits(digest: str, method: str, _analysis: Analysis) -> PoseFits:
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
-    """How well the model predicts records that are left out of the fit, or why that is not known."""
+    """Prediction of records left out of the fit, or the reason why there is none."""
     if analysis.state == NOT_USABLE:
         return
     try:

@@ -134,7 +134,7 @@ def ask() -> Settings | None:
     Raises
     ------
     JointIdError
-        When what was entered is no robot or no experiment.
+        When the entries are no robot or no experiment.
     """
     left, right = st.columns(2)
     left.markdown("**The robot, seen from the motors**")
@@ -151,7 +151,7 @@ def ask() -> Settings | None:
         key: enter_number(place, f"sim_{key}", *entry)
         for place, (key, entry) in zip(places, _EXPERIMENTS.items(), strict=True)
     }
-    st.markdown("**What the study states**")
+    st.markdown("**Stated in the study**")
     left, right = st.columns(2)
     wrong = enter_number(left, "sim_wrong", "Error of the inertias (%)", 0.0, (0.0, 90.0), _WRONG_HELP)
     inertia_std = ask_inertia_std(right, "sim_inertia_std", INERTIA_STD)

@@ -98,7 +98,7 @@ class ClockCells:
         if len(continuous) == 1:
             return readings[continuous[0]], (
                 f'{self._place}: the dates are read as {continuous[0]} ("{dates[0]}", "{dates[1]}"), '
-                "because the log then goes on without a pause."
+                "because only this order gives a log without gaps."
             )
         if not distinct:
             raise JointIdError(
