@@ -16,7 +16,6 @@ from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows
-from jointid.version import __version__
 from jointid.wording import counted
 
 
