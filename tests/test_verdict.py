@@ -32,6 +32,7 @@ from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence
 from jointid.verdict.findings import findings as all_findings
 from jointid.verdict.rules_causes import against_the_paper, torque_lags
+from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
 from jointid.verdict.wrong_data import wrong_data
@@ -872,6 +873,11 @@ def exchanged(*order: int) -> list[SineRecord]:
         (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
         (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
+        (
+            sound,
+            Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1] * [[1, -1], [-1, 1]]),
+            "look exchanged, and joint 1 or joint 2 looks reversed",
+        ),
         (lambda: scaled(torque=0.5**0.5), SERIAL, "seems to be an rms value in place of the peak"),
         (lambda: scaled(angle=1e6), SERIAL, "seems to be in µrad, or time is probably in seconds"),
         long(
@@ -889,6 +895,46 @@ def test_exchanged_joints_and_units_that_inertias_absorb(
     first = analyse(study).findings[0]
     assert first.level == "problem"
     assert title in first.title
+
+
+@cache
+def of_rubbing_arm() -> Phasors:
+    """Coupled joints with friction of about a third of the torque."""
+    records = simulate_records(
+        SERIAL,
+        PAPER,
+        np.geomspace(3, 30, 8).round(2),
+        excitation=Excitation(velocity_rad_s=4.0, periods=8.5),
+        measurement=Measurement(torque_noise_Nm=0.005),
+        friction=MotorFriction(coulomb=[0.3, 0.1]),
+        seed=1,
+    )
+    return extract_phasors(records)
+
+
+@pytest.mark.parametrize("std", [long(0.0), 0.05])
+@pytest.mark.parametrize(
+    ("given", "title"),
+    [
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed against"),
+        (
+            Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]),
+            "The inertias of joints 1 and 2 look exchanged",
+        ),
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1.5, 1], [1, 0.8]]), None),
+        (Inertia(SERIAL.M * [1.6, 0.7], SERIAL.M2), None),
+    ],
+)
+def test_friction_does_not_hide_exchanged_or_reversed_axes(
+    given: Inertia, title: str | None, std: float
+) -> None:
+    """A whole fit decides; other wrong inertias are neither exchanged nor reversed."""
+    phasors = of_rubbing_arm()
+    fit = identify_elasticity(phasors, given, inertia_std=std)
+    case = Evidence((), [given] * phasors.omega.size, phasors, fit, fit, {})
+    found = [finding.title for finding in axes_exchanged(case)]
+    assert len(found) == (title is not None)
+    assert all(title and each.startswith(title) for each in found)
 
 
 def test_torques_behind_the_gears_are_named() -> None:
