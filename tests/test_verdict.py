@@ -27,11 +27,12 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence
 from jointid.verdict.findings import findings as all_findings
-from jointid.verdict.rules_causes import against_the_paper, torque_lags
+from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torque_lags
 from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
@@ -964,6 +965,19 @@ def test_no_negative_inertia_is_suggested() -> None:
     found = findings(evidence(pulled, inertia, method="weighted"))
     assert not any(re.search(r"J\S* = −", f.detail) for f in found)
     assert said(found, "A spring or gravity acts on joint 1") or said(found, "sign of the")
+
+
+@pytest.mark.parametrize(("other", "named"), [("delay", True), ("cubic", False)])
+def test_a_filter_is_a_wrong_hold_only_where_a_delay_explains_the_data(other: str, named: bool) -> None:
+    """A position filter of half a sample, with the model that explains the data as well."""
+    case = evidence(sound(), SERIAL, method="auto")
+    interval = case.records[0].interval_s
+    layout = ParameterLayout.of(2, effects=["position_filter"])
+    p = layout.named(np.append(case.fit.estimate, [-0.5 * interval] * 2))
+    chosen = replace(case.fit.candidates[0], parts=("position_filter",), chosen=True)
+    twin = replace(chosen, parts=(other,), chosen=False)
+    fit = replace(case.fit, parameters=p, candidates=(chosen, twin))
+    assert bool(half_a_sample(replace(case, fit=fit))) == named
 
 
 def test_effects_that_cannot_be_told_apart_are_named_together() -> None:
