@@ -23,6 +23,8 @@ _SLOWEST = 2.0
 """Largest D ω/K at the highest frequency."""
 _RIDGE = 1e-10
 """Added to the normal matrix of unit diagonal."""
+_ROUNDING = 1e-9
+"""Share of the largest torque that is no information, for records without noise."""
 _RUBS = 2.0
 """Cost that friction explains, over the remaining one, from which the motors rub."""
 
@@ -59,6 +61,7 @@ def motion_start(phasors: Phasors, prior: InertiaPrior) -> Parameters:
         passed = one + A * C[:, None]
         residual = (A @ arm[..., None])[..., 0] - drive
         size = np.abs(A) ** 2 @ variance[:, :n, None] + np.abs(passed) ** 2 @ of_torque[..., None]
+        size += (_ROUNDING * np.abs(drive).max()) ** 2
         columns = [A * (-(2 * lag - 1) / lag**2 * drive)[:, None]]
         columns += [A * (s[:, None] / lag**2 * drive)[:, None]]
         columns += [passed * waveform[:, None] for waveform in rubs]
