@@ -241,7 +241,7 @@ class _Search:
             self.fit(rubbing, self.start)
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
-            if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
+            if isinstance(found, LikelihoodEstimate) and self._may_be_richer(rubbing) and clear:
                 self.fit(replace(self.base, reversal=0.03), found.named)
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
@@ -263,9 +263,11 @@ class _Search:
             if self._is_lost() and law in fits.optional:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
-    def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
+    def _may_be_richer(self, model: Model) -> bool:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
-        return found.misfit > (_EXPLAINED_MOTIONS if self.phasors.motion.any() else EXPLAINED)
+        if self.phasors.motion.any():
+            return self.fits.misfit(model) > _EXPLAINED_MOTIONS
+        return not self.fits.is_explained(model)
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
@@ -423,7 +425,7 @@ class _Search:
             bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
             instead = (part for part in clear if scored[part].gain > _NEARLY_ALL * found.cost)
             wider += [bare.with_part(part) for part in instead if part not in LAWS]
-        if model.reversal is not None and self._may_be_richer(found):
+        if model.reversal is not None and self._may_be_richer(model):
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
@@ -458,7 +460,7 @@ class _Search:
         found = self.fits.tried[model]
         if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
             return True
-        if self.phasors.motion.any() and not self._may_be_richer(found):
+        if self.phasors.motion.any() and not self._may_be_richer(model):
             return False  # it takes a minute
         if part != "friction" and found.misfit > EXPLAINED:
             needed = WORTH * (found.misfit - 1) * found.expected_cost

@@ -29,6 +29,10 @@ _GRID = 1024
 _NOISE_MARGIN = 4.0
 """Standard deviations of the velocity within which its sign is unknown."""
 
+_SEEN = 6.0
+"""Power of a harmonic over its noise from which the velocity has it: an exponential distribution
+exceeds it once in 400."""
+
 _STATIONARY = 0.5
 """Share of the largest velocity with unknown sign from which a joint counts as stationary."""
 
@@ -67,10 +71,16 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None] * np.arange(1, H + 1)
     angle = phasors.harmonics[..., :n]
-    swing = (rate[..., None] * angle).swapaxes(1, 2)
-    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     variance = np.einsum("rhjj->rhj", phasors.harmonic_covariance[..., :n, :n]).real
-    noise = np.sqrt(0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, variance))
+    seen = np.abs(angle) ** 2 > _SEEN * variance
+    seen[:, 0] = True
+    swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
+    velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
+    # What the other harmonics hold beyond their noise adds to that of those seen.
+    left = np.where(seen, variance, np.abs(angle) ** 2 - variance)
+    power = 0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, np.where(seen, variance, 0.0))
+    unseen = 0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, np.where(seen, 0.0, left))
+    noise = np.sqrt(power + np.maximum(unseen, 0.0))
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window, _NOISE_MARGIN * noise / largest), 1.0)
