@@ -267,7 +267,7 @@ class _Search:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
         if self.phasors.motion.any():
             return self.fits.misfit(model) > _EXPLAINED_MOTIONS
-        return not self.fits.is_explained(model)
+        return not self.fits.is_explained(model, _CHANCE)
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
