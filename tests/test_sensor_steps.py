@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid import SineRecord, extract_phasors
+from jointid import Elasticity, Inertia, SineRecord, extract_phasors
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.joints import motor_response
 from jointid.phasors.sensor_steps import quantum
 
 
@@ -46,6 +48,45 @@ def test_the_error_of_a_coarse_encoder_is_claimed(
         off.append(abs(phasors.q[0, 0] - y) ** 2)
         claimed.append(phasors.covariance[0, 0, 0].real)
     assert 0.2 < np.sqrt(np.mean(off) / np.mean(claimed)) < 2.2
+
+
+@pytest.mark.parametrize(("centre", "first"), [(0.0, 0), (0.25, 1)])
+def test_turning_points_repeat_the_rounding_of_a_fast_sine(centre: float, first: int) -> None:
+    """On odd harmonics where the sine is centred on a step, on even ones a quarter of a step beside."""
+    rng = np.random.default_rng(4)
+    time = np.arange(int(8.3 * 61.56)) / 61.56
+    off, claimed, scatter = np.zeros(4), np.zeros(4), np.zeros(4)
+    for _ in range(60):
+        wave = 34 * rng.uniform(0.95, 1.05) * np.sin(2 * np.pi * (time + rng.random()))[:, None] + centre
+        rounded, exact = (
+            extract_phasors([SineRecord(1.0, time, signal, wave)], harmonics=31)
+            for signal in (np.rint(wave), wave)
+        )
+        off += np.abs(rounded.harmonics - exact.harmonics)[0, :4, 0] ** 2
+        claimed += rounded.harmonic_covariance[0, :4, 0, 0].real
+        scatter += (rounded.harmonic_covariance[0, :4, 0, 0].real) - rounded.harmonic_rounding[0, :4, 0]
+    assert np.all((off > 0.5 * claimed)[first::2] & (off < claimed)[first::2])
+    assert np.all((off > 1.1 * scatter)[first::2])
+    assert np.all(claimed[1 - first :: 2] == pytest.approx(scatter[1 - first :: 2], rel=0.05))
+
+
+def test_a_record_keeps_the_rounding_that_repeats_in_it() -> None:
+    """One of twelve frequencies divides the sample rate; the noise common to all is not its own."""
+    rng = np.random.default_rng(3)
+    inertia, elasticity = Inertia([0.01], [[0.05]]), Elasticity([400.0], [0.4])
+    records = []
+    for hertz in (*np.geomspace(2.1, 19.3, 11), 10.0):
+        time = np.arange(int(5.3 * 1000 / hertz)) / 1000
+        phase = 2 * np.pi * hertz * time + rng.random()
+        response = motor_response([2 * np.pi * hertz], inertia, elasticity)[0, 0, 0]
+        angle = np.rint(40 * np.sin(phase)) / 100
+        tau = 0.4 * (-((2 * np.pi * hertz) ** 2) / response * np.exp(1j * phase)).imag
+        records.append(SineRecord(hertz, time, angle, tau))
+    phasors = extract_phasors(records)
+    repeated = phasors.harmonic_rounding[-1, 0, 0]
+    assert repeated == pytest.approx(1e-4 / 3 / 100, rel=0.3)
+    equations = spring_equations(phasors, inertia)
+    assert equations.noise.covariance[-1, 0, 0, 0].real > repeated
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.3])

@@ -40,6 +40,9 @@ _FREE_PENALTY = 2.0
 WORTH = 0.2
 """Share of the misfit beyond 1 that a part must explain where the model leaves more than noise: every
 wrong part explains something."""
+CHANCE = 1e-3
+"""Probability of a misfit of the fundamentals, or of the score of any part, that leads to a richer model
+on an ideal robot."""
 _USUAL = 0.05
 """Probability of a misfit of the fundamentals that calls for no slow fit."""
 _BEND = 4.0
@@ -62,7 +65,7 @@ class Model:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """What the model has beside K and D: "friction", "delay", keys of ``EFFECTS``."""
+        """Parts of the model beside K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
 
@@ -117,10 +120,11 @@ class Candidate:
     """Number of fitted real numbers, those of free friction included."""
     criterion: float
     """Information criterion, 2 · cost over the best model's misfit + penalty; the smallest is chosen.
-    Infinite where the model was not fitted, or a part of it is not significant."""
+    Infinite where the model was not fitted, a part of it is not significant, or other reversals of the
+    friction explain the fundamentals."""
     chosen: bool
     parts: tuple[str, ...] = ()
-    """What it has beside K and D, see ``Model.parts``."""
+    """Its parts beside K and D, see ``Model.parts``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +198,12 @@ def stepped(
     return one_step(with_law_noise(problem, p), p)
 
 
+def fundamental_chance(estimate: LikelihoodEstimate) -> float:
+    """Probability of a larger misfit of the fundamentals by noise; NaN without degrees of freedom."""
+    misfit, freedom = estimate.fundamental
+    return float(chdtrc(freedom, misfit * freedom))
+
+
 @dataclass
 class Fits:
     """Models that were fitted to the same data of n joints, with their estimates."""
@@ -219,13 +229,17 @@ class Fits:
         """2·cost + the penalty of the parameters, with the cost over the best model's misfit.
 
         Schwarz's penalty ln(rows) for the parameters, Akaike's 2 for each degree of freedom of the free
-        friction. ``judged`` makes it infinite where a part is not significant.
+        friction. ``judged`` makes it infinite where a part is not significant. Infinite where other
+        reversals explain the fundamentals, which give K and D: in many harmonics noise hides what a
+        wrong reversal leaves.
         """
         fitted = {m: e for m, e in self.tried.items() if isinstance(e, LikelihoodEstimate)}
         misfit = max(1.0, min((e.misfit for e in fitted.values()), default=1.0))
         criterion = dict.fromkeys(self.tried, np.inf)
+        explained = {m.parts for m, e in fitted.items() if m.reversal and fundamental_chance(e) > _USUAL}
         for model, estimate in fitted.items():
-            if judged and not self._is_significant(model, estimate):
+            astray = model.parts in explained and fundamental_chance(estimate) < CHANCE
+            if astray or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
             penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
@@ -240,8 +254,12 @@ class Fits:
         found = self.tried[model]
         if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
             return False
+<<<<<<< HEAD
         misfit, freedom = found.fundamental
         return bool(chdtrc(freedom, misfit * freedom) > chance)
+=======
+        return fundamental_chance(found) > _USUAL
+>>>>>>> main
 
     def is_certain(self, model: Model, part: str) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""
@@ -278,6 +296,7 @@ class Fits:
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
             p = estimate.named

@@ -15,6 +15,7 @@ from scipy.special import chdtri
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import (
+    CHANCE,
     EXPLAINED,
     NEEDED,
     WORTH,
@@ -22,6 +23,7 @@ from jointid.estimation.candidates import (
     Fits,
     Model,
     fit_model,
+    fundamental_chance,
     model_waveforms,
     stepped,
 )
@@ -65,8 +67,6 @@ _DOUBTFUL = 3.0
 """Misfit from which the simplest model is fitted from start values without the given inertias, too."""
 _FAR = 1e4
 """Misfit of one friction model from which a richer one from the same start does not converge either."""
-_CHANCE = 1e-3
-"""Probability that the score of any part leads to a fit on an ideal robot."""
 _EXPLAINED_MOTIONS = 1.3
 """Misfit of motions below which richer friction and laws are not tried: their noise is that of the
 residual, and wide reversals leave few equations."""
@@ -94,7 +94,7 @@ _FAR_LAWS = "cubic", "backlash", "hysteresis"
 _CLIMB, _MOST_CLIMBS = 0.7, 2
 """Ratio of misfits by which a part must lower one that is lost, and how many parts are tried for it."""
 _HALFWAY = 0.25
-"""Share of what a part must explain to be kept from which its score leads to a slow fit."""
+"""Share of the gain needed to keep a part from which its score leads to a slow fit."""
 _MOST_STARTS = 2
 """Start values from which a model is fitted."""
 _MANY_ROWS = 20_000
@@ -116,6 +116,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
+    first: Model | None = None,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -129,6 +130,8 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
+    first : Model, optional
+        The model of the start values, which is fitted first.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -151,6 +154,8 @@ def choose_model(
         Model(0.0 if friction else None, delay),
         Fits(optional, phasors.n, max(rows, 1)),
     )
+    if first is not None:
+        search.fit(first, linear)
     if search.may_rub:
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -241,8 +246,17 @@ class _Search:
             self.fit(rubbing, self.start)
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
+<<<<<<< HEAD
             if isinstance(found, LikelihoodEstimate) and self._may_be_richer(rubbing) and clear:
                 self.fit(replace(self.base, reversal=0.03), found.named)
+=======
+            if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
+                free = replace(self.base, reversal=0.03)
+                if by_start and self._is_lost():  # sticking leads friction without it astray
+                    self.fit(free, self.start)
+                if self._is_lost():
+                    self.fit(free, found.named)
+>>>>>>> main
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
@@ -266,8 +280,13 @@ class _Search:
     def _may_be_richer(self, model: Model) -> bool:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
         if self.phasors.motion.any():
+<<<<<<< HEAD
             return self.fits.misfit(model) > _EXPLAINED_MOTIONS
         return not self.fits.is_explained(model, _CHANCE)
+=======
+            return found.misfit > _EXPLAINED_MOTIONS
+        return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
+>>>>>>> main
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
@@ -287,7 +306,8 @@ class _Search:
             if len(similar) > 1 and not any(wider.is_slow for wider in similar):
                 for wider in similar:  # a delay, lags and filters, which their cost tells apart
                     self.fit(wider, found.named)
-                further = [fits.least(similar)]
+                lowest = min(map(fits.misfit, similar))
+                further = [fits.least([m for m in similar if fits.misfit(m) <= EXPLAINED * lowest])]
             else:
                 further = [model.with_part(part) for part in parts]
             for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
@@ -299,7 +319,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
-        self._pruned(model)
+        self._pruned(model)  # friction that it needed on the way may have lost its significance
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:
@@ -443,7 +463,7 @@ class _Search:
         """Absent parts with a significant score that is not far below the highest, best first."""
         scored = self.scores(model)
         order = sorted(scored, key=lambda part: scored[part].penalised(self.fits.rows), reverse=True)
-        chance, misfit = _CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
+        chance, misfit = CHANCE / max(len(self.fits.optional), 1), max(1.0, found.misfit)
         return [
             part
             for part in order

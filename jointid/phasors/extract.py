@@ -6,7 +6,7 @@ Convention: f(t) = a sin ωt + b cos ωt = Im(y e^{iωt}) with y = a + ib: a der
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -69,8 +69,13 @@ class Phasors:
     segments: Sequence[Segment | None] | np.ndarray = ()
     """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
     Its harmonics are those of its length, zero outside its band."""
+    harmonic_rounding: Floats = field(default_factory=lambda: np.zeros(0))
+    """Part of the variances in ``harmonic_covariance`` from rounding that repeats with the motion, which
+    differs by record, shape (r, H, 2n)."""
 
     def __post_init__(self) -> None:
+        if not self.harmonic_rounding.size:
+            object.__setattr__(self, "harmonic_rounding", np.zeros(self.harmonics.shape))
         rows = np.full(np.size(self.omega), None, dtype=object)
         if len(self.segments):
             rows[:] = self.segments
@@ -91,7 +96,7 @@ class Phasors:
 
     @property
     def motion(self) -> np.ndarray:
-        """Which rows come from motion records, shape (r,)."""
+        """Mask of the rows from motion records, shape (r,)."""
         return np.array([segment is not None for segment in self.segments], dtype=bool)
 
     @property
@@ -162,6 +167,7 @@ class Phasors:
             covariance=self.covariance * both,
             harmonics=self.harmonics * scale[..., None, :],
             harmonic_covariance=self.harmonic_covariance * both[..., None, :, :],
+            harmonic_rounding=self.harmonic_rounding * scale[..., None, :] ** 2,
         )
 
     def select(self, records: Sequence[int] | np.ndarray) -> Phasors:
@@ -209,8 +215,10 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     covariance += _rounding(fits)
     # The sensors are the same in all records: a few records show whether they have steps.
     stepped = count > 3 or any(may_have_steps(r) for r in records[:: max(1, len(records) // 4)])
+    rounding = np.zeros((len(records), count, 2 * n))
     for record in np.flatnonzero(stepped | _visible(fits)).tolist():
-        covariance[record] += step_variance(records[record], fits[record])
+        white, rounding[record] = step_variance(records[record], fits[record])
+        covariance[record][:, range(2 * n), range(2 * n)] += white + rounding[record]
     covariance[:, :, range(n), range(n)] += hidden_variance(records)[:, None]
     covariance *= timing[..., :, None] * timing[..., None, :].conj()
     # Leakage of harmonics over an incomplete period: plain fit less the fit with harmonics.
@@ -235,6 +243,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         settling_noise=settling_noise,
         frequency_found_hz=_frequency_found(records, fits, *local),
         labels=tuple(r.label or f"record {i}" for i, r in enumerate(records, start=1)),
+        harmonic_rounding=rounding * np.abs(timing) ** 2,
     )
 
 
@@ -292,8 +301,9 @@ def _distorted(records: Sequence[SineRecord], fits: Sequence[SineFit]) -> bool:
     """Whether a record has harmonics that noise and quantisation do not explain."""
     for record in np.flatnonzero(_visible(fits)).tolist():
         fit = fits[record]
-        steps = step_variance(records[record], fit)
-        if _visible([replace(fit, covariance=fit.covariance + steps)])[0]:
+        steps = step_variance(records[record], fit).sum(axis=0)
+        covariance = fit.covariance + steps[..., None] * np.eye(steps.shape[1])
+        if _visible([replace(fit, covariance=covariance)])[0]:
             return True
     return False
 

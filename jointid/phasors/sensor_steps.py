@@ -2,8 +2,9 @@
 
 Rounding to steps of Δ has the variance Δ²/12. If the frequency divides the sample rate, or nearly so,
 the error repeats with the motion: it does not scatter, and averages only over the samples that differ.
-That of a slow signal always repeats, and averages over the steps that it passes in one period. Other
-noise of σ per sample dithers it, by exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
+That of a slow signal always repeats, and averages over the steps that it passes in one period; of a
+fast one, what the turning points make repeats. Other noise of σ per sample dithers it, by
+exp(−4π²σ²/Δ²) (Widrow and Kollár, Quantization Noise, 2008).
 """
 
 import math
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import spherical_jn
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.phasors.fitted_sine import SineFit
 from jointid.records import SineRecord
 
@@ -33,6 +34,9 @@ _LASTING = 2.0
 _TURNING, _TURNED = 4.83, 1 / 3
 """Samples of the step in which a parabola turns over those of its neighbours, at most 2/(√2 − 1), and mean
 square error of the sum over them, relative to a constant error: 1/72 in place of 1/24."""
+_TURNS = 1.2020569 / np.pi**4
+"""Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
+the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
 _LEAST_STEP = 1e-150
 """Smallest step whose square does not underflow."""
 
@@ -44,27 +48,41 @@ def may_have_steps(record: SineRecord) -> bool:
     return any(bool((signal[1:] == signal[:-1]).any()) for signal in signals)
 
 
-def step_variance(record: SineRecord, fit: SineFit) -> Complexes:
-    """Variance from quantisation in addition to the scatter, diagonal for each harmonic, (H, 2n, 2n)."""
+def step_variance(record: SineRecord, fit: SineFit) -> Floats:
+    """Variance of each harmonic from quantisation in addition to the scatter, shape (2, H, 2n).
+
+    The first part is like other noise; the second, beyond it, belongs to this record alone.
+    """
     period = 1 / (record.frequency_hz * record.interval_s)
     cycles = period * np.arange(1, int(record.periods) + 1)
     repeats = np.abs(cycles - np.round(cycles)) < _REPEATS
     different = round(cycles[np.argmax(repeats)]) if repeats.any() else record.samples
-    scatter = np.abs(np.diag(fit.covariance[0])) * record.samples / 4
-    variance = np.zeros((len(fit.harmonics), scatter.size))
+    each = np.abs(np.einsum("hjj->hj", fit.covariance)) * record.samples / 4
+    drift = np.abs(fit.drift) * record.samples * record.interval_s
+    variance = np.zeros((2, *each.shape))
     for channel, signal in enumerate((*record.theta_rad.T, *record.tau_Nm.T)):
         used = signal[record.start :]
         step = quantum(used[:_EXAMINED])
         if step > _LEAST_STEP:
-            length, share = _runs(used, period, len(variance))
-            seen = float(scatter[channel]) / step**2
+            length, share = _runs(used, period, len(each))
+            seen = float(each[0, channel]) / step**2
             # Samples within a step share its error, which then repeats with the motion in every period.
             lasting = length > _LASTING
             # An error that does not repeat exactly is in the scatter already.
             undithered = _undithered(seen) if repeats.any() or lasting else max(0.0, 1 - 12 * seen)
-            count = (period if lasting else different) / share
-            variance[:, channel] = step**2 / 3 / np.maximum(count, 1.0) * undithered
-    return (variance[:, :, None] * np.eye(scatter.size)).astype(complex)
+            count = np.maximum((period if lasting else different) / share, 1.0)
+            whole = step**2 / 3 / count * undithered
+            variance[0, :, channel] = np.minimum(whole, step**2 / 3 / record.samples)
+            variance[1, :, channel] = whole - variance[0, :, channel]
+            if not lasting and not repeats.any() and drift[channel] < step:
+                noise = max(0.0, float(np.median(each[:, channel])) / step**2 - 1 / 12)
+                size = max(1.0, abs(fit.harmonics[0, channel]) / step)
+                turns = _TURNS * step**2 / size * math.exp(-4 * math.pi**2 * noise)
+                # Odd about a step or its edge, even about a quarter: the mean level is known.
+                place = (fit.offset[channel] - used[0]) / step + np.arange(len(each)) / 4
+                left = 2 * np.cos(2 * np.pi * place) ** 2 * turns - variance[0, :, channel]
+                variance[1, :, channel] = np.maximum(left, 0.0)
+    return variance
 
 
 def hidden_variance(records: Sequence[SineRecord]) -> Floats:

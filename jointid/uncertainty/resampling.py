@@ -207,11 +207,13 @@ def _circular(rng: np.random.Generator, root: Complexes, size: int) -> Complexes
 def _with_noise(phasors: Phasors, error: Complexes, rng: np.random.Generator) -> Phasors:
     """Add an error (r, H, 2n), and draw the covariances of records of few periods."""
     n = phasors.n
-    covariance = phasors.harmonic_covariance.copy()
+    rounding = phasors.harmonic_rounding[..., None] * np.eye(2 * n)
+    covariance = phasors.harmonic_covariance - rounding
     for record in np.flatnonzero(phasors.degrees_of_freedom < _EXACT):
         degrees = max(int(phasors.degrees_of_freedom[record]), 1)
         draws = _circular(rng, _root(covariance[record]), degrees)
         covariance[record] = np.einsum("sha,shb->hab", draws, draws.conj()) / degrees
+    covariance += rounding
     # Leakage of harmonics over an incomplete period is not noise and stays.
     leaked = phasors.covariance - phasors.harmonic_covariance[:, 0]
     return replace(

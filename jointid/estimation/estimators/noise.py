@@ -74,7 +74,8 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     s = np.asarray(1j * phasors.omega[:, None] * np.arange(1, H + 1))
     Z, _ = motor_impedance(s, M[:, None], arm[:, None], K, D)
     E = np.concatenate([-Z, np.broadcast_to(np.eye(n), Z.shape)], axis=3)
-    density = phasors.harmonic_covariance * phasors.duration_s[:, None, None, None]
+    rounding = phasors.harmonic_rounding[:, :H, :, None] * np.eye(channels)
+    density = (phasors.harmonic_covariance - rounding) * phasors.duration_s[:, None, None, None]
     own = np.einsum("rhja,rhab,rhjb->rhj", E, density, E.conj()).real
     squares = np.abs(E) ** 2
     amplitude = phasors.torque_size / np.maximum(phasors.torque_size.max(axis=0), 1e-300)
@@ -93,7 +94,7 @@ def moderated_noise(phasors: Phasors, M: Floats, arm: Floats, K: Floats, D: Floa
     if total.min() <= n + 2:  # singular, or nearly
         density = density * np.eye(channels)
         total = np.maximum(total, n + 3.0)
-    covariance = density / phasors.duration_s[:, None, None, None]
+    covariance = density / phasors.duration_s[:, None, None, None] + rounding
     return Noise(floored(covariance, phasors.z), total)
 
 

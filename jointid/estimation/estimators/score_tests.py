@@ -1,4 +1,4 @@
-"""Score tests: what one more part would lower the cost by, without its fit."""
+"""Score tests: reduction of the cost by one more part, without its fit."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _RIDGE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What a further part of the model would change, to second order (Rao's score test)."""
+    """Effect of a further part of the model, to second order (Rao's score test)."""
 
     gain: float
     """Decrease of the cost."""
