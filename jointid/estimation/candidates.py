@@ -246,20 +246,12 @@ class Fits:
             criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion
 
-    def is_explained(self, model: Model, chance: float = _USUAL) -> bool:
-        """Whether noise explains the residual of a model, at the fundamentals as well.
-
-        ``chance`` is the probability of a fundamental's misfit that noise does not explain.
-        """
+    def is_explained(self, model: Model) -> bool:
+        """Whether noise explains the residual of a model, at the fundamentals as well."""
         found = self.tried[model]
         if isinstance(found, JointIdError) or found.misfit > EXPLAINED:
             return False
-<<<<<<< HEAD
-        misfit, freedom = found.fundamental
-        return bool(chdtrc(freedom, misfit * freedom) > chance)
-=======
         return fundamental_chance(found) > _USUAL
->>>>>>> main
 
     def is_certain(self, model: Model, part: str) -> bool:
         """Whether the cost without a part would be far higher, by its size in standard errors."""

@@ -246,17 +246,12 @@ class _Search:
             self.fit(rubbing, self.start)
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
-<<<<<<< HEAD
-            if isinstance(found, LikelihoodEstimate) and self._may_be_richer(rubbing) and clear:
-                self.fit(replace(self.base, reversal=0.03), found.named)
-=======
             if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
                 free = replace(self.base, reversal=0.03)
                 if by_start and self._is_lost():  # sticking leads friction without it astray
                     self.fit(free, self.start)
                 if self._is_lost():
                     self.fit(free, found.named)
->>>>>>> main
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
@@ -277,16 +272,11 @@ class _Search:
             if self._is_lost() and law in fits.optional:
                 self.fit(model.with_part(law), begin(self.phasors, self.prior))
 
-    def _may_be_richer(self, model: Model) -> bool:
+    def _may_be_richer(self, found: LikelihoodEstimate) -> bool:
         """Whether richer friction, or a law of the gears, may lower the cost noticeably."""
         if self.phasors.motion.any():
-<<<<<<< HEAD
-            return self.fits.misfit(model) > _EXPLAINED_MOTIONS
-        return not self.fits.is_explained(model, _CHANCE)
-=======
             return found.misfit > _EXPLAINED_MOTIONS
         return found.misfit > EXPLAINED or fundamental_chance(found) < CHANCE
->>>>>>> main
 
     def _climbed(self, model: Model) -> Model:
         """The best model after adding the part of the highest score as long as the misfit falls by it.
@@ -445,7 +435,7 @@ class _Search:
             bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
             instead = (part for part in clear if scored[part].gain > _NEARLY_ALL * found.cost)
             wider += [bare.with_part(part) for part in instead if part not in LAWS]
-        if model.reversal is not None and self._may_be_richer(model):
+        if model.reversal is not None and self._may_be_richer(found):
             richer = _RICHER.get((model.reversal, model.curve), ())
             sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
             decisive = bool(clear) and scored[clear[0]].gain > _DECISIVE * found.cost
@@ -480,7 +470,7 @@ class _Search:
         found = self.fits.tried[model]
         if isinstance(found, JointIdError) or not model.with_part(part).is_slow:
             return True
-        if self.phasors.motion.any() and not self._may_be_richer(model):
+        if self.phasors.motion.any() and not self._may_be_richer(found):
             return False  # it takes a minute
         if part != "friction" and found.misfit > EXPLAINED:
             needed = WORTH * (found.misfit - 1) * found.expected_cost

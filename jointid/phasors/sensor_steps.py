@@ -32,8 +32,8 @@ _REPEATS = 0.02
 _LASTING = 2.0
 """Equal samples in a row from which the error is that of the position, whenever it is sampled."""
 _TURNING, _TURNED = 4.83, 1 / 3
-"""Samples of the step in which a parabola turns over those of its neighbours, at most 2/(√2 − 1), and mean
-square error of the sum over them, relative to a constant error: 1/72 in place of 1/24."""
+"""Samples of the step in which a parabola turns over those of its neighbours, at most 2/(√2 − 1), and
+mean square of the error's sum over them, relative to a constant error: 1/72 in place of 1/24."""
 _TURNS = 1.2020569 / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
@@ -103,8 +103,8 @@ def hidden_variance(records: Sequence[SineRecord]) -> Floats:
 def _runs(signal: Floats, period: float, harmonics: int) -> tuple[float, Floats]:
     """Mean number of equal samples in a row, by sample, and what counts of it at each harmonic (H,).
 
-    The error is a ramp through zero in a step that the signal crosses, and constant where it rests. Where
-    it turns, the error is smaller.
+    The error is a ramp through zero in a step that the signal crosses, constant where it rests, and
+    smaller where it turns.
     """
     ends = np.flatnonzero(signal[1:] != signal[:-1])
     lengths = np.diff(ends, prepend=-1, append=signal.size - 1)
