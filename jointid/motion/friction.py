@@ -77,10 +77,9 @@ def friction_waveforms(phasors: Phasors, window: float, *, curve: bool = False) 
     swing = (rate[..., None] * angle * seen).swapaxes(1, 2)
     velocity = samples_of(swing, _GRID) + phasors.drift[:, :, None]
     # What the other harmonics hold beyond their noise adds to that of those seen.
-    left = np.where(seen, variance, np.abs(angle) ** 2 - variance)
-    power = 0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, np.where(seen, variance, 0.0))
-    unseen = 0.5 * np.einsum("rh,rhj->rj", np.abs(rate) ** 2, np.where(seen, 0.0, left))
-    noise = np.sqrt(power + np.maximum(unseen, 0.0))
+    squares = np.stack([variance * seen, (np.abs(angle) ** 2 - variance) * ~seen])
+    power = 0.5 * np.einsum("rh,krhj->krj", np.abs(rate) ** 2, squares)
+    noise = np.sqrt(power[0] + np.maximum(power[1], 0.0))
     largest = np.abs(velocity).max(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(largest > 0, np.maximum(window, _NOISE_MARGIN * noise / largest), 1.0)
