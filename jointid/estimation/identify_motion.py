@@ -30,6 +30,8 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
+_FEW = 16
+"""Segments of motions that show the first noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
@@ -149,14 +151,15 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    noise = _noise(phasors, prior)
+    few, own = _few(phasors, prior)
+    noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
         best = fits[-1][1] if fits else None
         with contextlib.suppress(JointIdError):
-            if best and stepped(phasors, prior, best, noise, model)[1] > _BETTER * best.misfit:
+            if best and stepped(few, own, best, noise, model)[1] > _BETTER * best.misfit:
                 break
-            found = fit_model(phasors, prior, best.named if best and reversal else start, noise, model)
+            found = fit_model(few, own, best.named if best and reversal else start, noise, model)
             if best and found.misfit > _BETTER * best.misfit:
                 break
             fits.append((model, found))
@@ -168,6 +171,15 @@ def _with_first_noise(
         found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
         phasors = _with_noise(phasors, prior, model, found)
     return phasors, _near(found)
+
+
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
+    """Evenly spread segments of long motions around one pose, and all sines."""
+    moves = np.flatnonzero(phasors.motion)
+    if moves.size <= _FEW or len(prior.M2) > 1:
+        return phasors, prior
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    return phasors.select(rows), prior.of_rows(rows)
 
 
 def _near(found: LikelihoodEstimate) -> Floats | Parameters:

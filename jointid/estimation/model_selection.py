@@ -247,7 +247,11 @@ class _Search:
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
             if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
-                self.fit(replace(self.base, reversal=0.03), found.named)
+                free = replace(self.base, reversal=0.03)
+                if by_start and self._is_lost():  # sticking leads friction without it astray
+                    self.fit(free, self.start)
+                if self._is_lost():
+                    self.fit(free, found.named)
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
