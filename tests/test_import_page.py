@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from app_pages import shown
+from app_pages import figures, shown
 from log_makers import cell_log, comma_log, mat_scope
 from streamlit.testing.v1 import AppTest
 
@@ -93,10 +93,6 @@ def sides(at: AppTest) -> list[list[str]]:
 def confirm(at: AppTest, what: str = "drive data") -> AppTest:
     widget(at, "button", f"Confirm the {what}").click()
     return shown(at.run())
-
-
-def figures(at: AppTest) -> int:
-    return len(at.get("plotly_chart"))
 
 
 def send(at: AppTest, M: str, M2: str, button: str = "Open as study") -> AppTest:

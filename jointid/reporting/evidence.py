@@ -74,10 +74,10 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "not observable and set to 0."
     )
     for joints, width in _pairs(fit.n):
-        terms = ". ".join(gear_text(fit, j) for j in joints)
+        terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
-            f"{next(numbers)} Torsion curves, motor side. {terms}.",
+            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}. {terms}.",
         )
 
 
@@ -147,8 +147,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{outcome.robot.meaning} The paper prints no "
-        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and the "
+        f"{outcome.robot.meaning} The paper states neither "
+        "geometry, inertias and zone sizes nor the non-optimal parameters: arm, corner zones and the "
         "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",

@@ -97,9 +97,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     if study.changes:
         yield Paragraph(f"Changed from the data as logged: {' '.join(study.changes)}")
     header: tuple[str, ...] = ("", "identified", "unit", "nominal", "change")
-    caption = (
-        f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: assumed by the controller at present."
-    )
+    caption = f"{capitalised(analysis.unit.side)}. {ERROR_BARS} Nominal: in the controller at present."
     rows: list[tuple[str, ...]] = []
     for k, found in enumerate(analysis.quantities):
         j = k % fit.n
