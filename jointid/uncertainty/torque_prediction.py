@@ -84,8 +84,8 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
             [np.eye(n) * equations.a[out, None], np.eye(n) * (s * equations.a)[out, None]], axis=2
         )
         V = equations.residual_covariance(K, D)[out] + slope @ covariance @ slope.conj().swapaxes(1, 2)
-        error = equations.residual(K, D)[out]
-        solved = np.linalg.solve(V * fit.inflation, error[..., None])[..., 0]
-        score[out] = (error.conj() * solved).real.sum(axis=1) / n
-        relative[out] = np.linalg.norm(error, axis=1) / np.linalg.norm(equations.b[out], axis=1)
+        deviation = equations.residual(K, D)[out]
+        solved = np.linalg.solve(V * fit.inflation, deviation[..., None])[..., 0]
+        score[out] = (deviation.conj() * solved).real.sum(axis=1) / n
+        relative[out] = np.linalg.norm(deviation, axis=1) / np.linalg.norm(equations.b[out], axis=1)
     return TorquePrediction(relative, score)
