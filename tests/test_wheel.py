@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jointid.version import __version__
+from jointid.files.application import __version__
 
 ROOT = Path(__file__).parents[1]
 

@@ -137,7 +137,7 @@ def _document(summary: Summary) -> dict[str, Any]:
         "kept": summary.kept,
         "verdicts": dict(summary.verdicts),
         "time_s": summary.time_s,
-        "studies_per_s": _rate(summary.studies - summary.skipped, summary.time_s),
+        "studies_per_s": summary.rate,
         "failures": [
             {"study": row.study, "failure": row.failure, "error": row.error} for row in summary.failures
         ],
@@ -148,7 +148,7 @@ def _print_summary(summary: Summary) -> None:
     new = summary.studies - summary.skipped
     print(f"{summary.out}: {counted(summary.studies, 'study')}, {summary.good} of them with an answer")
     print(", ".join(f"{n} {answer_state([level])}" for level, n in summary.verdicts.items()))
-    print(f"Analysed now: {new} in {summary.time_s:.1f} s, {_rate(new, summary.time_s):.3g} per second")
+    print(f"Analysed now: {new} in {summary.time_s:.1f} s, {summary.rate:.3g} per second")
     if summary.skipped:
         print(f"Reused from an earlier run: {summary.skipped}")
     if summary.kept:
@@ -162,52 +162,25 @@ def _print_summary(summary: Summary) -> None:
         typer.echo(f"… and {more} more: see the column error of {summary.out}", err=True)
 
 
-def _rate(count: int, time_s: float) -> float:
-    return count / time_s if time_s > 0 else 0.0
-
-
 @contextmanager
 def _progress_display() -> Iterator[Callable[[Progress], None]]:
-    """Show a progress bar on a terminal, else lines for a log file."""
-    if not sys.stderr.isatty():
-        yield _lines()
+    """Show a progress bar on a terminal, else a line now and then for a log file."""
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, TextColumn
+        from rich.progress import Progress as Bars
+
+        columns = BarColumn(), TextColumn("{task.description}")
+        with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+            task = bars.add_task("Analysing", total=None)
+            yield lambda p: bars.update(task, total=p.studies, completed=p.done, description=p.text)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bars
-
-    columns = (
-        TextColumn("Analysing"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}, {task.fields[failed]} failed, left"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
-        task = bars.add_task("", total=None, rate="", failed=0)
-        yield lambda p: bars.update(
-            task,
-            total=p.studies,
-            completed=p.done,
-            rate=f"{_rate(p.done - p.skipped, p.time_s):.3g} per second",
-            failed=p.failed,
-        )
-
-
-def _lines() -> Callable[[Progress], None]:
     last = time.monotonic()
 
     def show(progress: Progress) -> None:
         nonlocal last
-        if time.monotonic() - last < _REPORT_EVERY_S or progress.done == progress.skipped:
-            return
-        last = time.monotonic()
-        rate = _rate(progress.done - progress.skipped, progress.time_s)
-        left = (progress.studies - progress.done) / rate
-        typer.echo(
-            f"{progress.done} of {counted(progress.studies, 'study')}, {progress.failed} failed, "
-            f"{rate:.3g} per second, about {left:.0f} s left",
-            err=True,
-        )
+        if time.monotonic() - last >= _REPORT_EVERY_S and progress.done > progress.skipped:
+            last = time.monotonic()
+            typer.echo(progress.text, err=True)
 
-    return show
+    yield show

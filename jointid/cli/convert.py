@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -80,7 +80,7 @@ def convert(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Convert logs of any controller, with sines or other motions, to a study."""
+    """Convert logs of any controller, with sines or other motions, into a study."""
     if (guess is None) == (mapping is None):
         raise typer.BadParameter(
             "Give --guess FILE first, look at the mapping it writes, then convert with --mapping FILE."
@@ -102,14 +102,8 @@ def convert(
         guessed = guess_mapping(tables[0])
         write_file(guess, (mapping_to_json(guessed.mapping) + "\n").encode())
         if as_json:
-            print_json(
-                {
-                    "mapping": json.loads(mapping_to_json(guessed.mapping)),
-                    "reasons": [
-                        {"what": r.what, "text": r.text, "sure": r.sure} for r in guessed.reasons
-                    ],
-                }
-            )
+            mapped = json.loads(mapping_to_json(guessed.mapping))
+            print_json({"mapping": mapped, "reasons": [asdict(r) for r in guessed.reasons]})
             return
         rows = [[r.what, "" if r.sure else "look", r.text] for r in guessed.reasons]
         print_table(["entry", "", "reason"], rows)

@@ -75,7 +75,7 @@ def cut(
                 LIGHT.nominal,
                 [(label, o.before) for label, o in named_cuts],
             ),
-            ("After", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
+            ("After: identified", LIGHT.identified, [(label, o.after) for label, o in named_cuts]),
         ]
         write_file(svg, to_svg(cut_figure(rows), title=f"Cuts of {study or 'the paper'}").encode())
     if as_json:

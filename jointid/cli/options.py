@@ -100,7 +100,7 @@ UNIT = typer.Option(
     "the study states gear_ratio.",
     show_default=next(iter(STIFFNESS_UNITS)),
 )
-TORQUE_STD = typer.Option(help="The same for the torque constants.")
+TORQUE_STD = typer.Option(help="Relative standard deviation of the torque constants, likewise.")
 NOMINAL_K = typer.Option(
     "--nominal-K", help="Nominal stiffness: that in the controller at present, N·m/rad."
 )

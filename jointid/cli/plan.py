@@ -44,7 +44,10 @@ def plan(
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Suggest the next records and predict the standard errors after each."""
+    """Suggest the next records and predict the standard errors after each.
+
+    Limits are one number for all joints, or numbers with commas: 2.5,2.8.
+    """
     if motion:
         texts = position_limit, velocity_limit, torque_limit
         limits = [numbers(text) if text else None for text in texts]

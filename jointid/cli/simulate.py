@@ -76,7 +76,7 @@ def simulate(
     ] = None,
     encoder_counts: Annotated[int, typer.Option(help="Counts per motor turn; 0 is ideal.")] = 65536,
     torque_noise: Annotated[str, typer.Option(help="Standard deviation of the torque, N·m.")] = "0.01",
-    delay_ms: Annotated[float, typer.Option(help="Torque delay, ms.")] = 0.0,
+    delay_ms: Annotated[float, typer.Option(help="Delay of the torque after its sample, ms.")] = 0.0,
     sample_rate_hz: Annotated[float, typer.Option(help="Sample rate of control and log, Hz.")] = 2000.0,
     inertia_error: Annotated[
         float,
@@ -97,7 +97,10 @@ def simulate(
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Simulate closed-loop experiments, sines or another motion, and save them as a study."""
+    """Simulate closed-loop experiments, sines or another motion, and save them as a study.
+
+    Options with a value per joint take one number for all, or numbers with commas: 43,7.5.
+    """
     import numpy as np
 
     from jointid.importing.robot_inertia import KnownRobot

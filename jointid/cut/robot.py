@@ -95,7 +95,7 @@ class CutRobot:
     covariance: Floats
     """Their covariance in the order K1, K2, D1, D2, shape (4, 4)."""
     nominal: Elasticity | None
-    """K and D that the study's controller assumes; None when not stated."""
+    """Nominal K and D of the study; None when not stated."""
     friction: CutFriction | None
     """Identified friction; None when it was not fitted."""
     scale: tuple[float, float] = (1.0, 1.0)

@@ -147,8 +147,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
             "(Figure 7 of the paper).",
         )
     yield Paragraph(
-        f"{outcome.robot.meaning} The paper prints no "
-        "geometry, no inertias, no zone sizes and no non-optimal parameters: arm, corner zones and the "
+        f"{outcome.robot.meaning} The paper states neither "
+        "geometry, inertias and zone sizes nor the non-optimal parameters: arm, corner zones and the "
         "servo's values before are assumptions of this software or of the study. Both robots are "
         "simulated.",
         "quiet",

@@ -72,8 +72,8 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
             part = least_squares(
                 whitened, fit.estimate, x_scale=size, args=(~out,), max_nfev=_MOST_STEPS
             )
-        except (ValueError, np.linalg.LinAlgError) as error:
-            raise JointIdError("The noise of these records is not known well enough.") from error
+        except (ValueError, np.linalg.LinAlgError) as fault:
+            raise JointIdError("The noise of these records is not known well enough.") from fault
         K, D = part.x[:n], part.x[n:]
         scaled = np.asarray(part.jac) * size
         information = scaled.T @ scaled

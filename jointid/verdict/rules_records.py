@@ -257,7 +257,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
             share = percent(min(1.0, float(np.median(rounding[stepped, j] / variance[stepped, j]))))
             yield make(
                 f"The encoder of joint {j + 1} "
-                + ("limits the noise" if limited else "is coarse for the smallest motion"),
+                + ("dominates the noise" if limited else "is coarse for the smallest motion"),
                 f"Its step is {number(size, 2)} rad ({2 * np.pi / size:.0f} per revolution); "
                 f"the smallest sine has an amplitude of {number(counts.min(), 2)} steps. "
                 + (

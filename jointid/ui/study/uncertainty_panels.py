@@ -45,7 +45,7 @@ def errors_table(analysis: Analysis) -> Table:
         "Estimate": [quantity.shown[0] for quantity in found],
     }
     parts = zip(map(capitalised, header), _columns(rows), strict=True)
-    columns |= dict(list(parts)[2:])  # after name and whole error
+    columns |= dict(list(parts)[2:])  # after name and total error
     if "least-squares" not in analysis.fits or fit.method == "least-squares":
         return columns
     paper = elasticity_quantities(analysis.fits["least-squares"], analysis.unit)
@@ -192,6 +192,6 @@ def show_ellipses(page: Page, analysis: Analysis) -> None:
         key="ellipses",
     )
     st.caption(
-        "From the whole error. A slanted ellipse means that an error in one comes with an error in the "
+        "From the total error. A slanted ellipse means that an error in one comes with an error in the "
         "other."
     )
