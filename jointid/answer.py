@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,6 +82,28 @@ class StiffnessUnit:
         side = np.ones(n) if self.gear_ratio is None else self.gear_ratio**2
         return np.asarray(values * np.concatenate([side * _RADIANS[self.angle], side]))
 
+    def of_gear(self, joint: int) -> GearScale:
+        """Factors for the wind-up and the torque of one gear, from 0."""
+        ratio = 1.0 if self.gear_ratio is None else abs(float(self.gear_ratio[joint]))
+        per_rad, angle = (1e3, "mrad") if self.angle == "rad" else (1 / _RADIANS[self.angle], self.angle)
+        side = "motor side" if self.gear_ratio is None else "joint side"
+        return GearScale(
+            per_rad / ratio, ratio, ratio**2 * _RADIANS[self.angle], angle, f"N·m/{self.angle}", side
+        )
+
+
+class GearScale(NamedTuple):
+    """Factors from values of a gear in SI units at the motor to those shown."""
+
+    wind_up: float
+    torque: float
+    stiffness: float
+    angle: str
+    """Unit of the wind-up."""
+    unit: str
+    """Of the stiffness."""
+    side: str
+
 
 _RADIANS = {"rad": 1.0, "arcmin": np.pi / 10800, "°": np.pi / 180}
 STIFFNESS_UNITS = {
@@ -144,43 +167,45 @@ def friction_note(fit: ElasticityFit) -> str:
     )
 
 
-def gear_terms(fit: ElasticityFit, joint: int) -> dict[str, str]:
-    """Terms of gear catalogues for one joint, from 0, with values and units; motor side."""
-    gear, curve = fit.gears[joint], fit.torsion_curves[joint]
-    torque = gear.tried_Nm
-    terms = {
-        "Law": " + ".join(gear.laws),
-        "Largest torque": f"{significant(torque, 2)} N·m" if torque else "–",
-    }
+def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> dict[str, str]:
+    """Terms of gear catalogues for one joint, from 0, with values and units."""
+    gear, curve, scale = fit.gears[joint], fit.torsion_curves[joint], unit.of_gear(joint)
+
+    def wind_up(rad: float, digits: int = 3) -> str:
+        return f"{significant(scale.wind_up * rad, digits)} {scale.angle}"
+
+    def torques(*Nm: float, digits: int = 3) -> str:
+        return ", ".join(significant(scale.torque * value, digits) for value in Nm) + " N·m"
+
+    def stiffnesses(*K: float) -> str:
+        return ", ".join(significant(scale.stiffness * value, 3) for value in K) + f" {scale.unit}"
+
+    largest = torques(gear.tried_Nm, digits=2) if gear.tried_Nm else "–"
+    terms = {"Law": " + ".join(gear.laws), "Largest torque": largest}
     small = "K outside the play" if gear.backlash_rad else "K at small torque"
-    terms[small] = f"{with_error(gear.K, float(fit.standard_error[joint]))} N·m/rad"
+    K, error = scale.stiffness * gear.K, scale.stiffness * float(fit.standard_error[joint])
+    terms[small] = f"{with_error(K, error)} {scale.unit}"
     if gear.kind in ("hardening", "piecewise"):
         edge = gear.tried_rad
         slope = float(np.diff(gear.torque([edge, 1.001 * edge]))[0]) / (0.001 * edge)
-        terms[f"K at {significant(torque, 2)} N·m"] = f"{significant(slope, 3)} N·m/rad"
+        terms[f"K at {largest}"] = stiffnesses(slope)
     if gear.K2:
-        terms["K1, K2, K3"] = ", ".join(significant(K, 3) for K in (gear.K, gear.K2, gear.K3))
-        terms["K1, K2, K3"] += " N·m/rad"
-        terms["T1, T2"] = f"{significant(gear.T1_Nm, 3)}, {significant(gear.T2_Nm, 3)} N·m"
+        terms["K1, K2, K3"] = stiffnesses(gear.K, gear.K2, gear.K3)
+        terms["T1, T2"] = torques(gear.T1_Nm, gear.T2_Nm)
     if gear.backlash_rad:
-        terms["Backlash"] = f"{significant(1e3 * gear.backlash_rad, 3)} mrad"
+        terms["Backlash"] = wind_up(gear.backlash_rad)
     if gear.hysteresis_Nm:
-        terms["Hysteresis (± torque)"] = f"{significant(gear.hysteresis_Nm, 3)} N·m"
+        terms["Hysteresis (± torque)"] = torques(gear.hysteresis_Nm)
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
-    if lost:
-        terms["Lost motion"] = f"{significant(1e3 * lost, 3)} mrad"
-    else:
-        noise = curve.deflection_noise_rad
-        least = (
-            f"noise {significant(1e3 * float(np.median(noise)), 1)} mrad" if noise.size else "no curve"
-        )
-        terms["Lost motion"] = f"not seen ({least})"
+    noise = curve.deflection_noise_rad
+    least = f"noise {wind_up(float(np.median(noise)), 1)}" if noise.size else "no curve"
+    terms["Lost motion"] = wind_up(lost) if lost else f"not seen ({least})"
     return terms
 
 
-def gear_text(fit: ElasticityFit, joint: int) -> str:
+def gear_text(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -> str:
     """The terms of ``gear_terms`` as a line."""
-    terms = gear_terms(fit, joint).items()
+    terms = gear_terms(fit, joint, unit).items()
     parts = [f"{name if name[0] in 'KT' else name.lower()} {value}" for name, value in terms]
     return f"Joint {joint + 1}: {'; '.join(parts)}"
 

@@ -26,7 +26,7 @@ from jointid.ui.shared.page import open_page
 page = open_page("Cut")
 st.title("Cut", anchor=False)
 analysis = page.analysis()
-show_own_path(analysis)
+show_own_path(page, analysis)
 stage = st.container()  # the drawing, above the controls
 try:
     robot = cut_robot(analysis)

@@ -18,7 +18,16 @@ from normal_run import COLLECTED, of_long_run
 from plants import PAPER, PARALLELOGRAM, ROBOTS
 from threadpoolctl import threadpool_limits
 
-from jointid import Controller, Elasticity, Excitation, Measurement, Study, simulate_records
+from jointid import (
+    Analysis,
+    Controller,
+    Elasticity,
+    Excitation,
+    Measurement,
+    Study,
+    analyse,
+    simulate_records,
+)
 from jointid.files.study_files import save_study
 from jointid.importing.read.reader_process import ReaderProcess
 
@@ -182,6 +191,11 @@ def main_module() -> Iterator[None]:
 def studies() -> dict[int, Study]:
     """Studies of one, two and three joints."""
     return {joints: simulated(joints) for joints in (1, 2, 3)}
+
+
+@pytest.fixture(scope="session")
+def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
+    return {joints: analyse(study) for joints, study in studies.items()}
 
 
 @pytest.fixture(scope="session")

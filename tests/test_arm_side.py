@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from examples import tries
 
-from jointid import ArmSideFit, JointIdError, MotionRecord, identify_arm_side
+from jointid import (
+    ArmSideFit,
+    Inertia,
+    JointIdError,
+    MotionRecord,
+    identify_arm_side,
+    load_study,
+    save_study,
+)
 from jointid.arm_side.band_limited import GaussianFilter
 from jointid.arm_side.mixed_model import Estimate
+from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
@@ -155,3 +165,22 @@ def test_the_rigid_model_has_a_part_in_the_error_and_a_repeated_record_none() ->
     np.testing.assert_allclose(added, 0.03 * exact.K[:SENSORS])
     with pytest.raises(JointIdError, match="torque_std"):
         identify_arm_side(record(), ROBOT, torque_std=-0.1)
+
+
+def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
+    """Names find the sensors, degrees become radians at the joint, and a study keeps them."""
+    names = [f"motor_{n}_{k}_{u}" for n, u in (("pos", "rad"), ("torque", "Nm")) for k in range(1, 7)]
+    names += [f"link_pos_{k}_deg" for k in range(1, SENSORS + 1)]
+    arm_rad = np.asarray(record().arm_rad)
+    degrees = np.rad2deg(arm_rad[:, :SENSORS])
+    rows = np.column_stack([record().time_s, record().theta_rad, record().tau_Nm, degrees])
+    np.savetxt(tmp_path / "log.csv", rows, "%.12g", ",", header=",".join(["t", *names]), comments="")
+    (table,) = read_log(tmp_path / "log.csv")
+    log = apply_mapping(table, guess_mapping(table).mapping)
+    study = study_from_logs(log, find_runs(log), Inertia(M=np.ones(6), M2=np.eye(6)))
+    save_study(study, tmp_path / "study")
+    (saved,) = load_study(tmp_path / "study").records
+    assert isinstance(saved, MotionRecord)
+    np.testing.assert_allclose(np.asarray(saved.arm_rad), arm_rad, atol=1e-11)
+    found = identify_arm_side(saved, ROBOT)
+    np.testing.assert_allclose(found.K, fit().K, rtol=1e-6)

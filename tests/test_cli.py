@@ -25,7 +25,7 @@ from jointid.cli.options import gears
 from jointid.errors import JointIdError
 from jointid.exporting import from_json, load_identification
 from jointid.exporting.identification_files import with_infinite_as
-from jointid.files.application import sample_studies
+from jointid.files.application import __version__, sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
 from jointid.importing.study import study_name
@@ -117,7 +117,8 @@ def test_a_file_or_folder_goes_before_a_sample_of_its_name(here: Path, one_joint
 
 
 def test_the_samples_are_listed(here: Path) -> None:
-    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes", "worn_cell"]
+    names = ["paper", "manutec_r3", "motions", "single_joint", "six_axes"]
+    names += ["swapped_torques", "worn_cell"]
     assert list(sample_studies()) == names
     shown = re.sub(r"[\s│]+", " ", ok("identify", "--help"))
     assert f"sample: {', '.join(names)}" in shown
@@ -250,9 +251,20 @@ def test_a_simulated_study_gives_its_parameters_back(here: Path) -> None:
 def test_simulated_gears_have_their_laws(here: Path) -> None:
     made = ["simulate", "s.zip", "--count", "8", "--periods", "6", "--gear", "1: cubic=9000"]
     ok(*made, "--gear", "2:backlash=0.004")
-    laws = json.loads(ok("identify", "s.zip", "--json"))["gears"]
+    ok(
+        "export",
+        "s.zip",
+        "-o",
+        "s.json",
+        "-o",
+        "s.gears.csv",
+        "-o",
+        "s.gears.txt",
+        "-o",
+        "s.torsion.csv",
+    )
+    laws = json.loads((here / "s.json").read_text("utf-8"))["gears"]
     assert laws["kind"] == ["hardening", "backlash"]
-    ok("export", "s.zip", "-o", "s.gears.csv", "-o", "s.gears.txt", "-o", "s.torsion.csv")
     assert "double gear2(" in (here / "s.gears.txt").read_text("utf-8")
     assert "torque_m2_Nm" in (here / "s.gears.csv").read_text("utf-8")
     assert "law_Nm" in (here / "s.torsion.csv").read_text("utf-8")
@@ -507,6 +519,13 @@ def program(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[bytes]:
     environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
     command = [sys.executable, "-m", "jointid.cli", *arguments]
     return subprocess.run(command, capture_output=True, cwd=cwd, env=environment, check=False)
+
+
+def test_the_package_itself_is_the_program(tmp_path: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-m", "jointid", "--version"]
+    run = subprocess.run(command, capture_output=True, cwd=tmp_path, env=environment, check=True)
+    assert __version__ in run.stdout.decode()
 
 
 def test_as_a_process(one_joint: Path, tmp_path: Path) -> None:

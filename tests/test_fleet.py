@@ -377,7 +377,11 @@ def test_every_row_is_exact_and_a_second_run_analyses_only_what_changed(
 
 @posix
 def test_six_poisoned_studies_stop_nothing(
-    paths: list[Path], truth: dict[str, Row], tmp_path: Path, request: pytest.FixtureRequest
+    paths: list[Path],
+    truth: dict[str, Row],
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bad = poison(tmp_path) | {"greedy": tmp_path / "greedy.zip"}
     bad["greedy"].write_bytes(paths[0].read_bytes())
@@ -390,14 +394,14 @@ def test_six_poisoned_studies_stop_nothing(
         *paths[6:],
     ]
     out = tmp_path / "r.parquet"
-    command = batch(
-        *mixed, "--out", out, "--workers", 2, "--timeout", 2, env=with_poison(tmp_path / "p")
-    )
-    printed, said = command.communicate(timeout=120)
-    assert command.returncode == 0, said
-    assert f"{COUNT + 6} studies, {COUNT} of them with an answer" in printed
-    assert "Failed: 6" in said
-    assert f"{bad['nan']}: records/01.csv" in said
+    with monkeypatch.context() as context:
+        context.setenv("PYTHONPATH", with_poison(tmp_path / "p")["PYTHONPATH"])
+        options = ["--out", str(out), "--workers", "2", "--timeout", "2"]
+        ended = CliRunner().invoke(app, ["batch", *map(str, mixed), *options])
+    assert ended.exit_code == 0, ended.stderr
+    assert f"{COUNT + 6} studies, {COUNT} of them with an answer" in ended.stdout
+    assert "Failed: 6" in ended.stderr
+    assert f"{bad['nan']}: records/01.csv" in ended.stderr
     rows = read_fleet(out)
     assert [row.study for row in rows] == [str(p) for p in mixed]
     require_exact(rows, truth)

@@ -176,7 +176,7 @@ def test_the_noise_of_a_law_is_that_of_many_draws(gear: Gear) -> None:
     moved, low = f / kappa / orders**2, np.array([[[True, True]]])
     found = WoundGears.solve(laws, kappa, f, moved, low, np.zeros((1, 1, 0)))
     torque, deflection = np.full((1, 1, H), 1e-7), np.full((1, 1, H), 1e-11)
-    by_torque, by_moved, rest = found.noise(laws, torque, deflection)
+    by_torque, by_moved, rest = found.noise(torque, deflection)
 
     def noise(variance: np.ndarray) -> np.ndarray:
         parts = rng.standard_normal((2, draws, 1, H)) * np.sqrt(variance[0] / 2)

@@ -51,7 +51,7 @@ HOMES = {
 
 FLOORS = [
     ["errors"],
-    ["arrays", "wording", "version"],
+    ["arrays", "wording"],
     ["small_matrices", "background", "parsing"],
     ["records", "joints"],
     ["robot_models"],
@@ -69,6 +69,7 @@ FLOORS = [
     ["fleet", "figures"],
     ["reporting"],
     ["cli", "ui"],
+    ["__main__"],
 ]
 """Modules and rooms of the package from the ground up; every one has its floor."""
 

@@ -83,11 +83,6 @@ def outline(html: str) -> Outline:
 
 
 @pytest.fixture(scope="module")
-def analyses(studies: dict[int, Study]) -> dict[int, Analysis]:
-    return {n: analyse(study) for n, study in studies.items()}
-
-
-@pytest.fixture(scope="module")
 def report(analyses: dict[int, Analysis]) -> Report:
     return make_report(analyses[2])
 

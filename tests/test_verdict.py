@@ -27,11 +27,13 @@ from jointid import (
     identify_elasticity,
     simulate_records,
 )
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number
 from jointid.verdict.findings import Evidence
 from jointid.verdict.findings import findings as all_findings
-from jointid.verdict.rules_causes import against_the_paper, torque_lags
+from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torque_lags
+from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from
 from jointid.verdict.wrong_data import wrong_data
@@ -872,6 +874,11 @@ def exchanged(*order: int) -> list[SineRecord]:
         (sound, Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]), "inertias of joints 1 and 2 look exch"),
         (lambda: exchanged(1, 0), SERIAL, "torques of joints 1 and 2 look exchanged"),
         (sound, Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed"),
+        (
+            sound,
+            Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1] * [[1, -1], [-1, 1]]),
+            "look exchanged, and joint 1 or joint 2 looks reversed",
+        ),
         (lambda: scaled(torque=0.5**0.5), SERIAL, "seems to be an rms value in place of the peak"),
         (lambda: scaled(angle=1e6), SERIAL, "seems to be in µrad, or time is probably in seconds"),
         long(
@@ -889,6 +896,46 @@ def test_exchanged_joints_and_units_that_inertias_absorb(
     first = analyse(study).findings[0]
     assert first.level == "problem"
     assert title in first.title
+
+
+@cache
+def of_rubbing_arm() -> Phasors:
+    """Coupled joints with friction of about a third of the torque."""
+    records = simulate_records(
+        SERIAL,
+        PAPER,
+        np.geomspace(3, 30, 8).round(2),
+        excitation=Excitation(velocity_rad_s=4.0, periods=8.5),
+        measurement=Measurement(torque_noise_Nm=0.005),
+        friction=MotorFriction(coulomb=[0.3, 0.1]),
+        seed=1,
+    )
+    return extract_phasors(records)
+
+
+@pytest.mark.parametrize("std", [long(0.0), 0.05])
+@pytest.mark.parametrize(
+    ("given", "title"),
+    [
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1, -1], [-1, 1]]), "Joint 1 or joint 2 looks reversed against"),
+        (
+            Inertia(SERIAL.M[::-1], SERIAL.M2[::-1, ::-1]),
+            "The inertias of joints 1 and 2 look exchanged",
+        ),
+        (Inertia(SERIAL.M, SERIAL.M2 * [[1.5, 1], [1, 0.8]]), None),
+        (Inertia(SERIAL.M * [1.6, 0.7], SERIAL.M2), None),
+    ],
+)
+def test_friction_does_not_hide_exchanged_or_reversed_axes(
+    given: Inertia, title: str | None, std: float
+) -> None:
+    """A whole fit decides; other wrong inertias are neither exchanged nor reversed."""
+    phasors = of_rubbing_arm()
+    fit = identify_elasticity(phasors, given, inertia_std=std)
+    case = Evidence((), [given] * phasors.omega.size, phasors, fit, fit, {})
+    found = [finding.title for finding in axes_exchanged(case)]
+    assert len(found) == (title is not None)
+    assert all(title and each.startswith(title) for each in found)
 
 
 def test_torques_behind_the_gears_are_named() -> None:
@@ -918,6 +965,19 @@ def test_no_negative_inertia_is_suggested() -> None:
     found = findings(evidence(pulled, inertia, method="weighted"))
     assert not any(re.search(r"J\S* = −", f.detail) for f in found)
     assert said(found, "A spring or gravity acts on joint 1") or said(found, "sign of the")
+
+
+@pytest.mark.parametrize(("other", "named"), [("delay", True), ("cubic", False)])
+def test_a_filter_is_a_wrong_hold_only_where_a_delay_explains_the_data(other: str, named: bool) -> None:
+    """A position filter of half a sample, with the model that explains the data as well."""
+    case = evidence(sound(), SERIAL, method="auto")
+    interval = case.records[0].interval_s
+    layout = ParameterLayout.of(2, effects=["position_filter"])
+    p = layout.named(np.append(case.fit.estimate, [-0.5 * interval] * 2))
+    chosen = replace(case.fit.candidates[0], parts=("position_filter",), chosen=True)
+    twin = replace(chosen, parts=(other,), chosen=False)
+    fit = replace(case.fit, parameters=p, candidates=(chosen, twin))
+    assert bool(half_a_sample(replace(case, fit=fit))) == named
 
 
 def test_effects_that_cannot_be_told_apart_are_named_together() -> None:

@@ -288,6 +288,7 @@ class Fits:
             return False
         if simpler and part in EFFECTS:  # its standard error may be that of an uncertain inertia
             least = _SIGNIFICANT**2 * (_FREE_PENALTY if model.reversal else 1.0) + size.size
+            least *= 1 + estimate.repeated  # such errors lower the cost of any part
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "piecewise":  # a first slope near zero, or a steep one, is play or hysteresis
             p = estimate.named

@@ -1,6 +1,7 @@
 """Identification from records of any motion, alone or together with sines, in one likelihood."""
 
 import contextlib
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,6 +30,8 @@ _BETTER = 0.9
 """Ratio of misfits from which a richer friction model is the better one."""
 _MOVES = 4.0
 """Power of the angle over its noise, mean over the band, of a joint that moves."""
+_FEW = 16
+"""Segments of motions that show the first noise."""
 _SAME = 0.1
 """Relative change of the noise from which the models are compared again."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
@@ -92,6 +95,14 @@ def _checked(records: object) -> list[MotionRecord | SineRecord]:
                 f"{record.label or f'record {number}'} has {record.n} joints, the first record "
                 f"{each[0].n}: records that are analysed together must have the same joints."
             )
+    for i, j in itertools.combinations(range(each[0].n), 2):
+        angles = [record.theta_rad[:, [i, j]].T for record in each]
+        if all(np.array_equal(*pair) for pair in angles) and any(np.ptp(pair[0]) > 0 for pair in angles):
+            raise JointIdError(
+                f"theta_m{i + 1}_rad and theta_m{j + 1}_rad hold the same samples in every record: the "
+                "two joints cannot be separated. Check which column belongs to which joint, or add a "
+                f"record in which joint {j + 1} moves otherwise."
+            )
     return list(each)
 
 
@@ -112,7 +123,9 @@ def _identified(
     again = _with_noise(phasors, prior, choice.model, choice.estimate)
     if _differ(again, phasors) and isinstance(choice.estimate, LikelihoodEstimate):
         phasors = again
-        choice = search(phasors, prior, _near(choice.estimate), noise=_noise(phasors, prior))
+        slow = choice.model if choice.model.is_slow else None
+        near = choice.estimate.named if slow else _near(choice.estimate)
+        choice = search(phasors, prior, near, noise=_noise(phasors, prior), first=slow)
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, _noise(phasors, prior)
@@ -138,14 +151,15 @@ def _with_first_noise(
     if not phasors.motion.any():
         return phasors, start
     fits: list[tuple[Model, LikelihoodEstimate]] = []
-    noise = _noise(phasors, prior)
+    few, own = _few(phasors, prior)
+    noise = _noise(few, own)
     for reversal in (None, 0.0, 0.03, 0.1)["coulomb" in start.layout :]:
         model = Model(reversal, delay=False)
         best = fits[-1][1] if fits else None
         with contextlib.suppress(JointIdError):
-            if best and stepped(phasors, prior, best, noise, model)[1] > _BETTER * best.misfit:
+            if best and stepped(few, own, best, noise, model)[1] > _BETTER * best.misfit:
                 break
-            found = fit_model(phasors, prior, best.named if best and reversal else start, noise, model)
+            found = fit_model(few, own, best.named if best and reversal else start, noise, model)
             if best and found.misfit > _BETTER * best.misfit:
                 break
             fits.append((model, found))
@@ -157,6 +171,15 @@ def _with_first_noise(
         found = replace(found, p=stepped(phasors, prior, found, _noise(phasors, prior), model)[0])
         phasors = _with_noise(phasors, prior, model, found)
     return phasors, _near(found)
+
+
+def _few(phasors: Phasors, prior: InertiaPrior) -> tuple[Phasors, InertiaPrior]:
+    """Evenly spread segments of long motions around one pose, and all sines."""
+    moves = np.flatnonzero(phasors.motion)
+    if moves.size <= _FEW or len(prior.M2) > 1:
+        return phasors, prior
+    rows = np.sort(np.append(np.flatnonzero(~phasors.motion), moves[:: -(-moves.size // _FEW)]))
+    return phasors.select(rows), prior.of_rows(rows)
 
 
 def _near(found: LikelihoodEstimate) -> Floats | Parameters:

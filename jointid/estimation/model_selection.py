@@ -116,6 +116,7 @@ def choose_model(
     delay: bool,
     exactly: bool = False,
     gear: str = "auto",
+    first: Model | None = None,
 ) -> Choice:
     """Fit models from simple to rich until no further part is significant, and choose the best.
 
@@ -129,6 +130,8 @@ def choose_model(
         Exclude the optional parts; only the form of the friction reversals is chosen.
     gear : {"auto", "linear"}
         Whether nonlinear laws of the gears are among the optional parts.
+    first : Model, optional
+        The model of the start values, which is fitted first.
     """
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
@@ -151,6 +154,8 @@ def choose_model(
         Model(0.0 if friction else None, delay),
         Fits(optional, phasors.n, max(rows, 1)),
     )
+    if first is not None:
+        search.fit(first, linear)
     if search.may_rub:
         search = replace(search, start=friction_start(phasors, prior, linear) or linear)
     return _searched(search)
@@ -242,7 +247,11 @@ class _Search:
             found = fits.tried[rubbing]
             clear = by_start or fits.is_certain(rubbing, "friction")
             if isinstance(found, LikelihoodEstimate) and self._may_be_richer(found) and clear:
-                self.fit(replace(self.base, reversal=0.03), found.named)
+                free = replace(self.base, reversal=0.03)
+                if by_start and self._is_lost():  # sticking leads friction without it astray
+                    self.fit(free, self.start)
+                if self._is_lost():
+                    self.fit(free, found.named)
         if not by_start and (self._is_lost() or rubbing not in fits.tried):
             self.fit(self.base, self.start)
             if fits.misfit(self.base) > _DOUBTFUL and not distorted:
@@ -287,7 +296,8 @@ class _Search:
             if len(similar) > 1 and not any(wider.is_slow for wider in similar):
                 for wider in similar:  # a delay, lags and filters, which their cost tells apart
                     self.fit(wider, found.named)
-                further = [fits.least(similar)]
+                lowest = min(map(fits.misfit, similar))
+                further = [fits.least([m for m in similar if fits.misfit(m) <= EXPLAINED * lowest])]
             else:
                 further = [model.with_part(part) for part in parts]
             for law in set(GEAR_LAWS).intersection(model.effects):  # the first law may be a wrong one
@@ -299,7 +309,7 @@ class _Search:
                 if falls:
                     model = wider
                     break
-        self._pruned(model)
+        self._pruned(model)  # friction that it needed on the way may have lost its significance
         return fits.least(list(fits.tried))
 
     def _is_lost(self) -> bool:

@@ -10,12 +10,12 @@ from jointid.arrays import Floats, finite_array, frozen
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import Friction
 from jointid.estimation.identify_elasticity import require_method
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.gears.gear import Gear
 from jointid.joints import Elasticity, Inertia
 from jointid.uncertainty.error_parts import error_parts
 from jointid.uncertainty.prior_rows import PriorRow
-from jointid.version import __version__
 from jointid.wording import counted
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from jointid.analysis import Analysis, answer_state
 from jointid.answer import model_name
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
-from jointid.version import __version__
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Reasons for a missing answer: unusable files; time limit; memory limit; its process ended; its workers

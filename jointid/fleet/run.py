@@ -10,12 +10,12 @@ from pathlib import Path
 from jointid.background.child_process import Limits as Limits
 from jointid.errors import JointIdError
 from jointid.estimation.identify_elasticity import require_method
+from jointid.files.application import __version__
 from jointid.fleet.jobs import Executor, Job, Local
 from jointid.fleet.journal import Journal
 from jointid.fleet.row import Row
 from jointid.fleet.studies import find_studies, path_text
 from jointid.fleet.table import read_fleet, write_rows
-from jointid.version import __version__
 from jointid.wording import counted
 
 

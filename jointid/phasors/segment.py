@@ -23,6 +23,8 @@ class Segment:
     """Their standard deviation, shape (n,), rad/s."""
     angle_variance: Floats
     """Variance of each sample of the angles by noise, shape (n,), rad²."""
+    repeated_variance: Floats
+    """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
     least_torque_variance: Floats
     """The square of what sampling itself leaves of the torques, shape (n,), (N·m)²."""
     most_torque_variance: Floats

@@ -74,10 +74,10 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "not observable and set to 0."
     )
     for joints, width in _pairs(fit.n):
-        terms = ". ".join(gear_text(fit, j) for j in joints)
+        terms = ". ".join(gear_text(fit, j, analysis.unit) for j in joints)
         yield Figure(
             tuple(torsion_figure(analysis, j, width=width) for j in joints),
-            f"{next(numbers)} Torsion curves, motor side. {terms}.",
+            f"{next(numbers)} Torsion curves, {analysis.unit.of_gear(0).side}. {terms}.",
         )
 
 

@@ -15,6 +15,7 @@ from jointid.answer import (
     further_quantities,
 )
 from jointid.cut.outcome import Outcome, millimetres, whose
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.reporting.blocks import Block, Paragraph, Report, Section, Table, Verdict
 from jointid.reporting.evidence import cut_blocks, outcome_of, response_blocks, torsion_blocks
@@ -24,7 +25,6 @@ from jointid.reporting.settings import digit_blocks, record_rows, settings_block
 from jointid.study import Study
 from jointid.uncertainty.error_parts import error_table
 from jointid.uncertainty.prior_rows import PRIOR_HEADER
-from jointid.version import __version__
 from jointid.wording import capitalised, plain
 
 __all__ = ["make_report", "to_html", "to_pdf"]

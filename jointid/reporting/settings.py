@@ -9,11 +9,11 @@ from jointid.analysis import Analysis
 from jointid.answer import elasticity_quantities, further_quantities, model_name
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_elasticity import METHODS
+from jointid.files.application import __version__
 from jointid.files.digest import study_digest
 from jointid.records import MotionRecord, SineRecord
 from jointid.reporting.blocks import Block, Paragraph, Table
 from jointid.study import Study
-from jointid.version import __version__
 from jointid.wording import UNDETERMINED, minus, plain, significant, with_error
 
 _MAX_ROWS = 100

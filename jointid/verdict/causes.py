@@ -132,15 +132,7 @@ def finding_of(
         }
         return problem(title, f"{detail.format(**fields)} {proof}", remedy.format(**fields), 2.0, action)
     if hypothesis.kind in ("exchanged", "reversed axis"):
-        return problem(
-            _exchanged(hypothesis),
-            proof,
-            "Check the order of the joints in M, M2 and the columns, and the sign of the coupling "
-            "inertias: position and torque of a joint may both be reversed.",
-            1.0,
-            "edit inertias",
-            *_changes(hypothesis),
-        )
+        return axes_look_wrong(hypothesis, proof)
     factor, good = hypothesis.factor, after <= GOOD
     wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(np.split(hypothesis.scale, 2)[0], 1))
     effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
@@ -253,16 +245,25 @@ def _changes(hypothesis: Hypothesis) -> list[Change]:
     return found
 
 
-def _exchanged(hypothesis: Hypothesis) -> str:
-    n = hypothesis.gear.size
+def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
+    """Finding that names exchanged joints, a reversed one, or both."""
+    n, found = hypothesis.gear.size, []
     moved = np.flatnonzero(hypothesis.order != np.arange(2 * n))
-    if hypothesis.kind == "reversed axis":
-        (j,) = np.flatnonzero(hypothesis.scale[:n] < 0).tolist()
+    if moved.size:
+        what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
+        joints = enumerated([f"{j + 1}" for j in np.unique(moved % n)])
+        found = [f"the {what} of joints {joints} look exchanged"]
+    for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
         which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
-        return f"Joint {which} looks reversed against the {others}"
-    what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
-    return (
-        f"The {what} of joints {enumerated([f'{j + 1}' for j in np.unique(moved % n)])} look exchanged"
+        found.append(f"joint {which} looks reversed against the {others}")
+    return problem(
+        capitalised(", and ".join(found)),
+        proof,
+        "Check the order of the joints in M, M2 and the columns, and the sign of the coupling "
+        "inertias: position and torque of a joint may both be reversed.",
+        1.0,
+        "edit inertias",
+        *_changes(hypothesis),
     )
 
 

@@ -20,7 +20,7 @@ from jointid.verdict.rules_causes import (
     torque_lags,
 )
 from jointid.verdict.rules_effects import effects_found
-from jointid.verdict.rules_inertia import inertias_look_wrong
+from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     hardly_known,
     hardly_tested,
@@ -100,7 +100,10 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
             found.append(one_record_off(evidence, outlier))
         scales: tuple[Finding, ...] = ()
     else:
-        scales = wrong_data(evidence.phasors, evidence.inertias, misfit=_scale_misfit(judge))
+        misfit = _scale_misfit(judge)
+        scales = wrong_data(evidence.phasors, evidence.inertias, misfit=misfit)
+        if not scales and misfit >= GOOD:
+            scales = tuple(axes_exchanged(replace(evidence, fit=judge)))
         found += scales
     if outlier is None and not scales:
         found += [finding for rule in _OF_THE_ANSWER for finding in rule(evidence)]

@@ -111,7 +111,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
         f"import, or {_in_a_file(lag)} s to torque_delay_s under [timing] in study.toml."
     )
     remedy = half_a_sample(evidence) or remedy
-    others = alternatives(fit, "delay")
+    others = " or ".join(alternatives(fit, "delay").values())
     names, high = elasticity_labels(fit.n), without[worst] > p[worst]
     title = f"The torque {'lags' if lag > 0 else 'leads'} by {size}"
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
@@ -136,11 +136,11 @@ _EQUAL = 6.0
 """Difference of the information criterion between models that explain the data alike, 2 ln 20."""
 
 
-def alternatives(fit: ElasticityFit, part: str) -> str:
-    """Names of effects that fit equally well in place of a part of the model, such as a delay."""
+def alternatives(fit: ElasticityFit, part: str) -> dict[str, str]:
+    """Parts, with their names, that explain the data as well as a part of the model, such as a delay."""
     chosen = next((c for c in fit.candidates if c.chosen), None)
     if chosen is None:
-        return ""
+        return {}
     rest, found = set(chosen.parts) - {part}, {}
     for other in fit.candidates:
         added = set(other.parts) - set(chosen.parts)
@@ -148,16 +148,20 @@ def alternatives(fit: ElasticityFit, part: str) -> str:
             (name,) = added
             if other.criterion - chosen.criterion < _EQUAL:
                 found[name] = EFFECTS[name].name if name in EFFECTS else f"a {name}"
-    return " or ".join(found.values())
+    return found
 
 
 def half_a_sample(evidence: Evidence) -> str:
     """Remedy for a delay from a missing or wrong statement of the hold; else empty.
 
-    A filter of the torque acts like a delay by its time constant, one of the position like a lead.
+    A filter of the torque acts like a delay by its time constant, one of the position like a lead. They
+    count where a delay explains the data as well.
     """
     p, held = evidence.fit.parameters, [record.torque_hold for record in evidence.records]
-    lag = p.delay + p.effect("lag") + p.effect("torque_filter") - p.effect("position_filter")
+    lag = p.delay + p.effect("lag")
+    for name, sign in (("torque_filter", 1), ("position_filter", -1)):
+        if {"delay", "lag"} & alternatives(evidence.fit, name).keys():
+            lag = lag + sign * p.effect(name)
     samples = np.atleast_1d(lag) / float(np.median([r.interval_s for r in evidence.records]))
     if not any(held) and np.all(np.abs(samples - 0.5) < 0.1):
         return (

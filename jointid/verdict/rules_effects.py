@@ -69,7 +69,7 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
         title, remedy = _REMEDIES[name]
         negative = sizes[int(np.argmax(np.abs(sizes) / np.where(errors > 0, errors, np.inf)))] < 0
         title = re.sub(r"\{(.*)\|(.*)\}", r"\2" if negative else r"\1", title)
-        others = alternatives(fit, name)
+        others = " or ".join(alternatives(fit, name).values())
         if name in _TIMES:
             remedy = half_a_sample(evidence) or remedy
         if name in GEAR_LAWS:

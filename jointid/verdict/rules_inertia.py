@@ -7,11 +7,12 @@ import numpy as np
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
-from jointid.estimation.identify_elasticity import identify_elasticity
+from jointid.estimation.identify_elasticity import identify_each, identify_elasticity
 from jointid.joints import Inertia
 from jointid.uncertainty.chosen_model import refit
-from jointid.uncertainty.prior_rows import PriorRow, prior_rows
+from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
+from jointid.verdict.causes import axes_look_wrong
 from jointid.verdict.evidence import (
     Change,
     Evidence,
@@ -24,13 +25,17 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
-from jointid.verdict.wrong_data import low_frequency_inertia
+from jointid.verdict.scorer import Scorer
+from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
 from jointid.wording import plain, significant, with_error
 
 _EXPLAINED = 3.0
 """Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in its standard deviations, from which the answer is not usable."""
+_LOWER, _NEARER = 0.7, 0.5
+"""Misfit of a linear fit, and difference from the given inertias in standard deviations, over those as
+logged, from which axes look exchanged or reversed."""
 _LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 
@@ -45,6 +50,33 @@ def inertias_look_wrong(evidence: Evidence) -> Iterator[Finding]:
         yield from _far_off(evidence)
         return
     yield from inertias_off(evidence, judged)
+
+
+def axes_exchanged(evidence: Evidence) -> Iterator[Finding]:
+    """Exchanged or reversed axes, by a whole fit: friction and gears hide them from a linear one."""
+    fit, scorer = evidence.fit, Scorer.of(evidence.phasors, evidence.inertias)
+    tried = [scorer.as_logged(), *axis_hypotheses(fit.n)]
+    misfit = scorer.scores(tried).misfit
+    best = int(np.argmin(misfit))
+    if misfit[best] > _LOWER * misfit[0]:
+        return
+    inertias = [tried[best].inertia(each) for each in evidence.inertias]
+    prior = fit.prior.like(inertias, evidence.phasors.q.shape)
+    try:
+        other = identify_each(evidence.phasors, prior, ["auto"])["auto"]
+    except JointIdError:
+        return
+    before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
+    most = min(CLEAR, _NEARER * before) if fit.misfit <= _EXPLAINED else CLEAR
+    if np.any(other.estimate <= 0) or other.misfit > _EXPLAINED or after > most:
+        return
+    texts = [
+        f"{number(np.sqrt(each.misfit), 2)} × noise"
+        + f" and inertias up to {number(off, 2)} standard deviations from the given ones" * (before > 0)
+        for each, off in ((fit, before), (other, after))
+    ]
+    proof = f"As given, the records leave {texts[0]}; corrected, {texts[1]}."
+    yield axes_look_wrong(tried[best], proof)
 
 
 def inertias_off(evidence: Evidence, judged: ElasticityFit) -> Iterator[Finding]:

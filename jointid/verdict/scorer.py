@@ -8,7 +8,7 @@ once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -48,6 +48,13 @@ class Hypothesis:
         """Torque over acceleration, logged over true, shape (n,)."""
         angle, torque = np.split(self.scale, 2)
         return np.asarray(torque / angle)
+
+    def inertia(self, given: Inertia) -> Inertia:
+        """Inertia of the joints as logged, where whole axes are exchanged or reversed."""
+        n = given.n
+        place, sign = np.argsort(self.order[:n]), self.scale[:n]
+        arms = [getattr(given, f.name) * np.outer(sign, sign) for f in fields(given) if f.name != "M"]
+        return Inertia(given.M[place], *(arm[np.ix_(place, place)] for arm in arms))
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,16 +87,14 @@ def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) ->
         else:
             yield Hypothesis.of("angle", np.full(n, 1 / factor), one)
     as_logged = Hypothesis.of("", one, one)
-    for j in range(n):
-        flip = np.where(np.arange(n) == j, -1.0, 1.0)
+    for flip in 1 - 2 * np.eye(n):
         yield Hypothesis.of("angle", flip, one)
         yield Hypothesis.of("torque", one, flip)
-        if n > 1:
-            yield Hypothesis.of("reversed axis", flip, flip)
+    yield from axis_hypotheses(n)
     for a, b in combinations(range(n), 2):
-        for columns in ([a, b, n + a, n + b], [n + a, n + b], [a, b]):
+        for first in (n, 0):
             order = np.arange(2 * n)
-            order[columns] = order[[c + (b - a if c % n == a else a - b) for c in columns]]
+            order[[first + a, first + b]] = first + b, first + a
             yield replace(as_logged, kind="exchanged", order=order)
     for kind in ("arm angle", "gear torque"):
         yield replace(as_logged, kind=kind)
@@ -115,6 +113,19 @@ def _hypotheses(n: int, measured: Floats | None, inertias: Sequence[Inertia]) ->
     square = np.diag(M2) / np.where(own > 0, own, np.inf)
     if np.all(square > 4):
         yield replace(as_logged, kind="inertia", gear=np.sqrt(square))
+
+
+def axis_hypotheses(n: int) -> Iterator[Hypothesis]:
+    """Whole axes that are reversed or exchanged, or both: other inertias of the same joints."""
+    one = np.ones(n)
+    flips = (1 - 2 * np.eye(n))[1 if n < 3 else 0 :]
+    for flip in flips:
+        yield Hypothesis.of("reversed axis", flip, flip)
+    for a, b in combinations(range(n), 2):
+        order = np.arange(2 * n)
+        order[[a, b, n + a, n + b]] = b, a, n + b, n + a
+        for flip in (one, *flips):
+            yield replace(Hypothesis.of("exchanged", flip, flip), order=order)
 
 
 def _ratio(measured: Floats | None, inertias: Sequence[Inertia]) -> Floats:

@@ -63,6 +63,7 @@ class Problem:
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
+    repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
     images: Complexes | float = 0.0  # (r, H, 1), angle per torque over rotor inertia, s²
     law_noise: tuple[Complexes, Complexes, Floats] | None = None  # of ``WoundGears.noise``, (r, H, n)
 
@@ -239,6 +240,10 @@ def make_problem(
             main = np.where(moves[..., 0], np.any(motion[1] != 0, axis=2), main)
         arm = inverse(prior.M2)[prior.pose]
         laws = JointLaws.of(s, angle, z[..., n:] - torque, variance, arm, prior.M[prior.rotor], main)
+    repeated = np.zeros((len(s), n))
+    for row, segment in enumerate(phasors.segments):
+        if segment is not None:
+            repeated[row] = 4 / segment.samples * segment.repeated_variance
     known = np.any(z != 0, axis=2)
     group, groups = row_groups(phasors, known)
     return Problem(
@@ -250,6 +255,7 @@ def make_problem(
         main=groups,
         ends=EndTerms.of(phasors, s),
         motion=motion,
+        repeated=repeated if repeated.any() else None,
         images=torque_images(phasors),
         prior=prior,
         friction=friction,

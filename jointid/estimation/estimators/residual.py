@@ -304,7 +304,7 @@ def with_law_noise(problem: Problem, vector: Floats) -> Problem:
     balance = _balance(motor_stiffness(problem, at.p), at.lag * at.p.torque_scale)
     parts = balance, _moved(balance, at.arm)
     variances = (((E @ problem.noise.covariance) * E.conj()).sum(axis=3).real for E in parts)
-    return replace(problem, law_noise=problem.laws.noise(at.wound, at.p, *variances))
+    return replace(problem, law_noise=problem.laws.noise(at.wound, *variances))
 
 
 def _balance(own: Complexes, gain: Complexes) -> Complexes:

@@ -200,6 +200,26 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
 
 
+def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, float]:
+    """Covariance by rounding that repeats in every period, shape (P, P), and its share of the noise.
+
+    Each segment's part of it is in ``covariance`` as if the segments were independent; their scatter
+    does not show the rest.
+    """
+    problem = residual.at.problem
+    if problem.repeated is None:
+        return np.zeros_like(covariance), 0.0
+    n, finite = problem.n, np.isfinite(np.diag(covariance))
+    errors = (residual.W @ residual.at.E[..., :n]) * np.sqrt(problem.repeated)[:, None, None]
+    columns = residual.heard_columns
+    half = columns.shape[1] // 2
+    whole = (columns[:, :half] + 1j * columns[:, half:]).reshape(*errors.shape[:3], -1)
+    pulls = (errors.conj().swapaxes(2, 3) @ whole).reshape(-1, whole.shape[3])
+    C = np.where(np.outer(finite, finite), covariance, 0.0)
+    share = 2 * float((np.abs(errors) ** 2).sum()) / max(problem.rows, 1)
+    return 2 * C @ (pulls.conj().T @ pulls).real @ C, share
+
+
 def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
     """Pull of each record on the parameters, shape (r, P), and its covariance from noise, (r, P, P)."""
     size = np.sqrt(np.diag(covariance))

@@ -37,7 +37,7 @@ from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
 from jointid.ui.shared.messages import show_error, show_note
-from jointid.ui.shared.method_steps import OVERVIEW
+from jointid.ui.shared.method_steps import OVERVIEW, REPORT
 from jointid.ui.shared.workspace import keep
 from jointid.wording import counted, listed, minus, plain
 
@@ -180,8 +180,8 @@ def _choose_runs(
     if shown.key in ready:
         with picture:
             spans = kept[shown.key], dropped[shown.key]
-            figure = log_spans(ready[shown.key], *spans, dark=is_dark())
-            plot(figure, "The log in SI units, motor side, with its sine runs as coloured spans")
+            figure = log_spans(ready[shown.key], *spans, mapping=mapping, dark=is_dark())
+            plot(figure, "The log, motor side, with its sine runs as coloured spans")
     return Runs(ready, kept, bool(problems))
 
 
@@ -251,7 +251,7 @@ def _open_as_study(
             keep(study, robot.name)
             keep_mapping(log.table, mapping)
             forget_import()
-        st.switch_page(OVERVIEW.path)
+        st.switch_page((REPORT if robot.to_report else OVERVIEW).path)
     except JointIdError as error:
         show_error(error)
     return True

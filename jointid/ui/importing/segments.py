@@ -10,8 +10,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import JointIdError
-from jointid.importing import MappedLog, Segment, find_runs, measure_run
-from jointid.importing.find.segments import measure_motion
+from jointid.importing import MappedLog, Segment, find_runs, measure_motion, measure_run
 from jointid.ui.importing.rows import SHOWN, Row, last_rows
 from jointid.ui.importing.watched_work import Watch
 from jointid.ui.shared.messages import show_info

@@ -13,6 +13,7 @@ from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.parse_numbers import numbers_in
+from jointid.ui.shared.results import computed_on_click
 from jointid.ui.study.uncertainty_panels import plus_minus
 from jointid.uncertainty.information import planning_model
 from jointid.uncertainty.plan import (
@@ -97,20 +98,27 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
     return analysis.study.poses[pose] if pose else analysis.study.inertia
 
 
-@st.cache_resource(max_entries=64, show_spinner="Comparing records at every frequency and phase")
-def suggestion(digest: str, method: str, settings: PlanSettings, _analysis: Analysis) -> Suggestion:
-    """Choose the records that would cut the worst error bar most."""
-    return run_in_background(
-        suggest_records,
-        _analysis.phasors,
-        _analysis.study.inertias,
-        _analysis.fit,
-        count=settings.count,
-        duration_s=settings.seconds,
-        torque_limit_Nm=settings.torque_Nm,
-        velocity_limit_rad_s=settings.velocity_rad_s,
-        highest_hz=0.25 / max(record.interval_s for record in _analysis.study.records),
-        planned_inertia=pose_inertia(_analysis, settings.pose),
+def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Suggestion | None:
+    """Choose the records that reduce the worst error bar most; None after an error or a stop."""
+    interval_s = max(record.interval_s for record in analysis.study.records)
+    return computed_on_click(
+        ("plan", page.digest, page.method, settings),
+        "Search for the records",
+        "plan_search",
+        lambda show: run_in_background(
+            suggest_records,
+            analysis.phasors,
+            analysis.study.inertias,
+            analysis.fit,
+            count=settings.count,
+            duration_s=settings.seconds,
+            torque_limit_Nm=settings.torque_Nm,
+            velocity_limit_rad_s=settings.velocity_rad_s,
+            highest_hz=0.25 / interval_s,
+            planned_inertia=pose_inertia(analysis, settings.pose),
+            progress=lambda done: show(done, "Comparing records at every frequency and phase"),
+        ),
+        at_once=True,
     )
 
 
@@ -162,7 +170,10 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     plan = _own_plan(_edit_plan(found, page.digest), analysis, pose)
     errors = _predicted(page.digest, page.method, pose, content(plan), plan, analysis)
     show_text_table(predicted_table(errors, analysis))
-    st.caption(f"K and D {analysis.unit.side}.")
+    st.caption(
+        f"K and D {analysis.unit.side}. This plan alone: as if its records were the whole study. Both "
+        "together: its records in addition to those of the study."
+    )
     return plan
 
 
