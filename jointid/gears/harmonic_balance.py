@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
-from jointid.phasors.periods import pairs, phasors_of, samples_of
+from jointid.gears.torque_spread import dahl, inner, smooth_spread, whole_spread
+from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
 """Samples over a period for each harmonic."""
 _LEAST_HARMONICS = 16
 """Harmonics that decide the number of samples where there are fewer."""
-_MANY = 48
-"""Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
 _SINE_POINTS = 512
 """Samples of a sine."""
 _NEWTON, _CONVERGED = 36, 1e-6
@@ -138,7 +137,7 @@ class WoundGears:
 
     def _spread(self, m: int) -> Floats:
         _, slope, samples = beyond_linear(self.laws, self.delta, self.points)
-        return _whole_spread(self.laws, slope, samples, m, self.stiffness.shape[2])
+        return whole_spread(self.laws, slope, samples, m, self.stiffness.shape[2])
 
     @cached_property
     def inverse(self) -> Floats:
@@ -147,7 +146,7 @@ class WoundGears:
         solved = np.concatenate([self.low[..., :1] | True, self.low], axis=2)
         mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
         kappa = np.concatenate([mean, self.stiffness], axis=2)
-        return _inverted(kappa, self.spread[..., _inner(m, H)], solved)
+        return _inverted(kappa, self.spread[..., inner(m, H)], solved)
 
     @property
     def law(self) -> Complexes:
@@ -189,7 +188,7 @@ class WoundGears:
         m, H = self.low.shape[2], self.stiffness.shape[2]
         spread = self._spread(H)
         solved = np.concatenate([self.low[..., :1] | True, self.low, self.low], axis=2)
-        into = np.where(solved[..., None, :], spread[..., _inner(m, H)], 0)
+        into = np.where(solved[..., None, :], spread[..., inner(m, H)], 0)
         by_torque = self.spread.swapaxes(2, 3) @ np.where(solved[..., None, :], self.inverse, 0)
         by_moved = spread.swapaxes(2, 3) - by_torque @ into.swapaxes(2, 3)
         given = np.concatenate([~self.low, np.ones_like(moved[..., m:], bool)], axis=2)
@@ -220,8 +219,8 @@ def _inverse(
     """``WoundGears.inverse`` of some gears in some records, due (r, n), at samples of the deflection."""
     m = solved.shape[2] - 1
     if laws.hysteretic:
-        return np.asarray(_inverted(kappa, _whole_spread(laws, slope, samples, m, m), solved)[due])
-    return _inverted(kappa[due], _spread(slope[due], m, m), solved[due])
+        return np.asarray(_inverted(kappa, whole_spread(laws, slope, samples, m, m), solved)[due])
+    return _inverted(kappa[due], smooth_spread(slope[due], m, m), solved[due])
 
 
 def _inverted(kappa: Complexes, spread: Floats, solved: np.ndarray) -> Floats:
@@ -288,90 +287,6 @@ def sine_stiffness(gear: Gear, amplitude_rad: Floats) -> Floats:
     delta[..., 1] = amplitude_rad
     beyond, *_ = beyond_linear(GearLaws.of([gear]), delta, _SINE_POINTS)
     return np.asarray(gear.K + beyond[..., 1].real / amplitude_rad)
-
-
-def dahl(delta: Floats, sharpness: Floats) -> Floats:
-    """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    move = _moves(delta)
-    decay = np.exp(-np.abs(move) * sharpness[..., 0])
-    return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
-
-
-def _moves(delta: Floats) -> Floats:
-    """Moves to the next sample, first axis time."""
-    return np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
-
-
-def _periodic(decay: Floats, drive: Floats) -> Floats:
-    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time."""
-    z = np.zeros((len(drive) + 1, *drive.shape[1:]))  # from zero
-    for k in range(len(drive)):
-        np.multiply(decay[k], z[k], out=z[k + 1])
-        z[k + 1] += drive[k]
-    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
-    first = z[-1] / np.maximum(1 - left[-1], 1e-9)
-    return np.asarray(z[:-1] + left[:-1] * first)
-
-
-def _inner(m: int, H: int) -> list[int]:
-    """Parts of the mean and the first m of H harmonics."""
-    return [0, *range(1, 1 + m), *range(1 + H, 1 + H + m)]
-
-
-@lru_cache(maxsize=8)
-def _waves(H: int, points: int) -> tuple[Floats, Floats]:
-    """One, sines and cosines (1 + 2H, points), and the matrix from samples to their coefficients."""
-    waves = np.concatenate([np.ones((1, points)), pairs(H, points)])
-    weight = np.full(1 + 2 * H, 2 / points)
-    weight[0] = 1 / points
-    return waves, np.ascontiguousarray(waves.T * weight)
-
-
-def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
-    """As ``_spread``, for the torque of the hysteresis, which depends on all moves before."""
-    waves, _ = _waves(H, delta.shape[-1])
-    move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
-    decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
-    gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
-    changes = _periodic(decay[..., None], gain[..., None] * _moves(waves[_inner(m, H)])[:, None, None])
-    return np.asarray(laws.level[..., None] * _coefficients(np.moveaxis(changes, 0, -1), H))
-
-
-def _spread(slope: Floats, m: int, H: int) -> Floats:
-    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope.
-
-    A product of two waves is one of the sum and one of the difference of their orders: the slope's own
-    Fourier coefficients hold all of it.
-    """
-    c = np.fft.rfft(slope, axis=-1)[..., : m + H + 1] / slope.shape[-1]
-    k, h = np.arange(1, m + 1)[:, None], np.arange(1, H + 1)
-    apart, sign, together = np.abs(h - k), np.sign(h - k), h + k
-    re, im = np.ascontiguousarray(c.real), np.ascontiguousarray(c.imag)
-    found = np.empty((*slope.shape[:-1], 1 + 2 * m, 1 + 2 * H))
-    sines, cosines = slice(1, 1 + m), slice(1 + m, None)
-    found[..., 0, 0], found[..., 0, 1 : 1 + H], found[..., 0, 1 + H :] = (
-        re[..., 0], -2 * im[..., 1 : 1 + H], 2 * re[..., 1 : 1 + H]
-    )  # fmt: skip
-    found[..., sines, 0], found[..., cosines, 0] = -im[..., 1 : 1 + m], re[..., 1 : 1 + m]
-    near, far = re[..., apart], re[..., together]
-    found[..., sines, 1 : 1 + H], found[..., cosines, 1 + H :] = near - far, near + far
-    near, far = sign * im[..., apart], im[..., together]
-    found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
-    return found
-
-
-def _whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int) -> Floats:
-    """As ``_spread``, with that of the hysteresis."""
-    spread = _spread(slope, m, H)
-    return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
-
-
-def _coefficients(samples: Floats, H: int) -> Floats:
-    """Mean and H coefficients each of sines and cosines of samples (..., t)."""
-    if H < _MANY:
-        return np.asarray(samples @ _waves(H, samples.shape[-1])[1])
-    found = np.fft.rfft(samples, axis=-1)[..., : H + 1] * (2 / samples.shape[-1])
-    return np.concatenate([0.5 * found[..., :1].real, -found[..., 1:].imag, found[..., 1:].real], -1)
 
 
 def _parts(z: Complexes) -> Floats:

@@ -19,8 +19,9 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, Parameters
 from jointid.gears.gear import Gear
-from jointid.gears.harmonic_balance import WoundGears, beyond_linear, dahl
+from jointid.gears.harmonic_balance import WoundGears, beyond_linear
 from jointid.gears.laws import GearLaws
+from jointid.gears.torque_spread import dahl
 from jointid.gears.torsion_curve import TorsionCurve
 from jointid.phasors.periods import pairs, phasors_of, samples_of
 

@@ -1,0 +1,96 @@
+"""Change of a gear's torque in periodic motion with the harmonics of its deflection."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.gears.laws import GearLaws
+from jointid.phasors.periods import pairs
+
+_MANY = 48
+"""Harmonics from which the fast Fourier transform pays; the bins of motions are more."""
+
+
+def dahl(delta: Floats, sharpness: Floats) -> Floats:
+    """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
+    move = _moves(delta)
+    decay = np.exp(-np.abs(move) * sharpness[..., 0])
+    return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
+
+
+def _moves(delta: Floats) -> Floats:
+    """Moves to the next sample, first axis time."""
+    return np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
+
+
+def _periodic(decay: Floats, drive: Floats) -> Floats:
+    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time."""
+    z = np.zeros((len(drive) + 1, *drive.shape[1:]))  # from zero
+    for k in range(len(drive)):
+        np.multiply(decay[k], z[k], out=z[k + 1])
+        z[k + 1] += drive[k]
+    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
+    first = z[-1] / np.maximum(1 - left[-1], 1e-9)
+    return np.asarray(z[:-1] + left[:-1] * first)
+
+
+def inner(m: int, H: int) -> list[int]:
+    """Parts of the mean and the first m of H harmonics."""
+    return [0, *range(1, 1 + m), *range(1 + H, 1 + H + m)]
+
+
+@lru_cache(maxsize=8)
+def _waves(H: int, points: int) -> tuple[Floats, Floats]:
+    """One, sines and cosines (1 + 2H, points), and the matrix from samples to their coefficients."""
+    waves = np.concatenate([np.ones((1, points)), pairs(H, points)])
+    weight = np.full(1 + 2 * H, 2 / points)
+    weight[0] = 1 / points
+    return waves, np.ascontiguousarray(waves.T * weight)
+
+
+def _loop_spread(laws: GearLaws, delta: Floats, m: int, H: int) -> Floats:
+    """As ``smooth_spread``, for the torque of the hysteresis, which depends on all moves before."""
+    waves, _ = _waves(H, delta.shape[-1])
+    move, z = _moves(delta), np.moveaxis(dahl(delta, laws.sharpness), -1, 0)
+    decay = np.exp(-np.abs(move) * laws.sharpness[..., 0])
+    gain = laws.sharpness[..., 0] * decay * (1 - np.sign(move) * z)
+    changes = _periodic(decay[..., None], gain[..., None] * _moves(waves[inner(m, H)])[:, None, None])
+    return np.asarray(laws.level[..., None] * _coefficients(np.moveaxis(changes, 0, -1), H))
+
+
+def smooth_spread(slope: Floats, m: int, H: int) -> Floats:
+    """Parts of the torque by those of the deflection's mean and first m harmonics, for a slope.
+
+    A product of two waves is one of the sum and one of the difference of their orders: the slope's own
+    Fourier coefficients hold all of it.
+    """
+    c = np.fft.rfft(slope, axis=-1)[..., : m + H + 1] / slope.shape[-1]
+    k, h = np.arange(1, m + 1)[:, None], np.arange(1, H + 1)
+    apart, sign, together = np.abs(h - k), np.sign(h - k), h + k
+    re, im = np.ascontiguousarray(c.real), np.ascontiguousarray(c.imag)
+    found = np.empty((*slope.shape[:-1], 1 + 2 * m, 1 + 2 * H))
+    sines, cosines = slice(1, 1 + m), slice(1 + m, None)
+    found[..., 0, 0], found[..., 0, 1 : 1 + H], found[..., 0, 1 + H :] = (
+        re[..., 0], -2 * im[..., 1 : 1 + H], 2 * re[..., 1 : 1 + H]
+    )  # fmt: skip
+    found[..., sines, 0], found[..., cosines, 0] = -im[..., 1 : 1 + m], re[..., 1 : 1 + m]
+    near, far = re[..., apart], re[..., together]
+    found[..., sines, 1 : 1 + H], found[..., cosines, 1 + H :] = near - far, near + far
+    near, far = sign * im[..., apart], im[..., together]
+    found[..., cosines, 1 : 1 + H], found[..., sines, 1 + H :] = -near - far, near - far
+    return found
+
+
+def whole_spread(laws: GearLaws, slope: Floats, samples: Floats, m: int, H: int) -> Floats:
+    """As ``smooth_spread``, with that of the hysteresis."""
+    spread = smooth_spread(slope, m, H)
+    return spread + _loop_spread(laws, samples, m, H) if laws.hysteretic else spread
+
+
+def _coefficients(samples: Floats, H: int) -> Floats:
+    """Mean and H coefficients each of sines and cosines of samples (..., t)."""
+    if H < _MANY:
+        return np.asarray(samples @ _waves(H, samples.shape[-1])[1])
+    found = np.fft.rfft(samples, axis=-1)[..., : H + 1] * (2 / samples.shape[-1])
+    return np.concatenate([0.5 * found[..., :1].real, -found[..., 1:].imag, found[..., 1:].real], -1)
