@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.free_friction import FreeFriction, Waveforms
+from jointid.motion.free_friction import FreeFriction
 from jointid.motion.reversals import segment_friction
 from jointid.phasors.extract import Phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves
@@ -111,13 +111,13 @@ def _with_segments(phasors: Phasors, window: float, curve: bool) -> FrictionWave
     widths = np.outer(largest, _WIDTHS if curve else ())
     coulomb, fading = np.zeros((r, H, n), complex), np.zeros((r, H, n, widths.shape[1]), complex)
     stationary = np.zeros((r, n), bool)
-    free = [Waveforms(np.zeros((H, n, 0), complex))] * r
+    free = [np.zeros((H, n, 0), complex)] * r
     if sines.size:
         own = friction_waveforms(phasors.select(sines), window, curve=curve)
         coulomb[sines], fading[sines], stationary[sines] = own.coulomb, own.curve, own.stationary
         for members, waveforms in own.free.groups:
-            for record, shapes in zip(members.tolist(), waveforms.shapes, strict=True):
-                free[sines[record]] = Waveforms(shapes)
+            for record, shapes in zip(members.tolist(), waveforms, strict=True):
+                free[sines[record]] = shapes
     for row, segment in segments.items():
         found = segment_friction(segment, window, widths)
         coulomb[row, : segment.highest], fading[row, : segment.highest] = found.coulomb, found.curve
@@ -146,7 +146,7 @@ def _freed(
                 column = np.zeros((H, n, pieces + 1), complex)
                 column[:, joint] = _hats(length, pieces, H) * late[:, None]
                 columns.append(column)
-        free.append(Waveforms(np.concatenate(columns, axis=2)))
+        free.append(np.concatenate(columns, axis=2))
     return FreeFriction.of(free, H)
 
 
