@@ -34,7 +34,6 @@ from jointid.estimation.estimators.parameters import (
     EFFECTS,
     GEAR_LAWS,
     LAWS,
-    Block,
     ParameterLayout,
     Parameters,
 )
@@ -45,6 +44,7 @@ from jointid.estimation.start_values import (
     by_motion,
     friction_start,
     other_laws,
+    with_delay,
     with_play,
     without_inertias,
 )
@@ -183,15 +183,6 @@ def _searched(search: _Search) -> Choice:
             if other.fits.misfit(found) < good:
                 return other.choice(found)
     return search.choice(best)
-
-
-def _with_delay(estimate: LikelihoodEstimate) -> Parameters:
-    """The parameters, with the mean of the lags as the delay where there are lags."""
-    p = estimate.named
-    if "lag" not in p.layout or "delay" in p.layout:
-        return p
-    delayed = ParameterLayout((*p.layout.blocks, Block("delay", (), ("delay",))))
-    return delayed.named(np.append(p.vector, p["lag"].mean()))
 
 
 @dataclass
@@ -504,7 +495,7 @@ class _Search:
         for narrow in models[1:]:
             far = fits.misfit(narrow) > NEEDED * max(1.0, found.misfit)
             if far and self.starts.get(narrow, 0) < _MOST_STARTS:
-                self.fit(narrow, _with_delay(found))  # from other starts it may have diverged
+                self.fit(narrow, with_delay(found.named))  # from other starts it may have diverged
         best = fits.least(models)
         return best if best == model else self._pruned(best)
 

@@ -112,6 +112,14 @@ def other_laws(
     return tuple(found)
 
 
+def with_delay(p: Parameters) -> Parameters:
+    """The parameters, with the mean of the lags as the delay where there are lags."""
+    if "lag" not in p.layout or "delay" in p.layout:
+        return p
+    delayed = ParameterLayout((*p.layout.blocks, Block("delay", (), ("delay",))))
+    return delayed.named(np.append(p.vector, p["lag"].mean()))
+
+
 def with_play(phasors: Phasors, prior: InertiaPrior) -> Parameters:
     """K, D and play by regression of the wind-up on the torque, its sign and the speed.
 

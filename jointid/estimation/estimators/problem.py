@@ -273,6 +273,30 @@ def motor_stiffness(problem: Problem, p: Parameters) -> Complexes:
     return np.asarray(inertial if problem.friction is None else inertial + s * p.viscous)
 
 
+def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
+    """Friction over that at the logged motion, shape (r, H, n).
+
+    A motor turns back before its filtered position does: earlier by the delay of the filter at the
+    fundamental, which decides the sign of the velocity.
+    """
+    if "position_filter" not in problem.layout:
+        return 1.0
+    first = np.abs(problem.s[:, :1, None])
+    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
+
+
+def motor_friction(problem: Problem, p: Parameters) -> Complexes:
+    """Coulomb friction, its curve and presliding at the motors, shape (r, H, n), N·m."""
+    H = problem.s.shape[1]
+    found = np.zeros((*problem.s.shape, problem.n), complex)
+    if problem.friction is not None:
+        found += p.coulomb * problem.friction.coulomb[:, :H]
+        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
+    if "motor_presliding" in problem.layout and problem.laws is not None:
+        found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
+    return np.asarray(found * friction_advance(problem, p))
+
+
 def arm_compliance(problem: Problem, p: Parameters) -> Complexes:
     """A⁻¹, shape (r, H, n, n); a copy that may be changed."""
     if not any(name in problem.layout for name in ARM_EFFECTS):

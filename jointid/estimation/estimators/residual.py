@@ -25,8 +25,10 @@ from jointid.estimation.estimators.parameters import (
 from jointid.estimation.estimators.problem import (
     Problem,
     arm_compliance,
+    friction_advance,
     held_torque_angle,
     loss_stiffness,
+    motor_friction,
     motor_stiffness,
     rigid_arm_compliance,
 )
@@ -92,7 +94,7 @@ class Residual:
         CE = problem.noise.covariance @ E.conj().swapaxes(2, 3)
         q = (problem.z[..., :n] - held_torque_angle(problem, p)) * advance
         torque = lag * p.torque_scale * problem.z[..., n:] - own * q
-        friction = _friction(problem, p)
+        friction = motor_friction(problem, p)
         torque -= friction
         waveform, law, wound = torque, (np.zeros_like(q), np.zeros_like(q)), None
         if problem.laws is not None:
@@ -233,15 +235,14 @@ class Residual:
             - self.by_position_filter(self.friction),
             "M": -s * s * q,
         }
+        earlier = friction_advance(problem, p)
         if problem.friction is not None:
-            earlier = friction_advance(problem, p)
             columns["coulomb"] = -problem.friction.coulomb * earlier
             for c in range(problem.friction.curve.shape[3]):
                 columns[f"curve {c}"] = -problem.friction.curve[..., c] * earlier
         if "motor_presliding" in layout and problem.laws is not None:
             shape = problem.laws.presliding(p["bristle"], s.shape[1])
             slope = problem.laws.presliding_slope(p["bristle"], shape)
-            earlier = friction_advance(problem, p)
             columns["motor_presliding"] = -shape * earlier
             columns["bristle"] = -p["motor_presliding"] * slope * earlier
         return {name: value for name, value in columns.items() if name.partition(" ")[0] in layout}
@@ -347,27 +348,3 @@ def _through(X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, C
     """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
     w, P = law
     return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])
-
-
-def friction_advance(problem: Problem, p: Parameters) -> Complexes | float:
-    """Friction over that at the logged motion, shape (r, H, n).
-
-    A motor turns back before its filtered position does: earlier by the delay of the filter at the
-    fundamental, which decides the sign of the velocity.
-    """
-    if "position_filter" not in problem.layout:
-        return 1.0
-    first = np.abs(problem.s[:, :1, None])
-    return np.exp(problem.s[..., None] * np.arctan(first * p["position_filter"]) / first)
-
-
-def _friction(problem: Problem, p: Parameters) -> Complexes:
-    """Coulomb friction, its curve and presliding at the motors, shape (r, H, n), N·m."""
-    H = problem.s.shape[1]
-    found = np.zeros((*problem.s.shape, problem.n), complex)
-    if problem.friction is not None:
-        found += p.coulomb * problem.friction.coulomb[:, :H]
-        found += (problem.friction.curve[:, :H] * p.curve).sum(axis=3)
-    if "motor_presliding" in problem.layout and problem.laws is not None:
-        found += p["motor_presliding"] * problem.laws.presliding(p["bristle"], H)
-    return np.asarray(found * friction_advance(problem, p))

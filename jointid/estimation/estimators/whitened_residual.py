@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.problem import Problem, motor_stiffness
-from jointid.estimation.estimators.residual import Residual, friction_advance
+from jointid.estimation.estimators.problem import Problem, friction_advance, motor_stiffness
+from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.motion.free_friction import FreeFriction, Projection, real_rows
 from jointid.small_matrices import inverse, whitener
