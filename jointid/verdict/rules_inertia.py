@@ -12,7 +12,7 @@ from jointid.joints import Inertia
 from jointid.uncertainty.chosen_model import refit
 from jointid.uncertainty.prior_rows import PriorRow, disagreements, prior_rows
 from jointid.uncertainty.validation import compensated_phasors
-from jointid.verdict.causes import axes_look_wrong
+from jointid.verdict.cause_findings import axes_look_wrong
 from jointid.verdict.evidence import (
     Change,
     Evidence,

@@ -16,7 +16,8 @@ from jointid.arrays import Floats
 from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
-from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, finding_of
+from jointid.verdict.cause_findings import finding_of
+from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE
 from jointid.verdict.evidence import Finding
 from jointid.verdict.scorer import Hypothesis, Scorer
 

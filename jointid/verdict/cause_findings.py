@@ -1,0 +1,287 @@
+"""Sentences of findings on wrong data."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from jointid.arrays import Floats
+from jointid.verdict.causes import (
+    ACTIONS,
+    ALIKE,
+    CAUSES,
+    CLOSE,
+    GOOD,
+    LARGEST_GEAR_RATIO,
+    NEAR,
+    OTHER_CAUSES,
+    ROUGH,
+    SUBTLE,
+    Cause,
+    known_cause,
+)
+from jointid.verdict.evidence import Action, Change, Finding, number, problem
+from jointid.verdict.scorer import Hypothesis
+from jointid.wording import capitalised, enumerated, listed
+
+
+def finding_of(
+    hypothesis: Hypothesis, before: float, after: float, side: str, duration_s: float, K: Floats
+) -> Finding:
+    """Finding that names the fault.
+
+    Parameters
+    ----------
+    before, after : float
+        Misfit of the records as logged and as the hypothesis corrects them.
+    side : {"", "torque", "angle", "both"}
+        The scaled signal according to the coupling of the joints; empty if undecided.
+    duration_s : float
+        Of the longest record.
+    K : ndarray, shape (n,)
+        Stiffness of the corrected records.
+    """
+    proof = _proof(before, after)
+    if hypothesis.kind in _WHOLE:
+        title, detail, remedy, action = _WHOLE[hypothesis.kind]
+        fields = {
+            "gears": ", ".join(number(value) for value in hypothesis.gear),
+            "K": f"{', '.join(number(k) for k in K)} N·m/rad",
+            "q": listed(f"theta_m{j + 1}_rad" for j in range(K.size)),
+            "tau": listed(f"tau_m{j + 1}_Nm" for j in range(K.size)),
+        }
+        return problem(title, f"{detail.format(**fields)} {proof}", remedy.format(**fields), 2.0, action)
+    if hypothesis.kind in ("exchanged", "reversed axis"):
+        return axes_look_wrong(hypothesis, proof)
+    factor, good = hypothesis.factor, after <= GOOD
+    wrong = np.flatnonzero(~np.isclose(factor, 1) | ~np.isclose(np.split(hypothesis.scale, 2)[0], 1))
+    effect = float(np.abs(np.log10(np.abs(factor))).max()) + 1
+    if np.all(np.isclose(np.abs(factor[wrong]), 1)):
+        what = "position" if hypothesis.kind == "angle" else "torque"
+        whose, columns = _joints(wrong, factor.size), _columns(what, wrong)
+        return problem(
+            f"The sign of the {what} of {whose} looks reversed",
+            f"At low frequency the torque is −1 times the value from M and M2.  {proof}",
+            f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
+            f"{columns} in the study's tables: a positive torque then accelerates the motor to positive "
+            "positions.",
+            1.0,
+            "edit mapping",
+            *_changes(hypothesis),
+        )
+    common = next((c for c in CAUSES if c.is_common and _is_common(factor, c.factor)), None)
+    if common is not None:
+        return _common_cause(common, factor, proof, duration_s, effect)
+    groups: dict[Cause | None, list[int]] = {}
+    for j in wrong.tolist():
+        groups.setdefault(known_cause(float(factor[j]), CLOSE if good else ROUGH), []).append(j)
+    if list(groups) == [None]:
+        return _unknown_cause(factor, wrong, proof, effect, side)
+    titles, details, remedies = [], [], []
+    changes = _changes(hypothesis) if good else []
+    for cause, joints in groups.items():
+        whose = _joints(joints, factor.size)
+        values = f"{_values(factor[joints])} times {_EXPECTED}"
+        is_ = f"{capitalised(whose)}: torque over acceleration is {values}."
+        if cause is None:
+            titles.append(f"the scale of {whose} looks wrong")
+            details.append(is_)
+            remedies.append(_unknown_remedy(factor, joints))
+            continue
+        reversed_too = bool(factor[joints[0]] < 0)
+        title = f"the {cause.signal} of {whose} {cause.title}" + " and the sign reversed" * reversed_too
+        other = (
+            OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
+        )
+        titles.append(f"{other}, or {title}" if other else title)
+        details.append(f"{is_} That is about the effect of {cause.why}.")
+        if other or cause.factor in SUBTLE:
+            changes = []  # the person decides
+        if other:
+            details.append(
+                "M and M2 in g·m² read as kg·m² have the same effect; the records cannot distinguish "
+                "the two."
+            )
+            remedies.append(
+                "Look up the unit of M and M2. If it is g·m², set this unit where they are entered, or "
+                "divide them by 1000 in study.toml. If they are right:"
+            )
+        columns = _columns(cause.signal, joints)
+        minus = " Reverse its sign as well." if reversed_too else ""
+        remedies.append(f"{cause.remedy.format(whose)} ({columns} in a study's tables).{minus}")
+    remedies.append("If the units are right, check the gear ratio.")  # of this size by chance
+    title = capitalised("; ".join(titles))
+    return problem(
+        title, f"{' '.join(details)} {proof}", " ".join(remedies), effect, "edit mapping", *changes
+    )
+
+
+_EXPECTED = "the value from M and M2"
+_WHOLE: dict[str, tuple[str, str, str, Action]] = {
+    "inertia": (
+        "M2 seems to be given at the joint side",
+        "With gear ratios of about {gears}, M2 would fit the torques at low frequency.",
+        "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by the gear "
+        "ratios n_i·n_j.",
+        "edit inertias",
+    ),
+    "arm angle": (
+        "The positions look measured at the arm, not at the motors",
+        "Read as angles behind the gears, they give K of about {K}.",
+        "Choose the columns of the motors' encoders as positions ({q} in a study's tables). An encoder "
+        "behind the gear does not show the motion of the motor, whatever the gear ratio.",
+        "edit mapping",
+    ),
+    "gear torque": (
+        "The torques look measured behind the gears, not at the motors",
+        "Read as torques behind the gears, without the share of the rotors, they give K of about {K}.",
+        "Choose the columns of the motors' torques ({tau} in a study's tables), or add M times the "
+        "motor's acceleration to them.",
+        "edit mapping",
+    ),
+}
+"""Title, detail, remedy and action of hypotheses on all joints."""
+_SEEN = {
+    "torque": "the torque: it belongs to the other side of the gear, while the position is right; or "
+    "its unit is wrong.",
+    "angle": "the position: it belongs to the other side of the gear, while the torque is right.",
+    "both": "both: position and torque belong to the other side of the gear.",
+}
+
+
+def _changes(hypothesis: Hypothesis) -> list[Change]:
+    """The corrections of a hypothesis, where all of its factors are known ones."""
+    size = hypothesis.scale.size
+    known = np.array([1.0, *(cause.factor for cause in CAUSES)])
+    known = np.concatenate([known, 1 / known])
+    exact = np.isclose(np.abs(hypothesis.scale)[:, None], known, rtol=1e-9).any(axis=1).all()
+    found = []
+    if np.any(hypothesis.order != np.arange(size)):
+        found.append(Change("order", (), tuple(hypothesis.order.astype(float).tolist())))
+    if exact and np.any(hypothesis.scale != 1):
+        found.append(Change("scale", (), tuple(hypothesis.scale.tolist())))
+    return found
+
+
+def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
+    """Finding that names exchanged joints, a reversed one, or both."""
+    n, found = hypothesis.gear.size, []
+    moved = np.flatnonzero(hypothesis.order != np.arange(2 * n))
+    if moved.size:
+        what = "torques" if moved[0] >= n else "inertias" if moved.size > 2 else "positions"
+        joints = enumerated([f"{j + 1}" for j in np.unique(moved % n)])
+        found = [f"the {what} of joints {joints} look exchanged"]
+    for j in np.flatnonzero(hypothesis.scale[:n] < 0).tolist():
+        which, others = ("1 or joint 2", "other") if n == 2 else (f"{j + 1}", "others")
+        found.append(f"joint {which} looks reversed against the {others}")
+    return problem(
+        capitalised(", and ".join(found)),
+        proof,
+        "Check the order of the joints in M, M2 and the columns, and the sign of the coupling "
+        "inertias: position and torque of a joint may both be reversed.",
+        1.0,
+        "edit inertias",
+        *_changes(hypothesis),
+    )
+
+
+def _proof(before: float, after: float) -> str:
+    """Effect of the correction on the residual, and a hint at a second fault."""
+    left = f"{number(np.sqrt(after), 2)} × noise"
+    logged = "no fit with positive stiffness"
+    if np.isfinite(before):
+        logged = f"{number(np.sqrt(before), 2)} × noise"
+    proof = f"Residual as logged: {logged}; corrected: {left} (1 is ideal)."
+    if after <= GOOD:
+        return proof
+    return (
+        f"{proof} The rest is friction, which this check omits, or a second fault. Correct this one "
+        "first."
+    )
+
+
+def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, effect: float) -> Finding:
+    rest = factor / cause.factor
+    left = np.flatnonzero(np.abs(np.log(np.abs(rest))) > np.log(1.1))
+    lasts = f" The longest record then lasts {number(duration_s)} s." if cause.signal == "time" else ""
+    also = ""
+    if left.size:
+        also = (
+            f" A factor of {_values(rest[left])} then remains in {_joints(left, factor.size)}: "
+            f"{_unknown_remedy(rest, left)}"
+        )
+    other = OTHER_CAUSES.get(cause.factor, "")
+    return problem(
+        f"{other}, or {cause.title[0].lower()}{cause.title[1:]}" if other else cause.title,
+        f"Torque over acceleration is {_values(factor)} times {_EXPECTED}: {cause.why}.{lasts} {proof}",
+        f"{cause.remedy}.{also}",
+        effect,
+        ACTIONS[cause.signal],
+    )
+
+
+def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
+    whose, size = _joints(wrong, factor.size), np.abs(factor[wrong])
+    ratios = np.maximum(size, 1 / size)
+    gears = []
+    for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
+        if ratio.max() <= LARGEST_GEAR_RATIO:
+            gears.append(f"{_values(ratio)} in {where}")
+    causes = f"It may be a torque in another unit, one unit being {_values(1 / size)} N·m."
+    if gears:
+        how = "applied once too often" if size.max() < 1 else "left out"
+        causes = f"A gear ratio of {', or '.join(gears)}, {how}, would explain it; or {causes[10:]}"
+        if side:
+            causes += f" The coupling between the joints points to {_SEEN[side]}"
+    if np.any(factor[wrong] < 0):
+        causes += " The sign is reversed as well, as with a gear that reverses the direction."
+    if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
+        # Accelerations go with the square of time, in all joints alike.
+        right = number(np.sqrt(factor.mean()))
+        causes += (
+            f" All joints agree, so a sample rate {right} times the given one would explain it, too."
+        )
+    return problem(
+        f"A gear ratio, or the unit of the torque, looks wrong in {whose}",
+        f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
+        _unknown_remedy(factor, wrong),
+        effect,
+        "edit mapping",
+    )
+
+
+def _unknown_remedy(factor: Floats, joints: Iterable[int]) -> str:
+    indices = [int(j) for j in joints]
+    each = ", ".join(f"{number(1 / abs(float(factor[j])))} for joint {j + 1}" for j in indices)
+    near = dict.fromkeys(c.why for j in indices if (c := known_cause(float(factor[j]), NEAR)))
+    return (
+        "On import, check the side of the gear, the gear ratio and the unit of position and torque: a "
+        "torque in per cent needs the rated torque, one in amperes the torque constant. "
+        f"The torque times {each} fits ({_columns('torque', indices)} in a "
+        "study's tables)." + (f" Similar factors: {'; '.join(near)}." if near else "")
+    )
+
+
+def _is_common(factor: Floats, of_cause: float) -> bool:
+    """Whether a common cause is behind the factors of all joints, alone or with a scale of each."""
+    if np.any(factor <= 0):
+        return False
+    rest = factor / of_cause
+    if of_cause == 1e-4:  # only the unit itself separates M and M2 from a gear ratio
+        return bool(np.ptp(np.log(factor)) < ALIKE and abs(np.log(rest[0])) < np.log(CLOSE))
+    return bool(np.all((rest > 1 / 30) & (rest < 30)))
+
+
+def _joints(joints: Iterable[int], n: int) -> str:
+    names = [f"{int(j) + 1}" for j in joints]
+    if len(names) == n and n > 1:
+        return "all joints"
+    return f"joint{'s' if len(names) > 1 else ''} {enumerated(names)}"
+
+
+def _columns(signal: str, joints: Iterable[int]) -> str:
+    name = {"position": "theta_m{}_rad", "torque": "tau_m{}_Nm"}[signal]
+    return ", ".join(name.format(int(j) + 1) for j in joints)
+
+
+def _values(values: Floats) -> str:
+    return ", ".join(number(float(value), 3) for value in values)
