@@ -143,7 +143,7 @@ class WoundGears:
     def inverse(self) -> Floats:
         """Parts of δ by those of the torque, shape (r, n, 1 + 2m, 1 + 2m)."""
         m, H = self.low.shape[2], self.stiffness.shape[2]
-        solved = np.concatenate([self.low[..., :1] | True, self.low], axis=2)
+        solved = np.concatenate([np.ones((*self.low.shape[:2], 1), bool), self.low], axis=2)
         mean = np.broadcast_to((1 + _CENTRED) * self.laws.K, (*self.low.shape[:2], 1))
         kappa = np.concatenate([mean, self.stiffness], axis=2)
         return _inverted(kappa, self.spread[..., inner(m, H)], solved)
@@ -187,7 +187,7 @@ class WoundGears:
         """
         m, H = self.low.shape[2], self.stiffness.shape[2]
         spread = self._spread(H)
-        solved = np.concatenate([self.low[..., :1] | True, self.low, self.low], axis=2)
+        solved = np.concatenate([np.ones((*self.low.shape[:2], 1), bool), self.low, self.low], axis=2)
         into = np.where(solved[..., None, :], spread[..., inner(m, H)], 0)
         by_torque = self.spread.swapaxes(2, 3) @ np.where(solved[..., None, :], self.inverse, 0)
         by_moved = spread.swapaxes(2, 3) - by_torque @ into.swapaxes(2, 3)
